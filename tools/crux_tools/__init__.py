@@ -1,0 +1,1 @@
+"""The `crux` command: HIL bench, upload, operator commands, replay, report and benches."""

@@ -1,0 +1,210 @@
+"""The robot of a robot description on the wall of a plan, as a MuJoCo model.
+
+MuJoCo reads the URDF itself (an implementation independent of the runtime's kinematics); what a URDF cannot say comes from
+robot.yaml: rotor inertia, friction, pads, the gripper's one actuator. Contacts follow the limit surface (2): a spherical
+pad with condim 4 in the elliptic cone and friction (mu, mu, k mu) is exactly
+(fx^2 + fy^2)/(mu fz)^2 + tz^2/(k mu fz)^2 <= 1. Micro-spines are an adhesion of spine_shear/mu per finger: an ellipsoid
+around the box (3), with that much pull-off.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from crux_tools.bench.wall import Face, add_wall
+
+TIMESTEP_S = 0.002
+CONTACT_SOLREF = (0.008, 1.0)  # stiff enough that a 20 N pad sinks in 0.05 mm, soft enough for 2 ms steps
+CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+COUPLING_SOLREF = (0.005, 1.0)
+COUPLING_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+LINK_FRICTION = (0.5, 0.005, 0.0001)  # of anything but a pad touching anything
+MIN_CAPSULE_M = 1e-4
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A compiled model with the addresses the plant needs; limbs in the order LF, RF, LR, RR, joints limb-major."""
+
+    model: mujoco.MjModel
+    robot: dict[str, Any]
+    faces: list[Face]
+    body: int
+    joint_qpos: Ints  # (24,)
+    joint_dof: Ints  # (24,)
+    finger_qpos: Ints  # (4, 2)
+    finger_dof: Ints  # (4, 2)
+    joint_actuators: Ints  # (24,)
+    finger_actuators: Ints  # (4, 2)
+    spine_actuators: Ints  # (8,) pad order; empty without spines
+    gripper_sites: Ints  # (4,)
+    gripper_bodies: Ints  # (4,)
+    ft_sensors: Ints  # (24,) addresses into sensordata: per limb force xyz, torque xyz
+    pad_geoms: Ints  # (8,) finger 1 and 2 of LF, RF, LR, RR
+    pad_of_geom: Ints  # (ngeom,) pad index or -1
+    face_of_geom: Ints  # (ngeom,) index into faces or -1
+    face_hold: Ints  # (nfaces,)
+    adhesion_of_face: Floats  # (nfaces,) control of the adhesion actuator that a pad on this face gets
+
+
+def load_robot_yaml(robot_dir: Path) -> dict[str, Any]:
+    """robot.yaml of a robot description as nested dicts."""
+    robot = yaml.safe_load((robot_dir / "robot.yaml").read_text(encoding="utf-8"))
+    assert isinstance(robot, dict)
+    return robot
+
+
+def limb_joint_names(robot: dict[str, Any]) -> list[list[str]]:
+    """URDF joint names, (4, 6), shoulder outwards."""
+    return [[f"{limb['prefix']}_{joint}" for joint in robot["limb"]["joints"]] for limb in robot["limbs"].values()]
+
+
+def _limb_names(robot: dict[str, Any], what: str) -> list[str]:
+    return [f"{limb['prefix']}_{what}" for limb in robot["limbs"].values()]
+
+
+def _finger_names(robot: dict[str, Any]) -> list[list[str]]:
+    return [[f"{limb['prefix']}_{joint}" for joint in robot["limb"]["finger_joints"]] for limb in robot["limbs"].values()]
+
+
+def urdf_spec(robot_dir: Path, robot: dict[str, Any]) -> mujoco.MjSpec:
+    """The URDF as an editable MuJoCo model that keeps its pictures (visual geoms) and its fixed joints."""
+    tree = ET.parse(robot_dir / robot["urdf"]).getroot()
+    extension = ET.SubElement(tree, "mujoco")
+    ET.SubElement(extension, "compiler", discardvisual="false", fusestatic="false")
+    return mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+
+
+def _use_visuals_as_collision_shapes(spec: mujoco.MjSpec) -> None:
+    """Links collide with holds and wall in their visual shape; cylinders as the capsules inside them (robust contacts)."""
+    for geom in spec.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
+            geom.size = [geom.size[0], max(geom.size[1] - geom.size[0], MIN_CAPSULE_M), 0]
+        geom.contype, geom.conaffinity = 1, 0
+        geom.friction = LINK_FRICTION
+        geom.mass = 0
+
+
+def _add_grippers(spec: mujoco.MjSpec, robot: dict[str, Any]) -> None:
+    gripper = robot["gripper"]
+    pad_radius_m = gripper["pad_radius_m"]
+    for site, frame in zip(_limb_names(robot, "ft"), _limb_names(robot, robot["limb"]["gripper_frame"]), strict=True):
+        spec.body(frame).add_site(name=site)
+        for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
+            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+    for first, second in _finger_names(robot):
+        for name in (first, second):
+            joint = spec.joint(name)
+            joint.armature = gripper["moving_mass_kg"]
+            joint.damping = [gripper["screw_damping_Ns_m"], 0, 0]
+            joint.parent.add_geom(
+                name=f"{name}_pad", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[pad_radius_m, 0, 0], mass=0,
+                pos=np.array(joint.axis) * pad_radius_m, contype=0, conaffinity=0, rgba=[0.9, 0.2, 0.2, 1],
+            )  # fmt: skip
+            spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+        coupling = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=first, name2=second)
+        coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        coupling.data[:5] = [0, 1, 0, 0, 0]
+        coupling.solref, coupling.solimp = COUPLING_SOLREF, COUPLING_SOLIMP
+
+
+def _add_servos(spec: mujoco.MjSpec, robot: dict[str, Any]) -> None:
+    servo = robot["servo"]
+    for limb in limb_joint_names(robot):
+        for index, name in enumerate(limb):
+            joint = spec.joint(name)
+            joint.armature = servo["armature_kg_m2"][index]
+            joint.damping = [servo["damping_Nms_rad"][index], 0, 0]
+            joint.frictionloss = servo["friction_Nm"][index]
+            spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+
+
+def _add_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch_k_m: float) -> None:
+    for pad in pads:
+        for face in faces:
+            mu = face.friction
+            spec.add_pair(
+                geomname1=pad, geomname2=face.geom, condim=4 if mu > 0 else 1, solref=CONTACT_SOLREF,
+                solimp=CONTACT_SOLIMP, friction=[mu, mu, patch_k_m * mu, 1e-3, 1e-3],
+            )  # fmt: skip
+
+
+def build_model(robot_dir: Path, plan: Any) -> RobotModel:
+    """Robot, wall, holds and gravity of `plan` (a plan_t) as a compiled MuJoCo model."""
+    robot = load_robot_yaml(robot_dir)
+    spec = urdf_spec(robot_dir, robot)
+    spec.modelname = robot["name"]
+    option = spec.option
+    option.timestep = TIMESTEP_S
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 100
+    option.noslip_iterations = 5
+    option.iterations = 50
+    option.gravity = plan.gravity_w_m_s2
+    _use_visuals_as_collision_shapes(spec)
+    spec.body(robot["body_link"]).add_freejoint(name="root")
+    _add_servos(spec, robot)
+    _add_grippers(spec, robot)
+    faces = add_wall(spec, plan)
+    fingers = _finger_names(robot)
+    pads = [f"{name}_pad" for pair in fingers for name in pair]
+    _add_contacts(spec, pads, faces, plan.patch_k_m)
+    if plan.spine_shear_n > 0:
+        for pair in fingers:
+            for name in pair:
+                spine = spec.add_actuator(name=f"{name}_spines", target=spec.joint(name).parent.name)
+                spine.set_to_adhesion(plan.spine_shear_n)
+                spine.trntype = mujoco.mjtTrn.mjTRN_BODY
+                spine.ctrlrange = [0, 1e3]
+    return _with_addresses(spec.compile(), robot, faces)
+
+
+def _with_addresses(model: mujoco.MjModel, robot: dict[str, Any], faces: list[Face]) -> RobotModel:
+    joints = [name for limb in limb_joint_names(robot) for name in limb]
+    fingers = _finger_names(robot)
+    pads = [f"{name}_pad" for pair in fingers for name in pair]
+    sites = np.array([model.site(name).id for name in _limb_names(robot, "ft")])
+    ft_sensors = [model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)]
+    pad_of_geom = np.full(model.ngeom, -1)
+    face_of_geom = np.full(model.ngeom, -1)
+    pad_geoms = np.array([model.geom(name).id for name in pads])
+    pad_of_geom[pad_geoms] = np.arange(len(pads))
+    face_of_geom[[model.geom(face.geom).id for face in faces]] = np.arange(len(faces))
+    has_spines = model.nu > len(joints) + 2 * len(fingers)
+    return RobotModel(
+        model=model,
+        robot=robot,
+        faces=faces,
+        body=model.body(robot["body_link"]).id,
+        joint_qpos=np.array([model.joint(name).qposadr[0] for name in joints]),
+        joint_dof=np.array([model.joint(name).dofadr[0] for name in joints]),
+        finger_qpos=np.array([[model.joint(name).qposadr[0] for name in pair] for pair in fingers]),
+        finger_dof=np.array([[model.joint(name).dofadr[0] for name in pair] for pair in fingers]),
+        joint_actuators=np.array([model.actuator(name).id for name in joints]),
+        finger_actuators=np.array([[model.actuator(name).id for name in pair] for pair in fingers]),
+        spine_actuators=np.array(
+            [model.actuator(f"{name}_spines").id for pair in fingers for name in pair] if has_spines else [], dtype=int
+        ),
+        gripper_sites=sites,
+        gripper_bodies=model.site_bodyid[sites].copy(),
+        ft_sensors=np.concatenate(ft_sensors),
+        pad_geoms=pad_geoms,
+        pad_of_geom=pad_of_geom,
+        face_of_geom=face_of_geom,
+        face_hold=np.array([face.hold for face in faces]),
+        adhesion_of_face=np.array([1 / face.friction if face.spines and face.friction > 0 else 0.0 for face in faces]),
+    )
