@@ -1,0 +1,180 @@
+// Streams behind the generated CDR functions. XCDR1, little-endian: every primitive is aligned to its own size,
+// counted from the end of the encapsulation header; a string carries its length with the closing zero; a sequence
+// carries its length.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace crux_msgs::cdr {
+
+static_assert(std::endian::native == std::endian::little, "the streams copy values as they lie in memory");
+
+inline constexpr std::array<std::uint8_t, 4> kEncapsulation = {0x00, 0x01, 0x00, 0x00};
+
+template <class Message, class Type>
+concept Is = std::same_as<std::remove_const_t<Message>, Type>;
+
+/// What the three streams share: `Derived::bytes(pointer, size, alignment)` moves or counts a run of equal primitives.
+template <class Derived>
+class Stream {
+ public:
+  template <class T>
+  void value(T& x) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      self().bytes(&x, sizeof(T), sizeof(T));
+    } else if constexpr (Is<T, std::string>) {
+      self().string(x);
+    } else {
+      visit(self(), x);
+    }
+  }
+
+  template <class T, std::size_t N>
+  void array(T (&xs)[N]) {
+    elements(xs, N);
+  }
+
+  template <class T>
+  void elements(T* xs, std::size_t count) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      if (count > 0) self().bytes(xs, count * sizeof(T), sizeof(T));
+    } else {
+      for (std::size_t i = 0; i < count; ++i) value(xs[i]);
+    }
+  }
+
+ protected:
+  static std::size_t padding(std::size_t position, std::size_t alignment) {
+    return (alignment - position % alignment) % alignment;
+  }
+
+ private:
+  Derived& self() { return static_cast<Derived&>(*this); }
+};
+
+/// Counts the bytes of a message.
+class Sizer : public Stream<Sizer> {
+ public:
+  void bytes(const void*, std::size_t size, std::size_t alignment) {
+    position_ += padding(position_, alignment) + size;
+  }
+  void string(const std::string& text) {
+    length();
+    position_ += text.size() + 1;
+  }
+  template <class T, class Length>
+  void sequence(const std::vector<T>& items, Length) {
+    length();
+    elements(items.data(), items.size());
+  }
+  [[nodiscard]] std::size_t finish() const { return position_ + kEncapsulation.size(); }
+
+ private:
+  void length() { position_ += padding(position_, 4) + 4; }
+  std::size_t position_ = 0;
+};
+
+/// Writes a message into a buffer of the caller's.
+class Writer : public Stream<Writer> {
+ public:
+  explicit Writer(std::span<std::uint8_t> out) : out_(out) {
+    if (out_.size() < kEncapsulation.size()) {
+      fits_ = false;
+      return;
+    }
+    std::ranges::copy(kEncapsulation, out_.begin());
+    out_ = out_.subspan(kEncapsulation.size());
+  }
+  void bytes(const void* from, std::size_t size, std::size_t alignment) {
+    const std::size_t pad = padding(position_, alignment);
+    if (!fits_ || out_.size() - position_ < pad + size) {
+      fits_ = false;
+      return;
+    }
+    std::memset(out_.data() + position_, 0, pad);
+    std::memcpy(out_.data() + position_ + pad, from, size);
+    position_ += pad + size;
+  }
+  void string(const std::string& text) {
+    length(text.size() + 1);
+    bytes(text.c_str(), text.size() + 1, 1);
+  }
+  template <class T, class Length>
+  void sequence(const std::vector<T>& items, Length) {
+    length(items.size());
+    elements(items.data(), items.size());
+  }
+  [[nodiscard]] std::size_t finish() const { return fits_ ? position_ + kEncapsulation.size() : 0; }
+
+ private:
+  void length(std::size_t count) {
+    const auto n = static_cast<std::uint32_t>(count);
+    bytes(&n, 4, 4);
+  }
+  std::span<std::uint8_t> out_;
+  std::size_t position_ = 0;
+  bool fits_ = true;
+};
+
+/// Reads a message from bytes that may be damaged.
+class Reader : public Stream<Reader> {
+ public:
+  explicit Reader(std::span<const std::uint8_t> in) : in_(in) {
+    good_ = in_.size() >= kEncapsulation.size() && std::equal(kEncapsulation.begin(), kEncapsulation.end(), in_.begin());
+    if (good_) in_ = in_.subspan(kEncapsulation.size());
+  }
+  void bytes(void* to, std::size_t size, std::size_t alignment) {
+    const std::size_t pad = padding(position_, alignment);
+    if (!good_ || left() < pad + size) {
+      good_ = false;
+      return;
+    }
+    std::memcpy(to, in_.data() + position_ + pad, size);
+    position_ += pad + size;
+  }
+  void string(std::string& text) {
+    const std::size_t n = length();
+    if (!good_ || n == 0 || left() < n || in_[position_ + n - 1] != 0) {
+      good_ = false;
+      return;
+    }
+    text.assign(reinterpret_cast<const char*>(in_.data()) + position_, n - 1);
+    position_ += n;
+  }
+  template <class T, class Length>
+  void sequence(std::vector<T>& items, Length expected) {
+    const std::size_t n = length();
+    // An element takes a byte at least: a damaged length cannot make the vector larger than the message.
+    if (!good_ || n > left() || !std::cmp_equal(n, expected)) {
+      good_ = false;
+      return;
+    }
+    items.resize(n);
+    elements(items.data(), n);
+  }
+  [[nodiscard]] bool finish() const { return good_ && left() == 0; }
+
+ private:
+  [[nodiscard]] std::size_t left() const { return in_.size() - position_; }
+  std::size_t length() {
+    std::uint32_t n = 0;
+    bytes(&n, 4, 4);
+    return good_ ? n : 0;
+  }
+  std::span<const std::uint8_t> in_;
+  std::size_t position_ = 0;
+  bool good_ = true;
+};
+
+}  // namespace crux_msgs::cdr

@@ -1,0 +1,88 @@
+"""Writes build/gen from the contracts. Files whose content stays the same keep their time stamp."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+from . import can_c, cdr_cpp, python_side, ros2msg, tables_cpp
+from .lcm_types import LcmSyntaxError, Struct, parse_files
+from .tables import TableError, read_channels, read_faults
+
+MSGS = Path(__file__).resolve().parents[1]
+
+
+def _write(path: Path, text: str) -> None:
+    if path.is_file() and path.read_text(encoding="utf-8") == text:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def _run_lcm_gen(files: list[Path], out: Path) -> None:
+    tool = Path(sysconfig.get_path("scripts")) / "lcm-gen"
+    with tempfile.TemporaryDirectory() as scratch:
+        for language in ("cpp", "python"):
+            (Path(scratch) / language).mkdir()
+        subprocess.run(
+            [sys.executable, tool, "--cpp", "--cpp-std=c++11", f"--cpp-hpath={scratch}/cpp",
+             "--python", f"--ppath={scratch}/python", *files],
+            check=True,
+        )  # fmt: skip
+        for generated in Path(scratch).rglob("*_t.*"):
+            _write(out / generated.relative_to(scratch), generated.read_text(encoding="utf-8"))
+        init = Path(scratch) / "python/crux_msgs/__init__.py"
+        _write(out / "python/crux_msgs/__init__.py", init.read_text(encoding="utf-8"))
+
+
+def _write_messages(structs: dict[str, Struct], out: Path) -> None:
+    channels = read_channels(MSGS / "channels.yaml", structs)
+    faults = read_faults(MSGS / "faults.yaml", structs["robot_state_t"])
+    cpp = out / "cpp/crux_msgs"
+    _write(cpp / "cdr.hpp", cdr_cpp.header(structs))
+    _write(out / "cpp/cdr.cpp", cdr_cpp.source(structs))
+    _write(cpp / "channels.hpp", tables_cpp.channels_header(channels, structs))
+    _write(cpp / "faults.hpp", tables_cpp.faults_header(faults))
+    _write(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
+    python = out / "python/crux_msgs"
+    _write(python / "__init__.pyi", python_side.stub(structs))
+    _write(python / "py.typed", "")
+    _write(python / "tables.py", python_side.tables_module(structs, channels, faults))
+    for struct in structs.values():
+        _write(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))
+
+
+def _write_can(out: Path) -> None:
+    database = can_c.load(MSGS / "can/crux.dbc")
+    kinds = can_c.collapse(database)
+    header, source = can_c.codec(kinds)
+    _write(out / "c/crux_can.h", header)
+    _write(out / "c/crux_can.c", source)
+    _write(out / "c/crux_can_ids.h", can_c.identifiers(kinds, database))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder to write into (build/gen)")
+    parser.add_argument("--stamp", type=Path, help="file to touch when all is written")
+    options = parser.parse_args()
+    files = sorted((MSGS / "lcm").glob("*.lcm"))
+    try:
+        structs = parse_files(files)
+        _run_lcm_gen(files, options.out)
+        _write_messages(structs, options.out)
+        _write_can(options.out)
+    except (LcmSyntaxError, TableError, can_c.CanDatabaseError) as error:
+        print(f"msgs/generate: {error}", file=sys.stderr)
+        return 1
+    if options.stamp:
+        options.stamp.touch()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""Reads channels.yaml and faults.yaml and checks them against the message types."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .lcm_types import Struct
+
+EVENT_RATE = -1.0
+WRITERS = ("tools", "runtime")
+
+
+class TableError(Exception):
+    """A contract table that contradicts itself or the message types."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """`rate_Hz` is EVENT_RATE for a message sent when something happens, 0 for one that is only logged."""
+
+    name: str
+    type: str
+    rate_Hz: float  # noqa: N815
+    writer: str
+    logged: bool
+    topic: str
+
+
+@dataclass(frozen=True)
+class Fault:
+    code: int
+    name: str
+    to: str
+    text: str
+
+
+def _load(path: Path, key: str) -> list[dict[str, Any]]:
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if document.get("version") != 1:
+        raise TableError(f"{path}: version must be 1")
+    entries: list[dict[str, Any]] = document[key]
+    return entries
+
+
+def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
+    channels = []
+    for entry in _load(path, "channels"):
+        rate = EVENT_RATE if entry["rate_Hz"] == "event" else float(entry["rate_Hz"])
+        channel = Channel(
+            entry["name"], entry["type"], rate, entry["writer"], entry["logged"], entry["topic"] if entry["logged"] else ""
+        )
+        if channel.type not in structs:
+            raise TableError(f"{path}: {channel.name} carries the unknown type {channel.type}")
+        if channel.writer not in WRITERS:
+            raise TableError(f"{path}: {channel.name} is written by {channel.writer}, must be one of {WRITERS}")
+        channels.append(channel)
+    for attribute in ("name", "topic"):
+        values = [getattr(channel, attribute) for channel in channels if getattr(channel, attribute)]
+        if len(set(values)) != len(values):
+            raise TableError(f"{path}: two channels share one {attribute}")
+    return channels
+
+
+def read_faults(path: Path, supervisor: Struct) -> list[Fault]:
+    faults = [Fault(int(e["code"]), e["name"], e["to"], e["text"]) for e in _load(path, "faults")]
+    states = {constant.name for constant in supervisor.constants}
+    for fault in faults:
+        if fault.to not in states:
+            raise TableError(f"{path}: fault {fault.name} leads to the unknown state {fault.to}")
+    if [fault.code for fault in faults] != list(range(1, len(faults) + 1)):
+        raise TableError(f"{path}: codes must count 1, 2, 3 ... without gaps")
+    return faults

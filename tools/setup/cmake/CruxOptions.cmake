@@ -1,0 +1,32 @@
+# Languages, flags and sanitizers of every C and C++ target.
+option(CRUX_SANITIZE "Build with AddressSanitizer and UndefinedBehaviorSanitizer" OFF)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE RelWithDebInfo CACHE STRING "" FORCE)
+endif()
+foreach(language C CXX)
+  set(CMAKE_${language}_FLAGS_RELWITHDEBINFO "-O2 -g1 -DNDEBUG")
+  set(CMAKE_${language}_FLAGS_DEBUG "-O1 -g")
+endforeach()
+
+set(CMAKE_C_STANDARD 11)
+set(CMAKE_C_STANDARD_REQUIRED ON)
+set(CMAKE_C_EXTENSIONS OFF)
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+
+# No fused multiply-add behind our back: the same inputs give the same bits in runtime, bench and replay.
+add_compile_options(-Wall -Wextra -Wpedantic -Werror -ffp-contract=off)
+if(CRUX_SANITIZE)
+  add_compile_options(-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  add_link_options(-fsanitize=address,undefined)
+endif()
+
+find_program(CRUX_CCACHE ccache)
+if(CRUX_CCACHE)
+  set(CMAKE_C_COMPILER_LAUNCHER ${CRUX_CCACHE})
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CRUX_CCACHE})
+endif()
