@@ -15,16 +15,16 @@ extern "C" {
 #define CRUX_E2E_HEADER_LENGTH 3u
 
 enum crux_e2e_verdict {
-    CRUX_E2E_OK = 0,       // the next frame, or the first one seen
-    CRUX_E2E_LOST = 1,     // good, but frames before it were lost
-    CRUX_E2E_REPEATED = 2, // the same counter again: not to be used
-    CRUX_E2E_CORRUPT = 3   // wrong CRC or too short: not to be used
+  CRUX_E2E_OK = 0,        // the next frame, or the first one seen
+  CRUX_E2E_LOST = 1,      // good, but frames before it were lost
+  CRUX_E2E_REPEATED = 2,  // the same counter again: not to be used
+  CRUX_E2E_CORRUPT = 3    // wrong CRC or too short: not to be used
 };
 
 // What a receiver remembers of one identifier. All zero before the first frame.
 struct crux_e2e_receiver {
-    bool seen;
-    uint8_t counter; // of the last good frame
+  bool seen;
+  uint8_t counter;  // of the last good frame
 };
 
 // CRC of payload[2 .. length) and the identifier. length >= CRUX_E2E_HEADER_LENGTH.
@@ -34,12 +34,11 @@ uint16_t crux_e2e_crc(uint32_t identifier, const uint8_t *payload, size_t length
 void crux_e2e_protect(uint32_t identifier, uint8_t counter, uint8_t *payload, size_t length);
 
 // Judges a received payload; `receiver` moves on only for CRUX_E2E_OK and CRUX_E2E_LOST.
-enum crux_e2e_verdict crux_e2e_check(
-    uint32_t identifier, const uint8_t *payload, size_t length, struct crux_e2e_receiver *receiver);
+enum crux_e2e_verdict crux_e2e_check(uint32_t identifier, const uint8_t *payload, size_t length,
+                                     struct crux_e2e_receiver *receiver);
 
-static inline bool crux_e2e_is_usable(enum crux_e2e_verdict verdict)
-{
-    return verdict == CRUX_E2E_OK || verdict == CRUX_E2E_LOST;
+static inline bool crux_e2e_is_usable(enum crux_e2e_verdict verdict) {
+  return verdict == CRUX_E2E_OK || verdict == CRUX_E2E_LOST;
 }
 
 #ifdef __cplusplus

@@ -131,7 +131,8 @@ class Writer : public Stream<Writer> {
 class Reader : public Stream<Reader> {
  public:
   explicit Reader(std::span<const std::uint8_t> in) : in_(in) {
-    good_ = in_.size() >= kEncapsulation.size() && std::equal(kEncapsulation.begin(), kEncapsulation.end(), in_.begin());
+    good_ =
+        in_.size() >= kEncapsulation.size() && std::equal(kEncapsulation.begin(), kEncapsulation.end(), in_.begin());
     if (good_) in_ = in_.subspan(kEncapsulation.size());
   }
   void bytes(void* to, std::size_t size, std::size_t alignment) {

@@ -145,7 +145,7 @@ def parse_file(path: Path) -> list[Struct]:
 def parse_files(paths: list[Path]) -> dict[str, Struct]:
     """Structs of all files by name, each type after the types it contains.
 
-    Raises LcmSyntaxError for an unknown type, a sequence without its own length field, or types that contain each other.
+    Raises LcmSyntaxError for an unknown type, a sequence without its length member, or a type that contains itself.
     """
     found = {struct.name: struct for path in sorted(paths) for struct in parse_file(path)}
     ordered: dict[str, Struct] = {}

@@ -38,9 +38,7 @@ def stub(structs: dict[str, Struct]) -> str:
 
 def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: list[Fault]) -> str:
     """crux_msgs/tables.py: plain data, wrapped with types by crux_contracts.channels."""
-    members = {
-        s.name: [(f.name, f.type, f.dimension) for f in s.fields] for s in structs.values()
-    }
+    members = {s.name: [(f.name, f.type, f.dimension) for f in s.fields] for s in structs.values()}
     schemas = {s.name: (s.schema_name, definition(s, structs)) for s in structs.values()}
     rows = [(c.name, c.type, c.rate_Hz, c.writer, c.logged, c.topic) for c in channels]
     fault_rows = [(f.code, f.name, f.to, f.text) for f in faults]

@@ -24,7 +24,7 @@ class Channel:
 
     name: str
     type: str
-    rate_Hz: float  # noqa: N815
+    rate_Hz: float
     writer: str
     logged: bool
     topic: str
@@ -51,7 +51,12 @@ def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
     for entry in _load(path, "channels"):
         rate = EVENT_RATE if entry["rate_Hz"] == "event" else float(entry["rate_Hz"])
         channel = Channel(
-            entry["name"], entry["type"], rate, entry["writer"], entry["logged"], entry["topic"] if entry["logged"] else ""
+            entry["name"],
+            entry["type"],
+            rate,
+            entry["writer"],
+            entry["logged"],
+            entry["topic"] if entry["logged"] else "",
         )
         if channel.type not in structs:
             raise TableError(f"{path}: {channel.name} carries the unknown type {channel.type}")

@@ -104,7 +104,7 @@ def ros2msg_header(structs: dict[str, Struct]) -> str:
         for s in structs.values()
     )
     types = "\n".join(
-        f"  if (type == \"{s.name}\") return {{Ros2Schema<{s.name}>::kName, Ros2Schema<{s.name}>::kDefinition}};"
+        f'  if (type == "{s.name}") return {{Ros2Schema<{s.name}>::kName, Ros2Schema<{s.name}>::kDefinition}};'
         for s in structs.values()
     )
     includes = "\n".join(f'#include "crux_msgs/{n}.hpp"' for n in sorted(structs))

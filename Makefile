@@ -1,0 +1,65 @@
+# The one place of commands. `make help` lists them.
+SHELL := /bin/sh
+JOBS ?= $(shell nproc)
+SCENARIO ?= msgs/scenarios/climb-four-holds.yaml
+OUT ?= out
+
+BIN := .venv/bin
+CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
+TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/ports/host/*.c')
+
+.PHONY: help setup build climb test test-native test-sanitized test-python lint format bench firmware lock clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
+
+setup: ## install what is missing: system packages, .venv, the command .venv/bin/crux
+	@tools/setup/setup
+
+build/cmake/build.ninja build/asan/build.ninja: | setup
+	@cmake -S . -B $(@D) -G Ninja $(if $(findstring asan,$@),-DCRUX_SANITIZE=ON -DCMAKE_BUILD_TYPE=Debug) >$(@D).log 2>&1 \
+	  || { cat $(@D).log; rm -f $@; exit 1; }
+
+build: setup build/cmake/build.ninja ## generate and compile everything
+	@cmake --build build/cmake -j $(JOBS)
+
+climb: build ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
+	@mkdir -p $(OUT)
+	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
+	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap
+
+test: test-native test-sanitized test-python ## every test
+
+test-native: build
+	ctest --test-dir build/cmake -j $(JOBS) --output-on-failure --no-tests=error
+
+test-sanitized: setup build/asan/build.ninja
+	@cmake --build build/asan -j $(JOBS)
+	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
+
+test-python: build
+	$(BIN)/python -m pytest
+
+lint: build ## ruff, mypy, clang-format, clang-tidy
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run -Werror $(CPP_FILES)
+	clang-tidy --quiet -p build/cmake $(TIDY_FILES)
+
+format: setup ## bring Python, C and C++ into the project's form
+	$(BIN)/ruff check --fix-only -q
+	$(BIN)/ruff format -q
+	$(BIN)/clang-format -i $(CPP_FILES)
+
+bench: build ## reproduce the figures of merit
+	$(BIN)/crux bench all
+
+firmware: setup build/cmake/build.ninja ## the node images and their sizes
+	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
+
+lock: setup ## resolve pyproject.toml anew
+	@tools/setup/lock
+
+clean: ## remove build and out; .venv stays
+	rm -rf build out
