@@ -1,4 +1,4 @@
-"""The simulated robot on its wall as the firmware sees it: torques in, encoder, gripper and force/torque readings out."""
+"""The simulated robot on its wall as the firmware sees it: torques in, encoder and force/torque readings out."""
 
 from __future__ import annotations
 
@@ -85,6 +85,11 @@ class Plant:
             self._look_at_contacts()
         self._read_sensors()
 
+    def limbs_on_holds(self) -> NDArray[np.bool_]:
+        """(4,) whether both pads of a limb touch a hold, as of the last look at the contacts."""
+        on_hold = (self.pad_face >= 0) & (self.robot.face_hold[self.pad_face] >= 0)
+        return on_hold.reshape(4, 2).all(axis=1)
+
     def _carry(self) -> None:
         start, end = HAND_LETS_GO_S
         if self.time_s > end + self.dt_s:
@@ -105,7 +110,7 @@ class Plant:
         np.take(data.qvel, robot.joint_dof, out=self.joint_velocity_rad_s)
         self.finger_opening_m[:] = data.qpos[robot.finger_qpos].mean(axis=1)
         self.finger_speed_m_s[:] = data.qvel[robot.finger_dof].mean(axis=1)
-        # MuJoCo reports what the link exerts on the hand; the amplifier is wired the other way round: world on the robot.
+        # MuJoCo reports what the link exerts on the hand; wanted is what the world exerts on it.
         np.negative(data.sensordata[robot.ft_sensors], out=self.ft_true)
         np.multiply(self._ft_noise, self._random.standard_normal(24), out=self.ft)
         self.ft += self.ft_true
@@ -129,6 +134,4 @@ class Plant:
                 elif self.pad_face[p] < 0 or n > self.pad_force_n[p]:
                     self.pad_face[p], self.pad_force_n[p] = f, n
         if len(robot.spine_actuators):
-            data.ctrl[robot.spine_actuators] = np.where(
-                self.pad_face >= 0, robot.adhesion_of_face[self.pad_face], 0.0
-            )
+            data.ctrl[robot.spine_actuators] = np.where(self.pad_face >= 0, robot.adhesion_of_face[self.pad_face], 0.0)

@@ -1,10 +1,10 @@
 """The robot of a robot description on the wall of a plan, as a MuJoCo model.
 
-MuJoCo reads the URDF itself (an implementation independent of the runtime's kinematics); what a URDF cannot say comes from
-robot.yaml: rotor inertia, friction, pads, the gripper's one actuator. Contacts follow the limit surface (2): a spherical
-pad with condim 4 in the elliptic cone and friction (mu, mu, k mu) is exactly
-(fx^2 + fy^2)/(mu fz)^2 + tz^2/(k mu fz)^2 <= 1. Micro-spines are an adhesion of spine_shear/mu per finger: an ellipsoid
-around the box (3), with that much pull-off.
+MuJoCo reads the URDF itself (an implementation independent of the runtime's kinematics); what a URDF cannot say comes
+from robot.yaml: rotor inertia, friction, pads, the gripper's one actuator. Contacts follow the limit surface (2): a
+spherical pad with condim 4 in the elliptic cone and friction (mu, mu, k mu) is exactly
+(fx^2 + fy^2)/(mu fz)^2 + tz^2/(k mu fz)^2 <= 1. Micro-spines are an adhesion of spine_shear/mu per finger: an
+ellipsoid instead of the box (3), with that much pull-off.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ def _limb_names(robot: dict[str, Any], what: str) -> list[str]:
 
 
 def _finger_names(robot: dict[str, Any]) -> list[list[str]]:
-    return [[f"{limb['prefix']}_{joint}" for joint in robot["limb"]["finger_joints"]] for limb in robot["limbs"].values()]
+    return [
+        [f"{limb['prefix']}_{joint}" for joint in robot["limb"]["finger_joints"]] for limb in robot["limbs"].values()
+    ]
 
 
 def urdf_spec(robot_dir: Path, robot: dict[str, Any]) -> mujoco.MjSpec:
@@ -87,7 +89,7 @@ def urdf_spec(robot_dir: Path, robot: dict[str, Any]) -> mujoco.MjSpec:
 
 
 def _use_visuals_as_collision_shapes(spec: mujoco.MjSpec) -> None:
-    """Links collide with holds and wall in their visual shape; cylinders as the capsules inside them (robust contacts)."""
+    """Links collide with holds and wall in their visual shape; cylinders as the capsules inside them."""
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
@@ -178,7 +180,9 @@ def _with_addresses(model: mujoco.MjModel, robot: dict[str, Any], faces: list[Fa
     fingers = _finger_names(robot)
     pads = [f"{name}_pad" for pair in fingers for name in pair]
     sites = np.array([model.site(name).id for name in _limb_names(robot, "ft")])
-    ft_sensors = [model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)]
+    ft_sensors = [
+        model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)
+    ]
     pad_of_geom = np.full(model.ngeom, -1)
     face_of_geom = np.full(model.ngeom, -1)
     pad_geoms = np.array([model.geom(name).id for name in pads])

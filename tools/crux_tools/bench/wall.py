@@ -1,7 +1,7 @@
 """The wall of a plan as MuJoCo geometry: holds and obstacles are boxes, a face may have its own friction and spines.
 
-A box geom has one friction coefficient, so a hold whose faces differ is built from five slabs that meet without overlap:
-a pad on a face then touches exactly one of them.
+A box geom has one friction coefficient, so a hold whose faces differ is built from five slabs that meet without
+overlap: a pad on a face then touches exactly one of them.
 """
 
 from __future__ import annotations
@@ -73,10 +73,8 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
             name=f"hold{index}", pos=hold.position_w_m, quat=[np.cos(half_yaw), 0, 0, np.sin(half_yaw)]
         )
         surfaces = set(zip(hold.friction, hold.spines, strict=True))
-        if len(surfaces) == 1:
-            parts = [("", np.array([0, 0, size_m[2] / 2]), size_m / 2)]
-        else:
-            parts = _slabs(size_m)
+        one_box = [("", np.array([0, 0, size_m[2] / 2]), size_m / 2)]
+        parts = one_box if len(surfaces) == 1 else _slabs(size_m)
         for face, centre, half in parts:
             which = FACE_NAMES.index(face) if face else 0
             friction, spines = float(hold.friction[which]), bool(hold.spines[which])

@@ -1,0 +1,152 @@
+"""One climb in hardware-in-the-loop: runtime process, CAN buses, firmware nodes, physics, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from crux_msgs import command_t, plan_t
+
+from crux_tools.bench.firmware_nodes import FirmwareNodes
+from crux_tools.bench.judge import Verdict, judge
+from crux_tools.bench.loop import START_CYCLE, Ending, Loop, Outcome
+from crux_tools.bench.plant import Plant
+from crux_tools.bench.ports import run_ports
+from crux_tools.bench.recorder import Recorder
+from crux_tools.bench.robot_model import build_model
+from crux_tools.bench.runtime_process import RuntimeProcess
+from crux_tools.errors import WorkFailed
+from crux_tools.faults import fault_text
+from crux_tools.operator_link import OperatorLink
+from crux_tools.paths import robot_dir
+from crux_tools.telemetry import read_log
+
+PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
+EXTRA_TIME_S = 30.0  # events may stop the plan's clock
+EXTRA_TIME_SHARE = 1.0  # of the plan's duration
+SOCKETCAN_BASE = "socketcan:can0"  # limb i is on can<i>
+
+
+@dataclass(frozen=True)
+class ClimbOptions:
+    """How to run a climb."""
+
+    pace: str = "lockstep"
+    bus: str = "udp"
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class ClimbResult:
+    """Everything known after a run."""
+
+    outcome: Outcome
+    verdict: Verdict
+    real_time_factor: float
+    missed_cycles: int
+    reason: str
+    log: Path
+
+    @property
+    def ok(self) -> bool:
+        """The robot reached the goal without a slip or a fall."""
+        verdict = self.verdict
+        complete = self.outcome.ending is Ending.COMPLETE
+        return complete and verdict.reached_goal and not verdict.fell and verdict.slips == 0
+
+    def as_json(self) -> dict[str, Any]:
+        """The object `crux climb --json` prints."""
+        verdict = self.verdict
+        result: dict[str, Any] = {
+            "ok": self.ok,
+            "reached_goal": verdict.reached_goal,
+            "fell": verdict.fell,
+            "slips": verdict.slips,
+            "tracking": {
+                "body_m": verdict.body_max_m,
+                "finger_m": verdict.finger_max_m,
+                "force_N": verdict.force_rms_n,
+                "body_rms_m": verdict.body_rms_m,
+            },
+            "goal_error": {"m": verdict.goal_error_m, "rad": verdict.goal_error_rad},
+            "largest_slip_m": verdict.largest_slip_m,
+            "real_time_factor": self.real_time_factor,
+            "missed_cycles": self.missed_cycles,
+            "cycles": self.outcome.cycles,
+            "log": str(self.log),
+            "reason": self.reason,
+        }
+        if self.outcome.robot_on_wall is not None:
+            result["robot_on_wall"] = self.outcome.robot_on_wall
+        return result
+
+
+def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
+    parts = []
+    if outcome.ending is Ending.RUNTIME_DIED:
+        parts.append(f"{outcome.ending.value} in cycle {outcome.cycles}")
+        on_wall = "held the robot on the wall" if outcome.robot_on_wall else "did not hold the robot"
+        parts.append(f"the nodes {on_wall} for the next 3 s")
+    elif outcome.ending is not Ending.COMPLETE:
+        parts.append(outcome.ending.value)
+    parts += faults
+    if verdict.fell:
+        parts.append(verdict.fall_reason)
+    if verdict.slips:
+        parts.append(f"{verdict.slips} slips, the largest {verdict.largest_slip_m * 1e3:.1f} mm")
+    if outcome.ending is Ending.COMPLETE and not verdict.reached_goal:
+        parts.append(
+            f"the body ended {verdict.goal_error_m * 1e3:.1f} mm and {np.degrees(verdict.goal_error_rad):.1f} deg "
+            "off the goal"
+        )
+    return "; ".join(parts)
+
+
+def climb(
+    plan: plan_t, log: Path, options: ClimbOptions, progress: Callable[[float], None] = lambda _time_s: None
+) -> ClimbResult:
+    """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises WorkFailed when it cannot begin."""
+    folder = robot_dir(plan.robot_name)
+    robot = build_model(folder, plan)
+    plant = Plant(robot, plan, options.seed)
+    recorder = Recorder(plant)
+    with ExitStack() as stack:
+        ports = stack.enter_context(run_ports())
+        bus_base = ports.bus_base if options.bus == "udp" else SOCKETCAN_BASE
+        runtime = stack.enter_context(RuntimeProcess(folder, bus_base, PACES[options.pace], ports.lcm_url, log))
+        with OperatorLink(ports.lcm_url) as link:
+            runtime.await_answer(link)
+            link.upload(plan)
+            link.send(command_t.START, plan.plan_id, START_CYCLE)
+        nodes = stack.enter_context(FirmwareNodes(bus_base, robot.robot, robot.model))
+        plan_s = plan.knots[-1].time_s
+        limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
+        loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s))
+        outcome = loop.run()
+        if outcome.ending is not Ending.RUNTIME_DIED:
+            with OperatorLink(ports.lcm_url, first_request=2) as link:
+                link.command(command_t.SHUTDOWN)
+            runtime.wait()
+        last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""
+    return _judged(plan, recorder, log, outcome, last_words)
+
+
+def _judged(plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_words: str) -> ClimbResult:
+    robot, dt_s = recorder.plant.robot, recorder.plant.dt_s
+    telemetry = read_log(log)
+    if not len(telemetry.state):
+        raise WorkFailed(f"the runtime logged no control cycle{': ' + last_words if last_words else ''}")
+    verdict = judge(recorder.truth(), telemetry, plan, robot)
+    faults = [fault_text(fault, robot.robot) for fault in telemetry.faults]
+    return ClimbResult(
+        outcome=outcome,
+        verdict=verdict,
+        real_time_factor=outcome.cycles * dt_s / outcome.wall_s if outcome.wall_s > 0 else 0.0,
+        missed_cycles=int(telemetry.state["missed_cycles"][-1]) + outcome.missed,
+        reason=_reason(outcome, verdict, ([last_words] if last_words else []) + faults),
+        log=log,
+    )

@@ -1,0 +1,87 @@
+"""`crux climb`: run a plan on the hardware-in-the-loop bench."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from crux_tools.output import add_json_option, note, print_json, progress
+
+_DESCRIPTION = """Runs a plan on the hardware-in-the-loop bench: starts the runtime as its own process, 24 joint and 4
+gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan,
+climbs, and judges the climb on what happened in physics. Runs side by side do not hear each other."""
+_EPILOG = """examples:
+  crux climb out/plan.mcap -o out/climb.mcap
+  crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds the parser of `crux climb`."""
+    parser = subparsers.add_parser(
+        "climb",
+        help="run a plan on the hardware-in-the-loop bench",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG.mcap", help="telemetry of the climb")
+    parser.add_argument(
+        "--pace",
+        choices=["lockstep", "realtime"],
+        default="lockstep",
+        help="lockstep: as fast as possible, the same bytes for the same seed; realtime: 500 Hz by the clock",
+    )
+    parser.add_argument(
+        "--bus",
+        choices=["udp", "socketcan"],
+        default="udp",
+        help="CAN over UDP multicast, or can0..can3 of this machine",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
+    )
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
+    add_json_option(parser)
+    parser.set_defaults(func=run)
+
+
+def _print_summary(result: Any) -> None:
+    verdict = result.verdict
+    note(f"{'climbed' if result.ok else 'failed'}: {result.reason or 'the robot is at the goal'}")
+    note(
+        f"  goal      {verdict.goal_error_m * 1e3:.1f} mm off, {'reached' if verdict.reached_goal else 'not reached'}; "
+        f"{verdict.slips} slips (largest {verdict.largest_slip_m * 1e3:.2f} mm), "
+        f"{'a' if verdict.fell else 'no'} fall"
+    )
+    note(
+        f"  tracking  body {verdict.body_max_m * 1e3:.1f} mm max, {verdict.body_rms_m * 1e3:.1f} mm rms; "
+        f"gripper {verdict.finger_max_m * 1e3:.1f} mm max; force {verdict.force_rms_n:.2f} N rms"
+    )
+    note(
+        f"  time      {result.outcome.cycles} cycles at {result.real_time_factor:.2f} x real time, "
+        f"{result.missed_cycles} missed"
+    )
+    note(f"  log       {result.log}")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when the robot reached the goal without slip or fall, 1 otherwise."""
+    from crux_contracts.plan_file import read_plan
+
+    from crux_tools.bench.climb import ClimbOptions, climb
+
+    plan = read_plan(options.plan)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    with progress("climbing", plan.knots[-1].time_s) as bar:
+        result = climb(plan, options.output, ClimbOptions(options.pace, options.bus, options.seed), bar.at)
+    if options.report is not None:
+        from crux_tools.report.command import write_report
+
+        write_report(options.output, options.report)
+    if options.json:
+        print_json(result.as_json())
+    else:
+        _print_summary(result)
+    return 0 if result.ok else 1

@@ -1,0 +1,155 @@
+"""The bench's control cycle: a Sync arrives, the firmware cores control, physics moves on, the nodes answer.
+
+In lockstep the runtime waits for the answers: a run is as fast as the machine allows and always the same.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crux_tools.bench.plant import Plant
+from crux_tools.bench.recorder import Recorder
+
+START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
+REST_CYCLES = 250  # physics after the end, so that "at rest" means something
+START_GRACE_CYCLES = 100
+SYNC_TIMEOUT_MS = 200
+FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
+STAYED_M = 0.02  # of the body in that time
+REPORT_CYCLES = 250
+PLAN_COMPLETE = 0x10  # flag in HostState; the low bits are robot_state_t's supervisor state
+STATE_MASK = 0x0F
+READY, CLIMBING, HOLDING, FAULT = 1, 2, 3, 4
+UNKNOWN = 0xFF
+
+Floats = NDArray[np.float64]
+
+
+class Nodes(Protocol):
+    """The firmware's 28 nodes on their buses; see firmware_nodes.FirmwareNodes."""
+
+    def wait_sync(self, timeout_ms: int) -> int | None:
+        """Cycle of the next Sync, None after `timeout_ms`."""
+
+    def control(self, plant: Plant) -> tuple[Floats, Floats]:
+        """One control period of every node: joint torques (24,), finger forces (4,)."""
+
+    def publish(self, plant: Plant) -> None:
+        """Sends what the nodes owe: status and force/torque."""
+
+    def host_state(self) -> int:
+        """HostState of the last heartbeat, 0xFF before the first."""
+
+
+class Ending(Enum):
+    """Why the loop ended."""
+
+    COMPLETE = "the plan is complete"
+    STOPPED = "the runtime stopped climbing"
+    NOT_STARTED = "the runtime did not start the climb"
+    TIMEOUT = "the climb took too long"
+    RUNTIME_DIED = "the runtime died"
+
+
+@dataclass
+class Outcome:
+    """How the loop ended."""
+
+    ending: Ending
+    cycles: int
+    wall_s: float
+    missed: int = 0
+    """cycles whose Sync never came (pace clock)"""
+    robot_on_wall: bool | None = None
+    """after the runtime died"""
+
+
+@dataclass
+class Loop:
+    """One run of the bench."""
+
+    nodes: Nodes
+    plant: Plant
+    recorder: Recorder
+    runtime_alive: Callable[[], bool]
+    progress: Callable[[float], None]
+    max_cycles: int
+
+    def run(self) -> Outcome:
+        """Answers Syncs until the climb is over. Collects no garbage meanwhile: it would stall a cycle."""
+        gc.collect()
+        gc.disable()
+        try:
+            return self._run()
+        finally:
+            gc.enable()
+
+    def _step(self, cycle: int) -> None:
+        torque, force = self.nodes.control(self.plant)
+        self.plant.step(torque, force)
+        self.recorder.sample(cycle)
+
+    def _run(self) -> Outcome:
+        last = -1
+        end_cycle: int | None = None
+        ending = Ending.COMPLETE
+        missed = 0
+        began_s = time.monotonic()
+        while True:
+            cycle = self.nodes.wait_sync(SYNC_TIMEOUT_MS)
+            if cycle is None:
+                if not self.runtime_alive():
+                    wall_s = time.monotonic() - began_s
+                    return Outcome(Ending.RUNTIME_DIED, last + 1, wall_s, missed, robot_on_wall=self._free_run(last))
+                continue
+            if cycle == last:  # the runtime repeats its first Sync until all nodes have answered
+                self.nodes.publish(self.plant)
+                continue
+            if last < 0:
+                began_s = time.monotonic()
+            for late in range(last + 1, cycle):
+                self._step(late)
+                missed += 1
+            self._step(cycle)
+            self.nodes.publish(self.plant)
+            last = cycle
+            if cycle % REPORT_CYCLES == 0:
+                self.progress(self.plant.time_s)
+            if end_cycle is None:
+                over = self._over(cycle)
+                if over is not None:
+                    ending, end_cycle = over, cycle + REST_CYCLES
+            elif cycle >= end_cycle:
+                return Outcome(ending, cycle + 1, time.monotonic() - began_s, missed)
+
+    def _over(self, cycle: int) -> Ending | None:
+        """Decided by bus and cycle count alone, so that two runs end in the same cycle."""
+        host = self.nodes.host_state()
+        state = host & STATE_MASK
+        if host != UNKNOWN:
+            if host & PLAN_COMPLETE:
+                return Ending.COMPLETE
+            if cycle > START_CYCLE + START_GRACE_CYCLES:
+                if state in (HOLDING, FAULT):
+                    return Ending.STOPPED
+                if state != CLIMBING:
+                    return Ending.NOT_STARTED
+        return Ending.TIMEOUT if cycle >= self.max_cycles else None
+
+    def _free_run(self, last: int) -> bool:
+        """The nodes alone: their watchdogs must hold the robot. True when it is still where it was."""
+        before = self.plant.data.qpos[:3].copy()
+        held = self.plant.limbs_on_holds()
+        for step in range(int(FREE_RUN_S / self.plant.dt_s)):
+            self._step(last + 1 + step)
+            self.nodes.publish(self.plant)
+        moved_m = float(np.linalg.norm(self.plant.data.qpos[:3] - before))
+        return moved_m < STAYED_M and bool(np.all(self.plant.limbs_on_holds()[held]))

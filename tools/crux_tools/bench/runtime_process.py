@@ -1,0 +1,87 @@
+"""The runtime as a process of its own, exactly as it runs on the robot."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+from crux_msgs import command_t
+
+from crux_tools.errors import WorkFailed
+from crux_tools.operator_link import OperatorLink
+from crux_tools.paths import built
+
+BINARY = "runtime/app/crux-runtime"
+START_TIMEOUT_S = 20.0
+STOP_TIMEOUT_S = 20.0
+STDERR_SHOWN = 400  # characters of a dead runtime's last words
+
+
+class RuntimeProcess:
+    """Starts crux-runtime; leaving the context ends it."""
+
+    def __init__(self, robot_dir: Path, bus_base: str, pace: str, lcm_url: str, log: Path) -> None:
+        self._arguments = [
+            str(built(BINARY)),
+            *("--robot", str(robot_dir), "--bus-base", bus_base, "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
+        ]
+        self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__
+
+    def __enter__(self) -> RuntimeProcess:
+        self._process = subprocess.Popen(self._arguments, stdout=subprocess.DEVNULL, stderr=self._stderr)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+        self._stderr.close()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def is_alive(self) -> bool:
+        """False once the process has ended."""
+        return self._process.poll() is None
+
+    def last_words(self) -> str:
+        """How the process ended and what it wrote last on standard error, on one line."""
+        self._stderr.seek(0)
+        text = " ".join(self._stderr.read().decode(errors="replace").split())[-STDERR_SHOWN:]
+        code = self._process.poll()
+        how = f"was ended by signal {-code}" if code is not None and code < 0 else f"ended with status {code}"
+        return f"{how}{': ' + text if text else ''}"
+
+    def await_answer(self, link: OperatorLink) -> None:
+        """Waits until the runtime acknowledges STATUS; raises WorkFailed when it dies or stays silent."""
+        end = time.monotonic() + START_TIMEOUT_S
+        while time.monotonic() < end:
+            if link.command(command_t.STATUS, tries=1) is not None:
+                return
+            if not self.is_alive():
+                raise WorkFailed(f"crux-runtime {self.last_words()}")
+        raise WorkFailed(f"crux-runtime does not answer within {START_TIMEOUT_S:.0f} s")
+
+    def wait(self) -> None:
+        """Waits for the process to end by itself, then ends it."""
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self.end()
+
+    def end(self) -> None:
+        """SIGTERM, then SIGKILL."""
+        if not self.is_alive():
+            return
+        self._process.terminate()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()

@@ -1,0 +1,124 @@
+"""The `crux` command. Each subcommand lives in a module of its own, imported only when it is called."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.output import note, print_json
+
+DONE, FAILED, USAGE = 0, 1, 2
+INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Command:
+    """Where a subcommand lives: `adder` puts its parser among the others and sets the default `func`."""
+
+    help: str
+    module: str
+    adder: str = "add_parser"
+    runner: str = "run"
+
+
+_OPERATOR = "crux_tools.operator_commands"
+COMMANDS: dict[str, Command] = {
+    "plan": Command("plan a climb for a scenario", "crux_planner.cli", "add_plan_parser", "run_plan"),
+    "check": Command(
+        "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
+    ),
+    "climb": Command("run a plan on the hardware-in-the-loop bench", "crux_tools.bench.climb_command"),
+    "upload": Command("send a plan to a running runtime", _OPERATOR, "add_upload_parser", "run_upload"),
+    "start": Command("let the runtime climb the uploaded plan", _OPERATOR, "add_start_parser", "run_start"),
+    "hold": Command("stop climbing and hold on", _OPERATOR, "add_hold_parser", "run_hold"),
+    "resume": Command("go on after a hold", _OPERATOR, "add_resume_parser", "run_resume"),
+    "clear-fault": Command("leave the fault state once its cause is gone", _OPERATOR, "add_clear_parser", "run_clear"),
+    "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
+    "replay": Command("show a logged climb, or check it bit by bit", "crux_tools.replay.command"),
+    "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
+    "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.bench.bench_command"),
+}
+EPILOG = """a first climb:
+  crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
+  crux check out/plan.mcap
+  crux climb out/plan.mcap -o out/climb.mcap
+  crux report out/climb.mcap -o out/climb.html
+
+exit status: 0 done, 1 the work failed (infeasible, unsafe, fell, differs), 2 the input or the usage is wrong"""
+
+
+def _parser(chosen: str | None) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="crux",
+        description="Plan and run climbs of limbed robots with grippers.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, command in COMMANDS.items():
+        if name == chosen:
+            module = importlib.import_module(command.module)
+            getattr(module, command.adder)(subparsers)
+        else:
+            subparsers.add_parser(name, help=command.help)
+    return parser
+
+
+def _error(command: str, text: str, as_json: bool, status: int) -> int:
+    line = " ".join(text.split())
+    note(f"crux {command}: {line}" if command else f"crux: {line}")
+    if as_json:
+        print_json({"ok": False, "error": line})
+    return status
+
+
+def _origin(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "unknown place"
+
+
+def _user_errors() -> tuple[type[BaseException], ...]:
+    """Error types of the other rooms that mean wrong input; only those already imported can have been raised."""
+    names = ("crux_contracts.errors", "crux_tools.telemetry.reader")
+    found: list[type[BaseException]] = [UsageError]
+    for name in names:
+        module: Any = sys.modules.get(name)
+        for attribute in ("ContractError", "LogError"):
+            kind = getattr(module, attribute, None)
+            if isinstance(kind, type):
+                found.append(kind)
+    return tuple(found)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `crux`; returns the exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = words[0] if words and words[0] in COMMANDS else ""
+    as_json = "--json" in words
+    try:
+        options = _parser(chosen).parse_args(words)
+        return int(getattr(importlib.import_module(COMMANDS[chosen].module), COMMANDS[chosen].runner)(options))
+    except KeyboardInterrupt:
+        return _error(chosen, "interrupted", as_json, INTERRUPTED)
+    except BrokenPipeError:
+        return FAILED
+    except WorkFailed as error:
+        return _error(chosen, str(error), as_json, FAILED)
+    except OSError as error:
+        return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
+    except Exception as error:
+        if isinstance(error, _user_errors()):
+            return _error(chosen, str(error), as_json, USAGE)
+        text = f"internal error, please report it: {type(error).__name__}: {error} (at {_origin(error)})"
+        return _error(chosen, text, as_json, FAILED)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

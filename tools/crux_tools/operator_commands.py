@@ -1,0 +1,122 @@
+"""`crux upload`, `start`, `hold`, `resume`, `clear-fault` and `status`: an operator's words to a running runtime."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from crux_tools.output import add_json_option, note, print_json
+
+_EPILOG = "the runtime listens on the LCM URL it was started with; --lcm names another"
+
+
+def _add(subparsers: Any, name: str, text: str, runner: Any) -> argparse.ArgumentParser:
+    from crux_tools.operator_link import DEFAULT_URL
+
+    parser: argparse.ArgumentParser = subparsers.add_parser(name, help=text, description=text + ".", epilog=_EPILOG)
+    parser.add_argument(
+        "--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (default: %(default)s)"
+    )
+    add_json_option(parser)
+    parser.set_defaults(func=runner)
+    return parser
+
+
+def _link(options: argparse.Namespace) -> Any:
+    from crux_tools.operator_link import OperatorLink
+
+    return OperatorLink(options.lcm, first_request=time.time_ns())  # no runtime has seen this id before
+
+
+def _report(options: argparse.Namespace, answer: Any) -> int:
+    from crux_tools.operator_link import STATES
+
+    state = STATES.get(answer.supervisor_state, f"state {answer.supervisor_state}")
+    if options.json:
+        print_json({"ok": True, "state": state, "plan_id": answer.plan_id})
+    else:
+        note(f"runtime: {state}" + (f", plan {answer.plan_id[:12]}" if answer.plan_id else ", no plan"))
+    return 0
+
+
+def _send(options: argparse.Namespace, command: str, plan_id: str = "") -> int:
+    from crux_msgs import command_t
+
+    with _link(options) as link:
+        return _report(options, link.send(getattr(command_t, command), plan_id))
+
+
+def add_upload_parser(subparsers: Any) -> None:
+    """crux upload PLAN.mcap."""
+    parser = _add(
+        subparsers, "upload", "Send a plan to a running runtime, which checks it against its robot", run_upload
+    )
+    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+
+
+def run_upload(options: argparse.Namespace) -> int:
+    """Uploads; the runtime's reason when it refuses."""
+    from crux_contracts.plan_file import read_plan
+
+    plan = read_plan(options.plan)
+    with _link(options) as link:
+        return _report(options, link.upload(plan))
+
+
+def add_start_parser(subparsers: Any) -> None:
+    """crux start."""
+    parser = _add(subparsers, "start", "Let the runtime climb the plan it holds", run_start)
+    parser.add_argument(
+        "--plan-id", default="", metavar="ID", help="refuse to start when the runtime holds another plan"
+    )
+
+
+def run_start(options: argparse.Namespace) -> int:
+    """START names the plan it means; without --plan-id the one the runtime reports."""
+    from crux_msgs import command_t
+
+    with _link(options) as link:
+        plan_id = options.plan_id or link.send(command_t.STATUS).plan_id
+        return _report(options, link.send(command_t.START, plan_id))
+
+
+def add_hold_parser(subparsers: Any) -> None:
+    """crux hold."""
+    _add(subparsers, "hold", "Stop climbing and hold on", run_hold)
+
+
+def run_hold(options: argparse.Namespace) -> int:
+    """HOLD is never refused."""
+    return _send(options, "HOLD")
+
+
+def add_resume_parser(subparsers: Any) -> None:
+    """crux resume."""
+    _add(subparsers, "resume", "Go on with the climb after a hold", run_resume)
+
+
+def run_resume(options: argparse.Namespace) -> int:
+    """RESUME."""
+    return _send(options, "RESUME")
+
+
+def add_clear_parser(subparsers: Any) -> None:
+    """crux clear-fault."""
+    _add(subparsers, "clear-fault", "Leave the fault state once its cause is gone", run_clear)
+
+
+def run_clear(options: argparse.Namespace) -> int:
+    """CLEAR_FAULT."""
+    return _send(options, "CLEAR_FAULT")
+
+
+def add_status_parser(subparsers: Any) -> None:
+    """crux status."""
+    _add(subparsers, "status", "Ask the runtime for its state and plan", run_status)
+
+
+def run_status(options: argparse.Namespace) -> int:
+    """STATUS."""
+    return _send(options, "STATUS")

@@ -1,0 +1,136 @@
+"""An operator's line to a runtime over LCM: upload a plan, send commands, read the acknowledgements."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import TracebackType
+
+import lcm
+from crux_contracts import channels
+from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
+
+from crux_tools.errors import UsageError, WorkFailed
+
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+ANSWER_TIMEOUT_S = 0.5
+VERDICT_TIMEOUT_S = 10.0  # the runtime decodes and validates the whole plan
+TRIES = 4
+STATES = {value: name for name, value in (("idle", 0), ("ready", 1), ("climbing", 2), ("holding", 3), ("fault", 4))}
+
+
+@dataclass
+class OperatorLink:
+    """One LCM connection. Request ids count from `first_request`, so a bench run sends the same bytes every time."""
+
+    url: str = DEFAULT_URL
+    first_request: int = 1
+    _answers: list[acknowledgement_t] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._next_request = self.first_request
+        try:
+            self._lcm = lcm.LCM(self.url)
+        except RuntimeError as error:
+            raise UsageError(f"cannot open LCM at {self.url}: {error}") from error
+        self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)
+
+    def __enter__(self) -> OperatorLink:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lcm.unsubscribe(self._subscription)
+
+    def _keep(self, _channel: str, data: bytes) -> None:
+        self._answers.append(acknowledgement_t.decode(data))
+
+    def _await(self, wanted: Callable[[acknowledgement_t], bool], timeout_s: float) -> acknowledgement_t | None:
+        end = time.monotonic() + timeout_s
+        while True:
+            for answer in self._answers:
+                if wanted(answer):
+                    self._answers.remove(answer)
+                    return answer
+            left_s = end - time.monotonic()
+            if left_s <= 0:
+                return None
+            self._lcm.handle_timeout(max(1, int(left_s * 1000)))
+
+    def command(
+        self, command: int, plan_id: str = "", at_cycle: int = 0, tries: int = TRIES
+    ) -> acknowledgement_t | None:
+        """Sends a command (command_t constant) until it is acknowledged; None when nobody answers."""
+        message = command_t()
+        message.request_id = self._next_request
+        message.command = command
+        message.at_cycle = at_cycle
+        message.plan_id = plan_id
+        self._next_request += 1
+        for _ in range(tries):
+            self._lcm.publish(channels.CRUX_COMMAND, message.encode())
+            answer = self._await(
+                lambda a: a.subject == acknowledgement_t.COMMAND and a.request_id == message.request_id,
+                ANSWER_TIMEOUT_S,
+            )
+            if answer is not None:
+                return answer
+        return None
+
+    def send(self, command: int, plan_id: str = "", at_cycle: int = 0) -> acknowledgement_t:
+        """Like command(), but raises WorkFailed when nobody answers or the runtime refuses."""
+        answer = self.command(command, plan_id, at_cycle)
+        if answer is None:
+            raise WorkFailed(f"no runtime answers on {self.url}; start crux-runtime there, or name its --lcm URL")
+        if answer.verdict != acknowledgement_t.ACCEPTED:
+            raise WorkFailed(f"the runtime refuses: {answer.reason}")
+        return answer
+
+    def upload(self, plan: plan_t) -> acknowledgement_t:
+        """Uploads a plan piece by piece; raises WorkFailed with the runtime's reason when it does not take it."""
+        data = plan.encode()
+        pieces = [data[i : i + plan_piece_t.MAX_BYTES] for i in range(0, len(data), plan_piece_t.MAX_BYTES)]
+        digest = hashlib.sha256(data).hexdigest()
+        transfer_id = int(digest[:15], 16)
+        for index, piece in enumerate(pieces):
+            message = plan_piece_t()
+            message.transfer_id = transfer_id
+            message.plan_id = plan.plan_id
+            message.bytes_sha256 = digest
+            message.total_bytes = len(data)
+            message.n_pieces = len(pieces)
+            message.piece = index
+            message.n_bytes = len(piece)
+            message.data = piece
+            self._send_piece(message)
+        verdict = self._await(
+            lambda a: a.subject == acknowledgement_t.PLAN and a.request_id == transfer_id, VERDICT_TIMEOUT_S
+        )
+        if verdict is None:
+            raise WorkFailed(f"the runtime took all {len(pieces)} pieces of the plan but gave no verdict")
+        if verdict.verdict != acknowledgement_t.ACCEPTED:
+            raise WorkFailed(f"the runtime refuses the plan: {verdict.reason}")
+        return verdict
+
+    def _send_piece(self, message: plan_piece_t) -> None:
+        for _ in range(TRIES):
+            self._lcm.publish(channels.CRUX_PLAN_PIECE, message.encode())
+            answer = self._await(
+                lambda a: (
+                    a.request_id == message.transfer_id
+                    and (
+                        (a.subject == acknowledgement_t.PLAN_PIECE and a.piece == message.piece)
+                        or (a.subject == acknowledgement_t.PLAN and a.verdict == acknowledgement_t.REFUSED)
+                    )
+                ),
+                ANSWER_TIMEOUT_S,
+            )
+            if answer is None:
+                continue
+            if answer.verdict != acknowledgement_t.ACCEPTED:
+                raise WorkFailed(f"the runtime refuses the plan: {answer.reason}")
+            return
+        raise WorkFailed(f"no runtime on {self.url} acknowledges piece {message.piece} of the plan")
