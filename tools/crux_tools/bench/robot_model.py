@@ -10,6 +10,7 @@ ellipsoid instead of the box (3), with that much pull-off.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -143,8 +144,13 @@ def _add_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch
             )  # fmt: skip
 
 
-def build_model(robot_dir: Path, plan: Any) -> RobotModel:
-    """Robot, wall, holds and gravity of `plan` (a plan_t) as a compiled MuJoCo model."""
+def build_model(
+    robot_dir: Path, plan: Any, scenery: Callable[[mujoco.MjSpec], None] = lambda _spec: None
+) -> RobotModel:
+    """Robot, wall, holds and gravity of `plan` (a plan_t) as a compiled MuJoCo model.
+
+    `scenery` may add what only pictures need (sky, lights, cameras) before the model is compiled.
+    """
     robot = load_robot_yaml(robot_dir)
     spec = urdf_spec(robot_dir, robot)
     spec.modelname = robot["name"]
@@ -172,6 +178,7 @@ def build_model(robot_dir: Path, plan: Any) -> RobotModel:
                 spine.set_to_adhesion(plan.spine_shear_n)
                 spine.trntype = mujoco.mjtTrn.mjTRN_BODY
                 spine.ctrlrange = [0, 1e3]
+    scenery(spec)
     return _with_addresses(spec.compile(), robot, faces)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crux_tools.bench.robot_model import RobotModel
+from crux_tools.errors import UsageError
 
 DAMPING = 1e-4  # of the least-squares step
 ITERATIONS = 100
@@ -18,7 +20,7 @@ STARTS = 20
 Floats = NDArray[np.float64]
 
 
-class StartPoseError(ValueError):
+class StartPoseError(UsageError):
     """The plan's first knot cannot be taken by this robot."""
 
 
@@ -68,17 +70,46 @@ def solve_limb(robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: 
     return False
 
 
+@dataclass(frozen=True)
+class RobotPose:
+    """Where body and grippers are, frame W; limbs LF, RF, LR, RR."""
+
+    body_position_m: Floats  # (3,)
+    body_rpy_rad: Floats  # (3,)
+    gripper_position_m: Floats  # (4, 3)
+    gripper_yaw_rad: Floats  # (4,)
+    finger_opening_m: Floats  # (4,) pad face to gripper centre
+
+    @classmethod
+    def of_knot(cls, knot: Any) -> RobotPose:
+        """Pose of a plan's knot (plan_knot_t)."""
+        return cls(
+            np.array(knot.body_position_w_m),
+            np.array(knot.body_rpy_rad),
+            np.array([limb.gripper_position_w_m for limb in knot.limbs]),
+            np.array([limb.gripper_yaw_w_rad for limb in knot.limbs]),
+            np.array([limb.finger_separation_m / 2 for limb in knot.limbs]),
+        )
+
+
+def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose) -> list[int]:
+    """Moves body, limbs and fingers of `data` to `pose`; returns the limbs that cannot reach theirs."""
+    data.qpos[:3] = pose.body_position_m
+    mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(pose.body_rpy_rad).ravel())
+    data.qpos[robot.finger_qpos] = pose.finger_opening_m[:, None]
+    return [
+        limb
+        for limb in range(len(pose.gripper_yaw_rad))
+        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], float(pose.gripper_yaw_rad[limb]))
+    ]
+
+
 def take_start_pose(robot: RobotModel, data: mujoco.MjData, plan: Any) -> None:
     """Body and grippers of `data` at knot 0 of `plan`, pads just touching. Raises StartPoseError when out of reach."""
-    knot = plan.knots[0]
-    data.qpos[:3] = knot.body_position_w_m
-    mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(knot.body_rpy_rad).ravel())
-    for limb, name in enumerate(robot.robot["limbs"]):
-        pose = knot.limbs[limb]
-        data.qpos[robot.finger_qpos[limb]] = pose.finger_separation_m / 2
-        position = np.array(pose.gripper_position_w_m)
-        if not solve_limb(robot, data, limb, position, pose.gripper_yaw_w_rad):
-            raise StartPoseError(
-                f"limb {name} cannot take its start grasp at {np.round(position, 3).tolist()} m, "
-                f"yaw {pose.gripper_yaw_w_rad:.3f} rad, within its joint limits: the plan does not fit this robot"
-            )
+    pose = RobotPose.of_knot(plan.knots[0])
+    for limb in take_pose(robot, data, pose):
+        raise StartPoseError(
+            f"limb {list(robot.robot['limbs'])[limb]} cannot take its start grasp at "
+            f"{np.round(pose.gripper_position_m[limb], 3).tolist()} m, yaw {pose.gripper_yaw_rad[limb]:.3f} rad, "
+            "within its joint limits: the plan does not fit this robot"
+        )
