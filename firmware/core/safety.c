@@ -1,0 +1,149 @@
+#include "safety.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#include "codec.h"
+
+/// Commands come as rounded numbers: a clamp by less than this share of the range is no violation worth a report.
+#define CLAMP_TOLERANCE 1.0e-3F
+
+float crux_clamp(float value, float lower, float upper) {
+  float result = value;
+  if (result < lower) {
+    result = lower;
+  }
+  if (result > upper) {
+    result = upper;
+  }
+  return result;
+}
+
+static uint32_t saturating_add(uint32_t value, uint32_t step, uint32_t limit) {
+  return (step >= (limit - value)) ? limit : (value + step);
+}
+
+static uint8_t receive(crux_receiver *receiver, const crux_frame *frame, uint8_t length, uint8_t window) {
+  uint8_t cause = (uint8_t)CRUX_CAUSE_NONE;
+  if (frame->length != length) {
+    cause = (uint8_t)CRUX_CAUSE_INVALID_COMMAND;
+  } else {
+    // Judged on a copy: a frame outside the window must not move the counter that the next one is measured by.
+    struct crux_e2e_receiver next = receiver->e2e;
+    const enum crux_e2e_verdict verdict = crux_e2e_check(frame->id, frame->data, frame->length, &next);
+    const uint8_t step = (uint8_t)(next.counter - receiver->e2e.counter);
+    if (verdict == CRUX_E2E_CORRUPT) {
+      cause = (uint8_t)CRUX_CAUSE_E2E_CRC;
+    } else if ((verdict == CRUX_E2E_REPEATED) || (receiver->e2e.seen && (step > window))) {
+      cause = (uint8_t)CRUX_CAUSE_E2E_COUNTER;
+    } else {
+      receiver->e2e = next;
+      receiver->heard = true;
+    }
+  }
+  return cause;
+}
+
+static void age(crux_receiver *receiver, uint32_t dt_us, uint32_t limit_us) {
+  receiver->silent_us = receiver->heard ? 0U : saturating_add(receiver->silent_us, dt_us, limit_us);
+  receiver->heard = false;
+  if (receiver->silent_us >= limit_us) {
+    receiver->e2e.seen = false;
+  }
+}
+
+void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cycles) {
+  *guard = (crux_guard){0};
+  guard->limit_us = period_us * watchdog_cycles;
+  guard->window = (uint8_t)watchdog_cycles;
+}
+
+uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame) {
+  const uint8_t cause = receive(&guard->sync, frame, (uint8_t)CRUX_CAN_LENGTH_SYNC, guard->window);
+  if (cause == (uint8_t)CRUX_CAUSE_NONE) {
+    struct crux_can_sync_t sync;
+    (void)crux_can_sync_unpack(&sync, frame->data, frame->length);
+    guard->cycle = sync.cycle;
+    guard->answer_due = true;
+    if (guard->command_waiting) {
+      guard->command_waiting = false;
+      guard->command_fresh = true;
+    }
+  }
+  return cause;
+}
+
+uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t length) {
+  return receive(&guard->command, frame, length, guard->window);
+}
+
+bool crux_guard_tick(crux_guard *guard, uint32_t dt_us) {
+  bool tripped = false;
+  age(&guard->sync, dt_us, guard->limit_us);
+  age(&guard->command, dt_us, guard->limit_us);
+  if (guard->command_fresh) {
+    guard->command_fresh = false;
+    guard->silent_us = 0U;
+  } else if (guard->silent_us < guard->limit_us) {
+    guard->silent_us = saturating_add(guard->silent_us, dt_us, guard->limit_us);
+    tripped = guard->silent_us >= guard->limit_us;
+  } else {
+    // silent for longer: it tripped when the limit was reached
+  }
+  return tripped;
+}
+
+static bool is_known_mode(uint8_t mode) {
+  return (mode == (uint8_t)CRUX_MODE_HOLD) || (mode == (uint8_t)CRUX_MODE_TRACK) || (mode == (uint8_t)CRUX_MODE_REARM);
+}
+
+uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_parameters *parameters,
+                                  crux_joint_command *command) {
+  struct crux_can_joint_command_t raw;
+  uint8_t cause = (uint8_t)CRUX_CAUSE_INVALID_COMMAND;
+  if (crux_can_joint_command_unpack(&raw, frame->data, frame->length) == 0) {
+    const float range_rad = parameters->position_max_rad - parameters->position_min_rad;
+    const float velocity_limit_rad_s = parameters->velocity_limit_rad_s;
+    command->mode = raw.mode;
+    command->asked_position_rad = crux_can_joint_command_position_rad_decode(raw.position_rad);
+    command->asked_velocity_rad_s = crux_can_joint_command_velocity_rad_s_decode(raw.velocity_rad_s);
+    command->torque_Nm = crux_clamp(crux_can_joint_command_torque_nm_decode(raw.torque_nm), -parameters->torque_limit_Nm,
+                                    parameters->torque_limit_Nm);
+    command->position_gain_Nm_rad = crux_can_joint_command_kp_nm_rad_decode(raw.kp_nm_rad);
+    command->velocity_gain_Nms_rad = crux_can_joint_command_kd_nms_rad_decode(raw.kd_nms_rad);
+    command->position_rad =
+        crux_clamp(command->asked_position_rad, parameters->position_min_rad, parameters->position_max_rad);
+    command->velocity_rad_s = crux_clamp(command->asked_velocity_rad_s, -velocity_limit_rad_s, velocity_limit_rad_s);
+    command->position_clamped =
+        fabsf(command->asked_position_rad - command->position_rad) > (CLAMP_TOLERANCE * range_rad);
+    command->velocity_clamped =
+        fabsf(command->asked_velocity_rad_s - command->velocity_rad_s) > (CLAMP_TOLERANCE * velocity_limit_rad_s);
+    const bool limp = (raw.mode == (uint8_t)CRUX_MODE_TRACK) && (raw.kp_nm_rad == 0U);
+    if (is_known_mode(raw.mode) && (isfinite(command->asked_position_rad) != 0) && !limp) {
+      cause = (uint8_t)CRUX_CAUSE_NONE;
+    }
+  }
+  return cause;
+}
+
+uint8_t crux_gripper_command_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,
+                                    crux_gripper_command *command) {
+  struct crux_can_gripper_command_t raw;
+  uint8_t cause = (uint8_t)CRUX_CAUSE_INVALID_COMMAND;
+  if (crux_can_gripper_command_unpack(&raw, frame->data, frame->length) == 0) {
+    const float range_m = parameters->opening_max_m - parameters->opening_min_m;
+    command->mode = raw.mode;
+    command->asked_opening_m = crux_can_gripper_command_opening_m_decode(raw.opening_m);
+    command->opening_m = crux_clamp(command->asked_opening_m, parameters->opening_min_m, parameters->opening_max_m);
+    command->opening_clamped = fabsf(command->asked_opening_m - command->opening_m) > (CLAMP_TOLERANCE * range_m);
+    command->speed_limit_m_s = crux_clamp(crux_can_gripper_command_speed_limit_m_s_decode(raw.speed_limit_m_s), 0.0F,
+                                          parameters->speed_limit_m_s);
+    command->force_limit_N =
+        crux_clamp(crux_can_gripper_command_force_limit_n_decode(raw.force_limit_n), 0.0F, parameters->force_limit_N);
+    const bool limp = (raw.mode == (uint8_t)CRUX_MODE_TRACK) && (raw.force_limit_n == 0U);
+    if (is_known_mode(raw.mode) && (isfinite(command->asked_opening_m) != 0) && !limp) {
+      cause = (uint8_t)CRUX_CAUSE_NONE;
+    }
+  }
+  return cause;
+}

@@ -1,0 +1,73 @@
+/// Host port: all 28 nodes of a robot as a shared library with a plain C interface, for the hardware-in-the-loop bench.
+/// The nodes are the firmware's own cores; the plant gives measurements and takes torques. Arrays are limb-major
+/// (LF, RF, LR, RR), SI units. One thread at a time.
+///
+/// A cycle of the bench: crux_nodes_wait_sync, crux_nodes_control, one period of physics, crux_nodes_publish.
+#ifndef CRUX_NODES_H
+#define CRUX_NODES_H
+
+#include <stdint.h>
+
+#include "link.h"
+#include "parameters.h"
+
+#define CRUX_LIMBS 4
+#define CRUX_JOINTS 24
+
+#define CRUX_API __attribute__((visibility("default")))
+
+typedef struct crux_nodes crux_nodes;
+
+/// Opens the buses (udp:GROUP:PORT or socketcan:NAME) and starts the nodes; their identities go out with the first
+/// publish. NULL on failure, crux_nodes_error() says why.
+CRUX_API crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS],
+                                     const crux_joint_parameters joint[CRUX_JOINTS],
+                                     const crux_gripper_parameters gripper[CRUX_LIMBS], uint32_t parameter_hash);
+CRUX_API void crux_nodes_close(crux_nodes *nodes);
+
+/// Reason of the last failure in this thread.
+CRUX_API const char *crux_nodes_error(void);
+
+/// Feeds frames to the nodes until all buses have brought a new Sync of the same cycle: 1, and the cycle. 0 when
+/// timeout_ms passed or a signal came first, -1 on error. A cycle 0 repeated is new each time.
+CRUX_API int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle);
+
+/// One control period of dt > 0 seconds of every node. Call it without a Sync, too, while time passes: watchdogs count.
+/// Torque [Nm] of the joints; force [N] a finger, positive closes. A NaN measurement is a lost sensor.
+CRUX_API void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_position[CRUX_JOINTS],
+                                 const double joint_velocity[CRUX_JOINTS], const double finger_opening[CRUX_LIMBS],
+                                 const double finger_speed[CRUX_LIMBS], const double finger_force[CRUX_LIMBS],
+                                 double joint_torque_out[CRUX_JOINTS], double finger_force_out[CRUX_LIMBS]);
+
+/// Answers the last Sync with these measurements and sends what else the nodes have to say. Nodes whose Sync is
+/// answered or was not valid send no status. ft_wrench: fx fy fz mx my mz of the world on each gripper, gripper frame.
+/// 0, or -1 when a bus refuses.
+CRUX_API int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINTS],
+                                const double joint_velocity[CRUX_JOINTS], const double joint_torque[CRUX_JOINTS],
+                                const double finger_opening[CRUX_LIMBS], const double finger_speed[CRUX_LIMBS],
+                                const double finger_force[CRUX_LIMBS], const double ft_wrench[CRUX_LIMBS * 6]);
+
+/// HostState of the last valid HostHeartbeat on the first bus; 0xFF before the first.
+CRUX_API uint8_t crux_nodes_host_state(const crux_nodes *nodes);
+
+/// States (DBC: JointStatus.State, GripperStatus.State) and fault bits.
+CRUX_API void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRUX_JOINTS],
+                                uint8_t joint_faults[CRUX_JOINTS], uint8_t gripper_state[CRUX_LIMBS],
+                                uint8_t gripper_faults[CRUX_LIMBS]);
+
+/// Counters of a node: limb 0..3, node 1..7. 0, or -1 when there is no such node.
+CRUX_API int crux_nodes_counters(const crux_nodes *nodes, int limb, int node, crux_node_counters *counters);
+
+// Faults the bench can inject. 0, or -1 when there is no such node.
+
+/// The node does not hear its next `count` frames (its commands and Syncs), or hears them with a flipped bit.
+CRUX_API int crux_nodes_drop_received(crux_nodes *nodes, int limb, int node, uint32_t count);
+CRUX_API int crux_nodes_corrupt_received(crux_nodes *nodes, int limb, int node, uint32_t count);
+/// The next `count` frames of the node get lost on their way to the bus.
+CRUX_API int crux_nodes_drop_sent(crux_nodes *nodes, int limb, int node, uint32_t count);
+/// The node restarts as after a loss of power.
+CRUX_API int crux_nodes_reset(crux_nodes *nodes, int limb, int node);
+/// What the node's thermometer reads from now on; 25 degC at the start.
+CRUX_API int crux_nodes_set_temperature(crux_nodes *nodes, int limb, int node, double temperature_degC);
+
+#endif

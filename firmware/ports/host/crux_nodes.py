@@ -1,0 +1,249 @@
+"""ctypes binding of libcrux_nodes.so: the 28 firmware nodes of a robot (see crux_nodes.h for meaning and order)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+LIMBS = 4
+JOINTS = 24
+JOINTS_PER_LIMB = 6
+NODES_PER_LIMB = 7
+NO_HOST_STATE = 0xFF
+
+Array = npt.NDArray[np.float64]
+
+
+class JointParameters(ctypes.Structure):
+    """crux_joint_parameters of core/parameters.h."""
+
+    _fields_ = [
+        ("position_min_rad", ctypes.c_float),
+        ("position_max_rad", ctypes.c_float),
+        ("velocity_limit_rad_s", ctypes.c_float),
+        ("torque_limit_Nm", ctypes.c_float),
+        ("position_gain_Nm_rad", ctypes.c_float),
+        ("velocity_gain_Nms_rad", ctypes.c_float),
+        ("setpoint_time_constant_s", ctypes.c_float),
+        ("max_deceleration_rad_s2", ctypes.c_float),
+        ("temperature_limit_degC", ctypes.c_float),
+        ("period_us", ctypes.c_uint32),
+        ("watchdog_cycles", ctypes.c_uint32),
+    ]
+
+
+class GripperParameters(ctypes.Structure):
+    """crux_gripper_parameters of core/parameters.h."""
+
+    _fields_ = [
+        ("opening_min_m", ctypes.c_float),
+        ("opening_max_m", ctypes.c_float),
+        ("speed_limit_m_s", ctypes.c_float),
+        ("force_limit_N", ctypes.c_float),
+        ("stiffness_N_m", ctypes.c_float),
+        ("damping_Ns_m", ctypes.c_float),
+        ("force_range_N", ctypes.c_float),
+        ("moment_range_Nm", ctypes.c_float),
+        ("temperature_limit_degC", ctypes.c_float),
+        ("period_us", ctypes.c_uint32),
+        ("watchdog_cycles", ctypes.c_uint32),
+    ]
+
+
+class NodeCounters(ctypes.Structure):
+    """crux_node_counters of core/link.h."""
+
+    _fields_ = [
+        ("syncs", ctypes.c_uint32),
+        ("commands", ctypes.c_uint32),
+        ("rejected_crc", ctypes.c_uint32),
+        ("rejected_counter", ctypes.c_uint32),
+        ("rejected_invalid", ctypes.c_uint32),
+        ("timeouts", ctypes.c_uint32),
+        ("queue_overflows", ctypes.c_uint32),
+    ]
+
+
+class NodesError(Exception):
+    """A bus that cannot be opened or refuses, parameters that make no sense, or a node that does not exist."""
+
+
+def _load(path: Path) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(path))
+    doubles = ctypes.POINTER(ctypes.c_double)
+    bytes_ = ctypes.POINTER(ctypes.c_uint8)
+    handle = ctypes.c_void_p
+    integer = ctypes.c_int
+    signatures: dict[str, tuple[object, list[object]]] = {
+        "open": (handle, [ctypes.POINTER(ctypes.c_char_p), ctypes.POINTER(JointParameters),
+                          ctypes.POINTER(GripperParameters), ctypes.c_uint32]),
+        "close": (None, [handle]),
+        "error": (ctypes.c_char_p, []),
+        "wait_sync": (integer, [handle, integer, ctypes.POINTER(ctypes.c_uint32)]),
+        "control": (None, [handle, ctypes.c_double] + [doubles] * 7),
+        "publish": (integer, [handle] + [doubles] * 7),
+        "host_state": (ctypes.c_uint8, [handle]),
+        "states": (None, [handle] + [bytes_] * 4),
+        "counters": (integer, [handle, integer, integer, ctypes.POINTER(NodeCounters)]),
+        "drop_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
+        "corrupt_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
+        "drop_sent": (integer, [handle, integer, integer, ctypes.c_uint32]),
+        "reset": (integer, [handle, integer, integer]),
+        "set_temperature": (integer, [handle, integer, integer, ctypes.c_double]),
+    }  # fmt: skip
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, f"crux_nodes_{name}")
+        function.restype = result
+        function.argtypes = arguments
+    return library
+
+
+def _pointer(values: npt.ArrayLike, count: int) -> tuple[Array, object]:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.size != count:
+        raise ValueError(f"{array.size} numbers where {count} belong")
+    return array, array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+class Nodes:
+    """The nodes on four buses. Joint arrays hold 24 numbers, limb-major; finger arrays 4; use as a context manager."""
+
+    def __init__(
+        self,
+        library: Path,
+        bus_urls: Sequence[str],
+        joints: Sequence[JointParameters],
+        grippers: Sequence[GripperParameters],
+        parameter_hash: int = 0,
+    ) -> None:
+        """Opens the buses, in limb order; raises NodesError when that fails."""
+        if len(bus_urls) != LIMBS or len(joints) != JOINTS or len(grippers) != LIMBS:
+            raise ValueError("four buses, 24 joints and four grippers belong here")
+        self._library = _load(library)
+        urls = (ctypes.c_char_p * LIMBS)(*(url.encode() for url in bus_urls))
+        self._handle = self._library.crux_nodes_open(
+            urls, (JointParameters * JOINTS)(*joints), (GripperParameters * LIMBS)(*grippers), parameter_hash
+        )
+        if not self._handle:
+            raise self._error()
+        self._torque = np.zeros(JOINTS)
+        self._force = np.zeros(LIMBS)
+        self._cycle = ctypes.c_uint32()
+
+    def __enter__(self) -> Nodes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the buses; the second time nothing happens."""
+        if self._handle:
+            self._library.crux_nodes_close(self._handle)
+            self._handle = None
+
+    def _error(self) -> NodesError:
+        return NodesError(self._library.crux_nodes_error().decode(errors="replace"))
+
+    def _check(self, result: int) -> int:
+        if result < 0:
+            raise self._error()
+        return result
+
+    def wait_sync(self, timeout_s: float) -> int | None:
+        """The cycle whose Sync has arrived on all buses, or None when the time ran out."""
+        found = self._library.crux_nodes_wait_sync(
+            self._handle, max(0, round(timeout_s * 1000)), ctypes.byref(self._cycle)
+        )
+        return int(self._cycle.value) if self._check(found) else None
+
+    def control(
+        self,
+        dt_s: float,
+        joint_position_rad: npt.ArrayLike,
+        joint_velocity_rad_s: npt.ArrayLike,
+        finger_opening_m: npt.ArrayLike,
+        finger_speed_m_s: npt.ArrayLike,
+        finger_force_N: npt.ArrayLike,
+    ) -> tuple[Array, Array]:
+        """One control period; returns joint torque [Nm] (24,) and finger force [N] (4,), overwritten by the next call."""
+        keep = [
+            _pointer(values, count)
+            for values, count in (
+                (joint_position_rad, JOINTS),
+                (joint_velocity_rad_s, JOINTS),
+                (finger_opening_m, LIMBS),
+                (finger_speed_m_s, LIMBS),
+                (finger_force_N, LIMBS),
+                (self._torque, JOINTS),
+                (self._force, LIMBS),
+            )
+        ]
+        self._library.crux_nodes_control(self._handle, dt_s, *(pointer for _, pointer in keep))
+        return self._torque, self._force
+
+    def publish(
+        self,
+        joint_position_rad: npt.ArrayLike,
+        joint_velocity_rad_s: npt.ArrayLike,
+        joint_torque_Nm: npt.ArrayLike,
+        finger_opening_m: npt.ArrayLike,
+        finger_speed_m_s: npt.ArrayLike,
+        finger_force_N: npt.ArrayLike,
+        ft_wrench: npt.ArrayLike,
+    ) -> None:
+        """Answers the last Sync; `ft_wrench` (4, 6): fx fy fz [N] mx my mz [Nm] in the gripper frames."""
+        keep = [
+            _pointer(values, count)
+            for values, count in (
+                (joint_position_rad, JOINTS),
+                (joint_velocity_rad_s, JOINTS),
+                (joint_torque_Nm, JOINTS),
+                (finger_opening_m, LIMBS),
+                (finger_speed_m_s, LIMBS),
+                (finger_force_N, LIMBS),
+                (ft_wrench, LIMBS * 6),
+            )
+        ]
+        self._check(self._library.crux_nodes_publish(self._handle, *(pointer for _, pointer in keep)))
+
+    def host_state(self) -> int:
+        """HostState of the last HostHeartbeat on the first bus; NO_HOST_STATE before the first."""
+        return int(self._library.crux_nodes_host_state(self._handle))
+
+    def states(self) -> tuple[bytes, bytes, bytes, bytes]:
+        """States of the joints, their fault bits, states of the grippers, their fault bits."""
+        buffers = [(ctypes.c_uint8 * count)() for count in (JOINTS, JOINTS, LIMBS, LIMBS)]
+        self._library.crux_nodes_states(self._handle, *buffers)
+        joint_state, joint_faults, gripper_state, gripper_faults = (bytes(buffer) for buffer in buffers)
+        return joint_state, joint_faults, gripper_state, gripper_faults
+
+    def counters(self, limb: int, node: int) -> NodeCounters:
+        """Counters of node 1..7 of limb 0..3."""
+        counters = NodeCounters()
+        self._check(self._library.crux_nodes_counters(self._handle, limb, node, ctypes.byref(counters)))
+        return counters
+
+    def drop_received(self, limb: int, node: int, count: int) -> None:
+        """The node does not hear its next `count` commands and Syncs."""
+        self._check(self._library.crux_nodes_drop_received(self._handle, limb, node, count))
+
+    def corrupt_received(self, limb: int, node: int, count: int) -> None:
+        """The node hears its next `count` commands and Syncs with a flipped bit."""
+        self._check(self._library.crux_nodes_corrupt_received(self._handle, limb, node, count))
+
+    def drop_sent(self, limb: int, node: int, count: int) -> None:
+        """The next `count` frames of the node get lost."""
+        self._check(self._library.crux_nodes_drop_sent(self._handle, limb, node, count))
+
+    def reset(self, limb: int, node: int) -> None:
+        """The node restarts as after a loss of power."""
+        self._check(self._library.crux_nodes_reset(self._handle, limb, node))
+
+    def set_temperature(self, limb: int, node: int, temperature_degC: float) -> None:
+        """What the node's thermometer reads from now on."""
+        self._check(self._library.crux_nodes_set_temperature(self._handle, limb, node, temperature_degC))
