@@ -1,0 +1,150 @@
+"""The sections of robot.yaml as typed values: one field a key, so a new key in the file needs its field here.
+
+Units stand in the names. A number is finite and not negative; an Interval is [low, high] of any sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Interval = tuple[float, float]
+PerJoint = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Can:
+    rate_Hz: float
+    nodes: dict[str, int]
+    bit_rate: int
+    data_bit_rate: int
+    watchdog_cycles: int
+
+    @property
+    def dt_s(self) -> float:
+        """Of a control cycle."""
+        return 1.0 / self.rate_Hz
+
+
+@dataclass(frozen=True)
+class Servo:
+    """One value a joint, shoulder outwards."""
+
+    position_gain_Nm_rad: PerJoint
+    velocity_gain_Nms_rad: PerJoint
+    continuous_torque_Nm: PerJoint
+    setpoint_time_constant_s: float
+    torque_time_constant_s: float
+    armature_kg_m2: PerJoint
+    damping_Nms_rad: PerJoint
+    friction_Nm: PerJoint
+    max_deceleration_rad_s2: float
+    temperature_limit_degC: float
+
+
+@dataclass(frozen=True)
+class Gripper:
+    opening_m: Interval
+    open_opening_m: float
+    max_finger_force_N: float
+    max_finger_speed_m_s: float
+    stiffness_N_m: float
+    damping_Ns_m: float
+    moving_mass_kg: float
+    screw_damping_Ns_m: float
+    temperature_limit_degC: float
+    pad_radius_m: float
+    finger_height_m: float
+
+
+@dataclass(frozen=True)
+class ForceTorque:
+    range_N: float
+    range_Nm: float
+    noise_N: float
+    noise_Nm: float
+    bias_N: float
+    bias_Nm: float
+
+
+@dataclass(frozen=True)
+class Body:
+    height_m: Interval
+    max_tilt_rad: float
+    max_speed_m_s: float
+    max_rate_rad_s: float
+
+
+@dataclass(frozen=True)
+class GraspLimits:
+    gripper_yaw_rad: Interval
+    approach_speed_m_s: float
+    yaw_rate_rad_s: float
+    pad_height_m: Interval
+    swing_clearance_m: float
+    max_swing_height_m: float
+
+
+@dataclass(frozen=True)
+class Admittance:
+    mass_kg: float
+    damping_Ns_m: float
+    stiffness_N_m: float
+    inertia_kg_m2: float
+    rotational_damping_Nms_rad: float
+    rotational_stiffness_Nm_rad: float
+    max_speed_m_s: float
+    max_rate_rad_s: float
+    max_offset_m: float
+    max_rotation_rad: float
+
+
+@dataclass(frozen=True)
+class Control:
+    force_filter_s: float
+    tare_time_constant_s: float
+    contact_force_N: float
+    unload_force_N: float
+    grasp_force_factor: float
+    grasp_force_reserve_N: float
+    min_grasp_force_N: float
+    grasp_damping_Ns_m: float
+    grasp_force_time_constant_s: float
+    grasp_force_lead_s: float
+    closing_speed_m_s: float
+    body_gain_1_s: float
+    max_body_correction_m: float
+    max_body_rotation_rad: float
+    twist_length_m: float
+    moment_length_m: float
+    swing_decay_s: float
+    engage_time_s: float
+    max_contact_offset_m: float
+
+
+@dataclass(frozen=True)
+class SupervisorLimits:
+    start_tolerance_m: float
+    start_tolerance_rad: float
+    settle_time_s: float
+    event_timeout_s: float
+    arrive_tolerance_m: float
+    open_tolerance_m: float
+    silent_cycles: int
+    max_body_error_m: float
+    max_tracking_error_rad: float
+    min_stance_force_N: float
+    max_ik_error_m: float
+    persistence_s: float
+
+
+SECTIONS = {
+    "can": Can,
+    "servo": Servo,
+    "gripper": Gripper,
+    "force_torque": ForceTorque,
+    "body": Body,
+    "grasp": GraspLimits,
+    "admittance": Admittance,
+    "control": Control,
+    "supervisor": SupervisorLimits,
+}

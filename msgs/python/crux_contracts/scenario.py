@@ -1,0 +1,214 @@
+"""A scenario: the wall, the contact model, holds, start, goal and horizon. Frame W: z off the wall, x up the slope.
+
+`load_scenario` and `parse_scenario` read the YAML and raise ScenarioError for anything that is not right. Reach,
+equilibrium and finger widths need the robot's kinematics: the planner judges them.
+
+Defaults of optional keys
+| key | default |
+| --- | --- |
+| wall.friction | 0.6 |
+| contact.patch_radius_m, max_normal_N | 0.02, 60 |
+| contact.spine_shear_N, spine_twist_Nm | 0, 0 |
+| holds, obstacles | none |
+| yaw_deg of a hold or obstacle | 0 |
+| spines of a hold | true on every face |
+| rpy_deg of start and goal | [0, 0, 0] |
+| goal.body.tolerance_m, tolerance_deg | 0.01, 3 |
+| goal.grasps | none |
+| planner.method | auto |
+| planner.rho, iterations, time_limit_s, seed, weights, margins | the planner's own |
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from .yaml_document import DocumentError, read_bytes
+
+Faces = Literal["x", "y"]
+FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
+METHODS = ("auto", "two_block", "multi_block", "benchmark")
+WEIGHTS = ("body", "wrench", "lift", "opening", "switching")
+MARGINS = ("friction", "clearance_m", "torque")
+GRAVITY_M_S2 = 9.81
+TWIST_RADIUS_RATIO = 2.0 / 3.0
+"""k / r_p of equation (2): exact for pure twist of a round patch under uniform pressure."""
+
+
+class ScenarioError(DocumentError):
+    """A scenario file that cannot be used; str() names file, line, key, value and what would be right."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    slope_deg: float
+    friction: float = 0.6
+
+    @property
+    def slope_rad(self) -> float:
+        return math.radians(self.slope_deg)
+
+    @property
+    def gravity_w_m_s2(self) -> tuple[float, float, float]:
+        """g in the wall's frame: 0 is the floor, 90 a vertical wall."""
+        return (-GRAVITY_M_S2 * math.sin(self.slope_rad), 0.0, -GRAVITY_M_S2 * math.cos(self.slope_rad))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall."""
+
+    model: Literal["patch", "point"]
+    patch_radius_m: float = 0.02
+    max_normal_N: float = 60.0
+    spine_shear_N: float = 0.0
+    spine_twist_Nm: float = 0.0
+
+    @property
+    def patch_k_m(self) -> float:
+        """k of equation (2)."""
+        return TWIST_RADIUS_RATIO * self.patch_radius_m
+
+
+@dataclass(frozen=True)
+class Cuboid:
+    """Stands on the wall at position_m (centre of its foot), turned by yaw about W's z."""
+
+    name: str
+    position_m: tuple[float, float]
+    size_m: tuple[float, float, float]
+    yaw_deg: float = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        return math.radians(self.yaw_deg)
+
+
+@dataclass(frozen=True)
+class Hold(Cuboid):
+    """A graspable cuboid. friction and spines follow FACE_NAMES."""
+
+    friction: tuple[float, ...] = ()
+    spines: tuple[bool, ...] = (True,) * len(FACE_NAMES)
+
+
+@dataclass(frozen=True)
+class Obstacle(Cuboid):
+    """A cuboid to be kept clear of."""
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """faces x: fingers on +x and -x of the hold; y: on +y and -y."""
+
+    hold: str
+    faces: Faces
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    position_m: tuple[float, float, float]
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def rpy_rad(self) -> tuple[float, float, float]:
+        roll, pitch, yaw = self.rpy_deg
+        return (math.radians(roll), math.radians(pitch), math.radians(yaw))
+
+
+@dataclass(frozen=True)
+class Start:
+    """Patch model: a grasp for every limb. Point model: a foot on the wall (x, y) for every limb."""
+
+    body: BodyPose
+    grasps: dict[str, Grasp] = field(default_factory=dict)
+    feet: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Goal:
+    body: BodyPose
+    tolerance_m: float = 0.01
+    tolerance_deg: float = 3.0
+    grasps: dict[str, Grasp] = field(default_factory=dict)
+
+    @property
+    def tolerance_rad(self) -> float:
+        return math.radians(self.tolerance_deg)
+
+
+@dataclass(frozen=True)
+class Horizon:
+    steps: int
+    dt_s: float
+
+    @property
+    def duration_s(self) -> float:
+        return self.steps * self.dt_s
+
+
+@dataclass(frozen=True)
+class PlannerOptions:
+    """None: the planner's own choice."""
+
+    method: str = "auto"
+    rho: float | None = None
+    iterations: int | None = None
+    time_limit_s: float | None = None
+    seed: int | None = None
+    weights: dict[str, float] = field(default_factory=dict)
+    margins: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    name: str
+    robot: str
+    wall: Wall
+    contact: Contact
+    holds: tuple[Hold, ...]
+    obstacles: tuple[Obstacle, ...]
+    start: Start
+    goal: Goal
+    horizon: Horizon
+    planner: PlannerOptions
+    yaml_text: str = field(repr=False)
+    path: str = "scenario"
+
+    @property
+    def sha256(self) -> str:
+        """Of the file's bytes."""
+        return hashlib.sha256(self.yaml_text.encode("utf-8")).hexdigest()
+
+    @property
+    def cuboids(self) -> tuple[Cuboid, ...]:
+        """Holds, then obstacles: the order of plan_t.holds."""
+        return (*self.holds, *self.obstacles)
+
+    def hold_index(self, name: str) -> int:
+        """Index of a hold by name; KeyError for an unknown one."""
+        for index, hold in enumerate(self.holds):
+            if hold.name == name:
+                return index
+        raise KeyError(name)
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Reads and validates a scenario file. Raises ScenarioError."""
+    try:
+        data = read_bytes(Path(path))
+    except DocumentError as error:
+        raise ScenarioError(error.path, error.problems) from None
+    return parse_scenario(data, str(path))
+
+
+def parse_scenario(source: str | bytes, path: str = "scenario") -> Scenario:
+    """Validates a scenario given as text; `path` names it in messages. Raises ScenarioError."""
+    from .scenario_reader import read_scenario
+
+    data = source if isinstance(source, bytes) else source.encode("utf-8", errors="surrogatepass")
+    return read_scenario(data, path)

@@ -1,0 +1,118 @@
+"""What must hold between the parts of a scenario: names, overlaps, grasps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from .reading import Checker, did_you_mean
+from .yaml_document import Node
+
+OVERLAP_TOLERANCE_M = 1e-6
+
+
+@dataclass(frozen=True)
+class _Footprint:
+    """A cuboid seen from above."""
+
+    name: str
+    node: Node
+    x_m: float
+    y_m: float
+    half_x_m: float
+    half_y_m: float
+    yaw_rad: float
+
+    def axes(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return (c, s), (-s, c)
+
+    def reach(self, axis: tuple[float, float]) -> float:
+        """Half its extent along a direction."""
+        (ux, uy), (vx, vy) = self.axes()
+        return self.half_x_m * abs(ux * axis[0] + uy * axis[1]) + self.half_y_m * abs(vx * axis[0] + vy * axis[1])
+
+
+def overlap_m(a: _Footprint, b: _Footprint) -> float:
+    """Least way to push two footprints apart, by the separating axis theorem; not positive when they are apart."""
+    dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
+    gap = math.hypot(dx, dy) - math.hypot(a.half_x_m, a.half_y_m) - math.hypot(b.half_x_m, b.half_y_m)
+    if gap > 0:  # spares the exact test for nearly all pairs
+        return -gap
+    return min(a.reach(n) + b.reach(n) - abs(dx * n[0] + dy * n[1]) for n in (*a.axes(), *b.axes()))
+
+
+def _members(node: Node | None) -> dict[str, Node]:
+    return node.content if node is not None and isinstance(node.content, dict) else {}
+
+
+def _items(node: Node | None) -> list[Node]:
+    return node.content if node is not None and isinstance(node.content, list) else []
+
+
+def _floats(node: Node | None, count: int) -> list[float] | None:
+    values = [item.content for item in _items(node)]
+    if len(values) != count:
+        return None
+    numbers = [float(v) for v in values if isinstance(v, (int, float)) and not isinstance(v, bool)]
+    return numbers if len(numbers) == count and all(math.isfinite(v) for v in numbers) else None
+
+
+def _footprint(node: Node) -> _Footprint | None:
+    """None where a value is wrong in itself, which has been noted already."""
+    keys = _members(node)
+    position, size = _floats(keys.get("position_m"), 2), _floats(keys.get("size_m"), 3)
+    if position is None or size is None or min(size) <= 0:
+        return None
+    yaw = keys["yaw_deg"].content if "yaw_deg" in keys else 0.0
+    if isinstance(yaw, bool) or not isinstance(yaw, (int, float)) or not math.isfinite(yaw):
+        return None
+    name = keys["name"].shown() if "name" in keys else node.key
+    return _Footprint(name, node, position[0], position[1], size[0] / 2, size[1] / 2, math.radians(yaw))
+
+
+def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
+    """Names are unique; nothing stands in something else."""
+    nodes = [*_items(keys.get("holds")), *_items(keys.get("obstacles"))]
+    first_with: dict[str, Node] = {}
+    for node in nodes:
+        name = _members(node).get("name")
+        if name is None or not isinstance(name.content, str):
+            continue
+        if name.content in first_with:
+            check.note(name, f"expected a name of its own; line {first_with[name.content].line} has it too")
+        first_with.setdefault(name.content, name)
+    footprints = [footprint for footprint in map(_footprint, nodes) if footprint is not None]
+    for index, b in enumerate(footprints):
+        for a in footprints[:index]:
+            depth = overlap_m(a, b)
+            if depth > OVERLAP_TOLERANCE_M:
+                place = f"[{b.x_m:g}, {b.y_m:g}]"
+                check.note_at(
+                    b.node,
+                    "position_m",
+                    place,
+                    f"{b.name} overlaps {a.name} ({a.node.key}, line {a.node.line}) by {depth:.3g} m; move them apart",
+                )
+
+
+def check_grasps(check: Checker, keys: dict[str, Node]) -> None:
+    """Every grasp names a hold; no hold has two limbs."""
+    holds = [_members(node).get("name") for node in _items(keys.get("holds"))]
+    known = [node.content for node in holds if node is not None and isinstance(node.content, str)]
+    obstacles = [_members(node).get("name") for node in _items(keys.get("obstacles"))]
+    forbidden = {node.content for node in obstacles if node is not None}
+    for part in ("start", "goal"):
+        taken: dict[str, str] = {}
+        for limb, grasp in _members(_members(keys.get(part)).get("grasps")).items():
+            hold = _members(grasp).get("hold")
+            if hold is None or not isinstance(hold.content, str):
+                continue
+            if hold.content not in known:
+                hint = did_you_mean(hold.content, known) if known else "the scenario has no holds"
+                why = "is an obstacle" if hold.content in forbidden else "no such hold"
+                check.note(hold, f"{why}; {hint}")
+            elif hold.content in taken:
+                check.note(hold, f"expected a hold of its own for {limb}; {taken[hold.content]} has this one")
+            else:
+                taken[hold.content] = limb

@@ -1,0 +1,214 @@
+"""YAML for files that people write by hand: every value knows its line, and every oddity is refused by name.
+
+Numbers follow YAML 1.2 (`1e-3` is a number, `1:30` and `yes` are texts). Refused: anchors and aliases, tags, several
+documents, duplicate keys, keys that are not texts, nesting deeper than MAX_DEPTH, files above MAX_BYTES.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+MAX_BYTES = 1_000_000
+MAX_DEPTH = 16
+MAX_PROBLEMS = 20
+
+_INTEGER = re.compile(r"[-+]?\d+")
+_FLOAT = re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)([eE][-+]?\d+)?")
+_SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+_MAX_DIGITS = 18
+
+Scalar = str | int | float | bool | None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong with a file. `key` is a path like holds[2].size_m[0], empty for the file as a whole."""
+
+    key: str
+    value: str
+    expected: str
+    line: int | None = None
+
+    def text(self, path: str) -> str:
+        """file:line: key: value: what would be right."""
+        place = path if self.line is None else f"{path}:{self.line}"
+        return ": ".join(part for part in (place, self.key, self.value, self.expected) if part)
+
+
+class DocumentError(Exception):
+    """A file that says something wrong; str() has one line a problem, at most MAX_PROBLEMS of them."""
+
+    def __init__(self, path: str, problems: list[Problem]) -> None:
+        self.path = path
+        self.problems = problems
+        lines = [problem.text(path) for problem in problems[:MAX_PROBLEMS]]
+        if len(problems) > MAX_PROBLEMS:
+            lines.append(f"{path}: and {len(problems) - MAX_PROBLEMS} problems more")
+        super().__init__("\n".join(lines))
+
+    @property
+    def key(self) -> str:
+        """Of the first problem."""
+        return self.problems[0].key
+
+    @property
+    def value(self) -> str:
+        """Of the first problem."""
+        return self.problems[0].value
+
+    @property
+    def expected(self) -> str:
+        """Of the first problem."""
+        return self.problems[0].expected
+
+
+@dataclass(frozen=True)
+class Node:
+    """A value of the file with its place. `content` is a scalar, a list of nodes or a mapping of nodes by key."""
+
+    content: Scalar | list[Node] | dict[str, Node]
+    key: str
+    line: int
+    source: str = ""
+
+    def shown(self) -> str:
+        """The value as the file has it, short enough for a message."""
+        if isinstance(self.content, dict):
+            return "a mapping" if self.content else "an empty mapping"
+        if isinstance(self.content, list):
+            return f"a list of {len(self.content)}"
+        if self.content is None:
+            return "nothing"
+        text = self.source if len(self.source) <= 60 else self.source[:57] + "..."
+        return f'"{text}"' if isinstance(self.content, str) else text
+
+
+class _Refusal(Exception):
+    def __init__(self, expected: str, line: int | None = None, value: str = "", key: str = "") -> None:
+        super().__init__(expected)
+        self.problem = Problem(key, value, expected, line)
+
+
+def resolve_scalar(text: str, is_plain: bool) -> Scalar:
+    """The value of a scalar by YAML 1.2's core schema; quoted scalars are texts."""
+    if not is_plain:
+        return text
+    if text in ("", "~", "null", "Null", "NULL"):
+        return None
+    if text in ("true", "True", "TRUE"):
+        return True
+    if text in ("false", "False", "FALSE"):
+        return False
+    if _INTEGER.fullmatch(text) and len(text) <= _MAX_DIGITS:
+        return int(text)
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    if _SPECIAL.fullmatch(text):
+        return float(text.replace(".", "").lower())
+    return text
+
+
+class _Builder:
+    """Turns the parser's events into nodes, without recursion into the yaml library's own constructors."""
+
+    def __init__(self, text: str) -> None:
+        self._events: Iterator[yaml.Event] = yaml.parse(text, Loader=yaml.SafeLoader)
+
+    def document(self) -> Node | None:
+        """The only document, None for an empty file."""
+        root: Node | None = None
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if root is not None:
+                    raise _Refusal("expected one document only, without a second `---`", _line(event))
+                root = self._node(next(self._events), "", 0)
+        return root
+
+    def _node(self, event: yaml.Event, key: str, depth: int) -> Node:
+        line = _line(event)
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise _Refusal("anchors and aliases (& and *) are not allowed: write the value out", line, key=key)
+        if depth > MAX_DEPTH:
+            raise _Refusal(f"nested deeper than {MAX_DEPTH} levels", line, key=key)
+        if getattr(event, "tag", None) not in (None, "!"):
+            raise _Refusal("tags (!) are not allowed", line, key=key)
+        if isinstance(event, yaml.ScalarEvent):
+            return Node(resolve_scalar(event.value, event.style is None), key, line, event.value)
+        if isinstance(event, yaml.SequenceStartEvent):
+            return Node(list(self._items(key, depth)), key, line)
+        if isinstance(event, yaml.MappingStartEvent):
+            return Node(self._mapping(key, depth), key, line)
+        raise _Refusal("not understood", line, key=key)
+
+    def _items(self, key: str, depth: int) -> Iterator[Node]:
+        for index, event in enumerate(self._events):
+            if isinstance(event, yaml.SequenceEndEvent):
+                return
+            yield self._node(event, f"{key}[{index}]", depth + 1)
+
+    def _mapping(self, key: str, depth: int) -> dict[str, Node]:
+        members: dict[str, Node] = {}
+        for event in self._events:
+            if isinstance(event, yaml.MappingEndEvent):
+                break
+            if not isinstance(event, yaml.ScalarEvent):
+                raise _Refusal("expected a plain word as key", _line(event), key=key)
+            name = event.value
+            path = f"{key}.{name}" if key else name
+            if name in members:
+                raise _Refusal(
+                    f"this key stands here twice, first in line {members[name].line}", _line(event), key=path
+                )
+            members[name] = self._node(next(self._events), path, depth + 1)
+        return members
+
+
+def _line(event: yaml.Event) -> int:
+    mark = event.start_mark
+    return 1 if mark is None else int(mark.line) + 1
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's bytes; DocumentError when it cannot be read or is larger than MAX_BYTES (it is then not read)."""
+    try:
+        if not path.is_file():
+            reason = "is a folder, not a file" if path.is_dir() else "no such file"
+            raise DocumentError(str(path), [Problem("", "", reason)])
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise DocumentError(str(path), [Problem("", f"{size} bytes", f"expected at most {MAX_BYTES} bytes")])
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise DocumentError(str(path), [Problem("", "", f"cannot be read: {error.strerror}")]) from error
+    except ValueError as error:  # a name with a zero byte
+        raise DocumentError(repr(str(path)), [Problem("", "", "is not a file name")]) from error
+
+
+def parse_mapping(data: bytes, path: str) -> Node:
+    """The top mapping of a YAML file. Raises DocumentError with one problem."""
+    try:
+        root = _Builder(data.decode("utf-8")).document()
+    except UnicodeDecodeError as error:
+        raise DocumentError(path, [Problem("", f"byte {error.start}", "is not UTF-8 text")]) from None
+    except _Refusal as refusal:
+        raise DocumentError(path, [refusal.problem]) from None
+    except yaml.YAMLError as error:
+        raise DocumentError(path, [_yaml_problem(error)]) from None
+    if root is None or root.content is None:
+        raise DocumentError(path, [Problem("", "", "is empty")])
+    if not isinstance(root.content, dict):
+        raise DocumentError(path, [Problem("", root.shown(), "expected a mapping of keys to values", root.line)])
+    return root
+
+
+def _yaml_problem(error: yaml.YAMLError) -> Problem:
+    mark = getattr(error, "problem_mark", None)
+    line = None if mark is None else int(mark.line) + 1
+    what = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+    return Problem("", "", f"is not YAML: {what}", line)
