@@ -7,8 +7,8 @@
 #define CRUX_FRAME_CAPACITY 64U
 
 typedef struct crux_frame {
-  uint16_t id;    ///< 11-bit identifier
-  uint8_t length; ///< payload bytes, 0..64
+  uint16_t id;     ///< 11-bit identifier
+  uint8_t length;  ///< payload bytes, 0..64
   uint8_t data[CRUX_FRAME_CAPACITY];
 } crux_frame;
 

@@ -19,17 +19,17 @@
 #include "safety.h"
 
 typedef struct crux_gripper_inputs {
-  float opening_m; ///< pad face to gripper centre; not finite: the sensor is lost
-  float speed_m_s; ///< of the opening; as above
-  float force_N;   ///< squeeze a finger, for the status
+  float opening_m;  ///< pad face to gripper centre; not finite: the sensor is lost
+  float speed_m_s;  ///< of the opening; as above
+  float force_N;    ///< squeeze a finger, for the status
   float temperature_degC;
-  float wrench[6];   ///< fx fy fz [N] mx my mz [Nm], of the world on the gripper about its centre, gripper frame, raw
-  bool wrench_valid; ///< the F/T sensor has a sample
+  float wrench[6];    ///< fx fy fz [N] mx my mz [Nm], of the world on the gripper about its centre, gripper frame, raw
+  bool wrench_valid;  ///< the F/T sensor has a sample
   bool bus_off;
 } crux_gripper_inputs;
 
 typedef struct crux_gripper_outputs {
-  float force_N; ///< a finger, positive closes
+  float force_N;  ///< a finger, positive closes
 } crux_gripper_outputs;
 
 typedef struct crux_gripper_node {

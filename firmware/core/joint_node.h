@@ -19,11 +19,11 @@
 #include "safety.h"
 
 typedef struct crux_joint_inputs {
-  float position_rad;   ///< not finite: the encoder is lost
-  float velocity_rad_s; ///< as above
-  float torque_Nm;      ///< of the motor, for the status
+  float position_rad;    ///< not finite: the encoder is lost
+  float velocity_rad_s;  ///< as above
+  float torque_Nm;       ///< of the motor, for the status
   float temperature_degC;
-  bool bus_off; ///< the CAN controller has left the bus
+  bool bus_off;  ///< the CAN controller has left the bus
 } crux_joint_inputs;
 
 typedef struct crux_joint_outputs {
@@ -34,18 +34,18 @@ typedef struct crux_joint_node {
   crux_link link;
   crux_joint_parameters parameters;
   crux_guard guard;
-  crux_joint_command pending; ///< waits for Sync
-  crux_joint_command taken;   ///< by the last Sync
+  crux_joint_command pending;  ///< waits for Sync
+  crux_joint_command taken;    ///< by the last Sync
   float setpoint_rad;
-  float setpoint_rate_rad_s;     ///< how fast setpoint_rad really moves
-  float velocity_setpoint_rad_s; ///< of the damping term
+  float setpoint_rate_rad_s;      ///< how fast setpoint_rad really moves
+  float velocity_setpoint_rad_s;  ///< of the damping term
   float feedforward_Nm;
   float position_gain_Nm_rad;
   float velocity_gain_Nms_rad;
-  float last_position_rad; ///< last finite measurement
+  float last_position_rad;  ///< last finite measurement
   uint8_t state;
-  bool latched;  ///< stopped by itself: waits for REARM
-  bool has_seen; ///< a finite measurement
+  bool latched;   ///< stopped by itself: waits for REARM
+  bool has_seen;  ///< a finite measurement
 } crux_joint_node;
 
 /// Starts the node: `limb` 0..3, `node` 1..6. The parameters must have passed crux_joint_parameters_fault.

@@ -140,7 +140,7 @@ void crux_link_tick(crux_link *link, uint32_t dt_us, uint8_t state) {
     // The remainder is carried over: the mean rate is exact even when dt does not divide the period.
     link->heartbeat_us += CRUX_HEARTBEAT_PERIOD_US - (dt_us % CRUX_HEARTBEAT_PERIOD_US);
     const struct crux_can_joint_heartbeat_t heartbeat = {.state = state,
-                                                      .uptime_ms = (uint32_t)(link->uptime_us / 1000U)};
+                                                         .uptime_ms = (uint32_t)(link->uptime_us / 1000U)};
     crux_frame frame = {.id = (uint16_t)CRUX_CAN_ID_JOINT_HEARTBEAT(link->node),
                         .length = (uint8_t)CRUX_CAN_LENGTH_JOINT_HEARTBEAT};
     (void)crux_can_joint_heartbeat_pack(frame.data, &heartbeat, sizeof(frame.data));

@@ -28,24 +28,24 @@ typedef enum crux_sent {
 } crux_sent;
 
 typedef struct crux_node_counters {
-  uint32_t syncs;            ///< valid ones
-  uint32_t commands;         ///< valid ones
-  uint32_t rejected_crc;     ///< of Syncs and commands alike
-  uint32_t rejected_counter; ///< repeated, stale or after too long a gap
-  uint32_t rejected_invalid; ///< wrong length, unknown mode, not finite, limp
-  uint32_t timeouts;         ///< latched stops
-  uint32_t queue_overflows;  ///< frames lost because the port did not fetch them
+  uint32_t syncs;             ///< valid ones
+  uint32_t commands;          ///< valid ones
+  uint32_t rejected_crc;      ///< of Syncs and commands alike
+  uint32_t rejected_counter;  ///< repeated, stale or after too long a gap
+  uint32_t rejected_invalid;  ///< wrong length, unknown mode, not finite, limp
+  uint32_t timeouts;          ///< latched stops
+  uint32_t queue_overflows;   ///< frames lost because the port did not fetch them
 } crux_node_counters;
 
 typedef struct crux_link {
   uint64_t uptime_us;
   uint32_t parameter_hash;
-  uint32_t heartbeat_us;                        ///< until the next one
-  uint32_t emergency_wait_us[CRUX_CAUSE_COUNT]; ///< until that cause may be sent again
+  uint32_t heartbeat_us;                         ///< until the next one
+  uint32_t emergency_wait_us[CRUX_CAUSE_COUNT];  ///< until that cause may be sent again
   crux_node_counters counters;
   uint8_t kind;
-  uint8_t limb; ///< 0..3
-  uint8_t node; ///< 1..7
+  uint8_t limb;  ///< 0..3
+  uint8_t node;  ///< 1..7
   uint8_t faults;
   uint8_t sent[CRUX_SENT_KINDS];
   uint8_t queue_first;

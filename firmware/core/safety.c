@@ -107,8 +107,8 @@ uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_para
     command->mode = raw.mode;
     command->asked_position_rad = crux_can_joint_command_position_rad_decode(raw.position_rad);
     command->asked_velocity_rad_s = crux_can_joint_command_velocity_rad_s_decode(raw.velocity_rad_s);
-    command->torque_Nm = crux_clamp(crux_can_joint_command_torque_nm_decode(raw.torque_nm), -parameters->torque_limit_Nm,
-                                    parameters->torque_limit_Nm);
+    command->torque_Nm = crux_clamp(crux_can_joint_command_torque_nm_decode(raw.torque_nm),
+                                    -parameters->torque_limit_Nm, parameters->torque_limit_Nm);
     command->position_gain_Nm_rad = crux_can_joint_command_kp_nm_rad_decode(raw.kp_nm_rad);
     command->velocity_gain_Nms_rad = crux_can_joint_command_kd_nms_rad_decode(raw.kd_nms_rad);
     command->position_rad =

@@ -16,20 +16,20 @@
 typedef struct crux_receiver {
   struct crux_e2e_receiver e2e;
   uint32_t silent_us;
-  bool heard; ///< since the last tick
+  bool heard;  ///< since the last tick
 } crux_receiver;
 
 /// Acceptance and watchdog of a node. A period is good when a valid Sync took over a valid command in it.
 typedef struct crux_guard {
   crux_receiver sync;
   crux_receiver command;
-  uint32_t limit_us;  ///< silence that trips the watchdog: watchdog cycles times the bus period
-  uint32_t silent_us; ///< since the last good period, saturated at limit_us
-  uint32_t cycle;     ///< of the last valid Sync
+  uint32_t limit_us;   ///< silence that trips the watchdog: watchdog cycles times the bus period
+  uint32_t silent_us;  ///< since the last good period, saturated at limit_us
+  uint32_t cycle;      ///< of the last valid Sync
   uint8_t window;
-  bool command_waiting; ///< valid, waits for its Sync
-  bool command_fresh;   ///< taken over since the last tick
-  bool answer_due;      ///< a Sync has not been answered with a status yet
+  bool command_waiting;  ///< valid, waits for its Sync
+  bool command_fresh;    ///< taken over since the last tick
+  bool answer_due;       ///< a Sync has not been answered with a status yet
 } crux_guard;
 
 typedef struct crux_joint_command {
@@ -39,9 +39,9 @@ typedef struct crux_joint_command {
   float torque_Nm;
   float position_gain_Nm_rad;
   float velocity_gain_Nms_rad;
-  float asked_position_rad; ///< before the clamp
+  float asked_position_rad;  ///< before the clamp
   float asked_velocity_rad_s;
-  bool position_clamped; ///< by more than rounding explains
+  bool position_clamped;  ///< by more than rounding explains
   bool velocity_clamped;
 } crux_joint_command;
 

@@ -1,4 +1,4 @@
-#define _GNU_SOURCE // recvmmsg, sendmmsg
+#define _GNU_SOURCE  // recvmmsg, sendmmsg
 #include "bus.h"
 
 #include <arpa/inet.h>
@@ -56,7 +56,7 @@ static bool drop_own(int receive_fd, int send_fd) {
     return false;
   }
   struct sock_filter code[] = {
-      BPF_STMT(BPF_LD | BPF_H | BPF_ABS, 0), // source port, the first field of the UDP header
+      BPF_STMT(BPF_LD | BPF_H | BPF_ABS, 0),  // source port, the first field of the UDP header
       BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ntohs(own.sin_port), 0, 1),
       BPF_STMT(BPF_RET | BPF_K, 0),
       BPF_STMT(BPF_RET | BPF_K, UINT32_MAX),
@@ -69,7 +69,7 @@ static bool open_udp(crux_bus *bus, const char *url, char *error, size_t size) {
   struct sockaddr_in group;
   const int one = 1;
   const int buffer = RECEIVE_BUFFER_BYTES;
-  const unsigned char ttl = 0; // frames never leave the machine
+  const unsigned char ttl = 0;  // frames never leave the machine
   if (!parse_group(url, &group)) {
     return fail_url(error, size, url, "not a multicast IPv4 group and a port");
   }
@@ -149,7 +149,7 @@ static bool from_socketcan(const void *bytes, size_t length, crux_frame *frame) 
   }
   (void)memcpy(&raw, bytes, length);
   if (((raw.can_id & ~(canid_t)CAN_SFF_MASK) != 0U) || (raw.len > CRUX_FRAME_CAPACITY)) {
-    return false; // extended, remote or error frame
+    return false;  // extended, remote or error frame
   }
   frame->id = (uint16_t)raw.can_id;
   frame->length = raw.len;

@@ -12,7 +12,7 @@
 
 typedef struct crux_bus {
   bool is_udp;
-  int receive_fd; ///< to poll for input; -1: closed
+  int receive_fd;  ///< to poll for input; -1: closed
   int send_fd;
 } crux_bus;
 

@@ -1,4 +1,4 @@
-#define _POSIX_C_SOURCE 200809L // clock_gettime, poll
+#define _POSIX_C_SOURCE 200809L  // clock_gettime, poll
 #include "crux_nodes.h"
 
 #include <errno.h>
@@ -15,7 +15,7 @@
 
 #define JOINTS_PER_LIMB ((int)CRUX_CAN_JOINTS)
 #define NODES_PER_LIMB ((int)CRUX_CAN_NODES)
-#define GRIPPER ((int)CRUX_CAN_NODE_GRIPPER - 1) ///< index of the gripper among a limb's nodes
+#define GRIPPER ((int)CRUX_CAN_NODE_GRIPPER - 1)  ///< index of the gripper among a limb's nodes
 #define ROOM_TEMPERATURE_DEG_C 25.0F
 #define NO_HOST_STATE 0xFFU
 

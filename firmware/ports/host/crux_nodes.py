@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from crux_contracts.robot import Robot
 
 LIMBS = 4
 JOINTS = 24
@@ -72,6 +73,54 @@ class NodesError(Exception):
     """A bus that cannot be opened or refuses, parameters that make no sense, or a node that does not exist."""
 
 
+def joint_parameters(robot: Robot) -> list[JointParameters]:
+    """Parameters of the 24 joint nodes, limb-major, from the robot description."""
+    servo = robot.servo
+    return [
+        JointParameters(
+            position_min_rad=joint.lower,
+            position_max_rad=joint.upper,
+            velocity_limit_rad_s=joint.velocity,
+            torque_limit_Nm=joint.effort,
+            position_gain_Nm_rad=servo.position_gain_Nm_rad[index],
+            velocity_gain_Nms_rad=servo.velocity_gain_Nms_rad[index],
+            setpoint_time_constant_s=servo.setpoint_time_constant_s,
+            max_deceleration_rad_s2=servo.max_deceleration_rad_s2,
+            temperature_limit_degC=servo.temperature_limit_degC,
+            period_us=round(robot.can.dt_s * 1e6),
+            watchdog_cycles=robot.can.watchdog_cycles,
+        )
+        for limb in robot.limbs
+        for index, joint in enumerate(limb.joints)
+    ]
+
+
+def gripper_parameters(robot: Robot) -> list[GripperParameters]:
+    """Parameters of the four gripper nodes from the robot description."""
+    gripper = robot.gripper
+    return [
+        GripperParameters(
+            opening_min_m=gripper.opening_m[0],
+            opening_max_m=gripper.opening_m[1],
+            speed_limit_m_s=gripper.max_finger_speed_m_s,
+            force_limit_N=gripper.max_finger_force_N,
+            stiffness_N_m=gripper.stiffness_N_m,
+            damping_Ns_m=gripper.damping_Ns_m,
+            force_range_N=robot.force_torque.range_N,
+            moment_range_Nm=robot.force_torque.range_Nm,
+            temperature_limit_degC=gripper.temperature_limit_degC,
+            period_us=round(robot.can.dt_s * 1e6),
+            watchdog_cycles=robot.can.watchdog_cycles,
+        )
+        for _ in robot.limbs
+    ]
+
+
+def parameter_hash(robot: Robot) -> int:
+    """What the nodes give as Identity.ParameterHash: the first four bytes of the robot description's hash."""
+    return int(robot.hash[:8], 16)
+
+
 def _load(path: Path) -> ctypes.CDLL:
     library = ctypes.CDLL(str(path))
     doubles = ctypes.POINTER(ctypes.c_double)
@@ -84,10 +133,10 @@ def _load(path: Path) -> ctypes.CDLL:
         "close": (None, [handle]),
         "error": (ctypes.c_char_p, []),
         "wait_sync": (integer, [handle, integer, ctypes.POINTER(ctypes.c_uint32)]),
-        "control": (None, [handle, ctypes.c_double] + [doubles] * 7),
-        "publish": (integer, [handle] + [doubles] * 7),
+        "control": (None, [handle, ctypes.c_double, *[doubles] * 7]),
+        "publish": (integer, [handle, *[doubles] * 7]),
         "host_state": (ctypes.c_uint8, [handle]),
-        "states": (None, [handle] + [bytes_] * 4),
+        "states": (None, [handle, *[bytes_] * 4]),
         "counters": (integer, [handle, integer, integer, ctypes.POINTER(NodeCounters)]),
         "drop_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "corrupt_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
@@ -170,7 +219,7 @@ class Nodes:
         finger_speed_m_s: npt.ArrayLike,
         finger_force_N: npt.ArrayLike,
     ) -> tuple[Array, Array]:
-        """One control period; returns joint torque [Nm] (24,) and finger force [N] (4,), overwritten by the next call."""
+        """One control period; returns joint torque [Nm] (24,) and finger force [N] (4,)."""
         keep = [
             _pointer(values, count)
             for values, count in (
@@ -184,7 +233,7 @@ class Nodes:
             )
         ]
         self._library.crux_nodes_control(self._handle, dt_s, *(pointer for _, pointer in keep))
-        return self._torque, self._force
+        return self._torque.copy(), self._force.copy()
 
     def publish(
         self,

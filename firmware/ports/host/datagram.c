@@ -3,7 +3,16 @@
 #include <string.h>
 
 enum { NIL = 0xC0, FALSE = 0xC2, TRUE = 0xC3, BIN8 = 0xC4, FLOAT64 = 0xCB };
-enum { UINT8 = 0xCC, UINT16 = 0xCD, UINT32 = 0xCE, UINT64 = 0xCF, INT8 = 0xD0, INT64 = 0xD3, STR8 = 0xD9, MAP16 = 0xDE };
+enum {
+  UINT8 = 0xCC,
+  UINT16 = 0xCD,
+  UINT32 = 0xCE,
+  UINT64 = 0xCF,
+  INT8 = 0xD0,
+  INT64 = 0xD3,
+  STR8 = 0xD9,
+  MAP16 = 0xDE
+};
 
 typedef struct writer {
   uint8_t *at;
