@@ -178,4 +178,54 @@ class Reader : public Stream<Reader> {
   bool good_ = true;
 };
 
+/// Reads an LCM message from bytes that may be hostile: big-endian, unaligned, the type's fingerprint first; a string
+/// carries its length with the closing zero, a sequence has its length in a field of its own.
+class LcmReader : public Stream<LcmReader> {
+ public:
+  LcmReader(std::span<const std::uint8_t> in, std::int64_t fingerprint) : in_(in) {
+    std::int64_t found = 0;
+    bytes(&found, sizeof found, sizeof found);
+    good_ = good_ && found == fingerprint;
+  }
+  void bytes(void* to, std::size_t size, std::size_t element) {
+    if (!good_ || in_.size() < size) {
+      good_ = false;
+      return;
+    }
+    auto* out = static_cast<std::uint8_t*>(to);
+    for (std::size_t i = 0; i < size; i += element) std::reverse_copy(&in_[i], &in_[i] + element, out + i);
+    in_ = in_.subspan(size);
+  }
+  void string(std::string& text) {
+    std::int32_t n = 0;
+    bytes(&n, sizeof n, sizeof n);
+    if (!good_ || n < 1 || std::cmp_greater(n, in_.size()) || in_[static_cast<std::size_t>(n) - 1] != 0) {
+      good_ = false;
+      return;
+    }
+    text.assign(reinterpret_cast<const char*>(in_.data()), static_cast<std::size_t>(n) - 1);
+    in_ = in_.subspan(static_cast<std::size_t>(n));
+  }
+  template <class T, class Length>
+  void sequence(std::vector<T>& items, Length n) {
+    // An element takes a byte at least, and elements are read one by one: memory grows no faster than bytes are used up.
+    if (!good_ || std::cmp_less(n, 0) || std::cmp_greater(n, in_.size())) {
+      good_ = false;
+      return;
+    }
+    items.clear();
+    if constexpr (std::is_arithmetic_v<T>) {
+      items.resize(static_cast<std::size_t>(n));
+      elements(items.data(), items.size());
+    } else {
+      for (Length i = 0; i < n && good_; ++i) value(items.emplace_back());
+    }
+  }
+  [[nodiscard]] bool finish() const { return good_ && in_.empty(); }
+
+ private:
+  std::span<const std::uint8_t> in_;
+  bool good_ = true;
+};
+
 }  // namespace crux_msgs::cdr

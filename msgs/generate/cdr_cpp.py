@@ -1,4 +1,4 @@
-"""C++ encoders and decoders of every message as little-endian CDR (XCDR1, as ROS 2 writes it)."""
+"""C++ codec of every message as little-endian CDR (XCDR1, as ROS 2 writes it), and a careful decoder of LCM."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ namespace crux_msgs {{
 // cdr_size gives the number of bytes encode_cdr needs.
 // decode_cdr reads it back; false when the bytes are no little-endian CDR, too short, too long, or a length field
 // disagrees with its sequence. It allocates for strings and sequences only, never more than the bytes can hold.
+// decode_lcm reads an LCM message from bytes that may be hostile, under the same promises; lcm-gen's own decode()
+// believes every length it finds.
 {declarations}
 
 }}  // namespace crux_msgs
@@ -66,7 +68,8 @@ def header(structs: dict[str, Struct]) -> str:
     declarations = "\n".join(
         f"std::size_t encode_cdr(const {n}& message, std::span<std::uint8_t> out) noexcept;\n"
         f"std::size_t cdr_size(const {n}& message) noexcept;\n"
-        f"bool decode_cdr(std::span<const std::uint8_t> bytes, {n}& message);"
+        f"bool decode_cdr(std::span<const std::uint8_t> bytes, {n}& message);\n"
+        f"bool decode_lcm(std::span<const std::uint8_t> bytes, {n}& message);"
         for n in names
     )
     includes = "\n".join(f'#include "crux_msgs/{n}.hpp"' for n in sorted(names))
@@ -82,6 +85,8 @@ def source(structs: dict[str, Struct]) -> str:
         f"  cdr::Sizer s;\n  visit(s, message);\n  return s.finish();\n}}\n"
         f"bool decode_cdr(std::span<const std::uint8_t> bytes, {n}& message) {{\n"
         f"  cdr::Reader s(bytes);\n  visit(s, message);\n  return s.finish();\n}}\n"
+        f"bool decode_lcm(std::span<const std::uint8_t> bytes, {n}& message) {{\n"
+        f"  cdr::LcmReader s(bytes, {n}::getHash());\n  visit(s, message);\n  return s.finish();\n}}\n"
         for n in structs
     )
     return _SOURCE.format(bodies=bodies, functions=functions)
