@@ -1,0 +1,64 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "frame.hpp"
+
+namespace crux {
+
+/// A bus that cannot be opened; the message says which, why and what would be right.
+class BusError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+struct BusStatistics {
+  std::uint64_t sent = 0;
+  std::uint64_t received = 0;
+  std::uint64_t malformed = 0;     ///< datagrams or frames that could not be understood
+  std::uint64_t send_failed = 0;   ///< frames the kernel did not take
+  std::uint64_t error_frames = 0;  ///< controller and bus errors reported by the driver
+};
+
+/// One CAN bus. All calls after opening are free of allocation, exceptions and blocking.
+class Bus {
+ public:
+  Bus() = default;
+  Bus(const Bus&) = delete;
+  Bus& operator=(const Bus&) = delete;
+  virtual ~Bus() = default;
+
+  /// Hands the frames to the kernel in order; returns how many it took.
+  virtual std::size_t send(std::span<const Frame> frames) noexcept = 0;
+
+  /// Reads what has arrived, at most frames.size(); returns how many frames were written.
+  virtual std::size_t receive(std::span<Frame> frames) noexcept = 0;
+
+  /// Becomes readable when frames are waiting.
+  [[nodiscard]] virtual int descriptor() const noexcept = 0;
+
+  [[nodiscard]] const BusStatistics& statistics() const noexcept { return statistics_; }
+
+ protected:
+  BusStatistics statistics_;
+};
+
+/// Opens `socketcan:NAME` or `udp:GROUP:PORT`.
+/// @throws BusError when the name is wrong or the machine has no such bus
+std::unique_ptr<Bus> open_bus(std::string_view name);
+
+/// Four bus names on consecutive ports from `udp:GROUP:PORT`.
+/// @throws BusError when the name is not of that form or the ports end above 65535
+std::array<std::string, 4> consecutive_udp_buses(std::string_view first);
+
+/// Blocks until a bus has frames or the time is over; true when one has.
+bool wait_readable(std::span<const std::unique_ptr<Bus>> buses, std::chrono::nanoseconds timeout) noexcept;
+
+}  // namespace crux

@@ -1,0 +1,224 @@
+#include "bus/limb_bus.hpp"
+
+#include "crux_can.h"
+
+namespace crux {
+
+LimbBus::LimbBus(int limb, const RobotDescription& robot) : limb_(limb) {
+  joint_of_node_.fill(-1);
+  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+    const auto node = static_cast<std::uint8_t>(robot.can.joint_nodes[joint]);
+    node_of_joint_[joint] = node;
+    joint_of_node_.at(node) = static_cast<std::int8_t>(joint);
+    kp_[joint] = crux_can_joint_command_kp_nm_rad_encode_clipped(static_cast<float>(robot.servo.position_gain_Nm_rad[joint]));
+    kd_[joint] = crux_can_joint_command_kd_nms_rad_encode_clipped(static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]));
+  }
+}
+
+Frame& LimbBus::next(std::uint32_t id, std::uint8_t length) noexcept {
+  Frame& frame = frames_[n_frames_++];
+  frame.id = id;
+  frame.length = length;
+  return frame;
+}
+
+void LimbBus::protect(Frame& frame) noexcept {
+  crux_e2e_protect(frame.id, ++send_counters_[frame.id], frame.data.data(), frame.length);
+}
+
+void LimbBus::add_sync(std::uint32_t cycle) noexcept {
+  Frame& frame = next(CRUX_CAN_ID_SYNC, CRUX_CAN_LENGTH_SYNC);
+  crux_can_sync_t sync{};
+  sync.cycle = cycle;
+  crux_can_sync_pack(frame.data.data(), &sync, frame.length);
+  protect(frame);
+}
+
+std::span<const Frame> LimbBus::pack_wake_up() noexcept {
+  n_frames_ = 0;
+  add_sync(0);
+  return {frames_.data(), n_frames_};
+}
+
+std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& output, std::uint32_t cycle,
+                                           const HostHeartbeat* heartbeat) noexcept {
+  n_frames_ = 0;
+  if (heartbeat != nullptr) {
+    Frame& frame = next(CRUX_CAN_ID_HOST_HEARTBEAT, CRUX_CAN_LENGTH_HOST_HEARTBEAT);
+    crux_can_host_heartbeat_t message{};
+    message.host_state = heartbeat->state;
+    message.uptime_ms = heartbeat->uptime_ms;
+    crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
+    protect(frame);
+  }
+  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+    const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
+    Frame& frame = next(CRUX_CAN_ID_JOINT_COMMAND(node_of_joint_[joint]), CRUX_CAN_LENGTH_JOINT_COMMAND);
+    crux_can_joint_command_t command{};
+    command.mode = static_cast<std::uint8_t>(output.joint_mode[i]);
+    command.position_rad = static_cast<float>(output.joint_position_rad[i]);
+    command.velocity_rad_s =
+        crux_can_joint_command_velocity_rad_s_encode_clipped(static_cast<float>(output.joint_velocity_rad_s[i]));
+    command.torque_nm = crux_can_joint_command_torque_nm_encode_clipped(static_cast<float>(output.joint_torque_nm[i]));
+    command.kp_nm_rad = kp_[joint];
+    command.kd_nms_rad = kd_[joint];
+    crux_can_joint_command_pack(frame.data.data(), &command, frame.length);
+    protect(frame);
+  }
+  Frame& frame = next(CRUX_CAN_ID_GRIPPER_COMMAND, CRUX_CAN_LENGTH_GRIPPER_COMMAND);
+  crux_can_gripper_command_t command{};
+  command.mode = static_cast<std::uint8_t>(output.gripper_mode[limb_]);
+  command.opening_m = static_cast<float>(output.finger_opening_m[limb_]);
+  command.speed_limit_m_s =
+      crux_can_gripper_command_speed_limit_m_s_encode_clipped(static_cast<float>(output.finger_speed_limit_m_s[limb_]));
+  command.force_limit_n =
+      crux_can_gripper_command_force_limit_n_encode_clipped(static_cast<float>(output.finger_force_limit_n[limb_]));
+  crux_can_gripper_command_pack(frame.data.data(), &command, frame.length);
+  protect(frame);
+  add_sync(cycle);
+
+  awaited_cycle_ = static_cast<std::uint16_t>(cycle);
+  answered_ = 0;
+  return {frames_.data(), n_frames_};
+}
+
+bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept {
+  if (frame.extended || frame.remote || frame.length != meaning.length) {
+    ++statistics_.wrong_size;
+    return false;
+  }
+  switch (crux_e2e_check(frame.id, frame.data.data(), frame.length, &receivers_[frame.id])) {
+    case CRUX_E2E_OK: break;
+    case CRUX_E2E_LOST: ++statistics_.lost; break;
+    case CRUX_E2E_REPEATED: ++statistics_.repeated; return false;
+    case CRUX_E2E_CORRUPT: ++statistics_.crc_errors; return false;
+  }
+  if ((distrusted_nodes_ >> meaning.node & 1U) != 0 && meaning.kind != FrameKind::kIdentity) {
+    ++statistics_.distrusted;
+    return false;
+  }
+  return true;
+}
+
+bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
+  if (frame.id >= kStandardIds) {
+    ++statistics_.unknown;
+    return false;
+  }
+  const FrameMeaning& meaning = kFrameMeanings[frame.id];
+  if (meaning.kind == FrameKind::kFromHost) return false;
+  if (meaning.kind == FrameKind::kUnknown) {
+    ++statistics_.unknown;
+    return false;
+  }
+  if (!trusted(frame, meaning)) return false;
+  switch (meaning.kind) {
+    case FrameKind::kJointStatus: take_joint_status(frame, meaning.node); return false;
+    case FrameKind::kGripperStatus: take_gripper_status(frame); return false;
+    case FrameKind::kForceTorque: take_force_torque(frame); return false;
+    case FrameKind::kHeartbeat: ++statistics_.heartbeats; return false;
+    case FrameKind::kIdentity: ++statistics_.identities; return take_identity(frame, meaning.node, notice);
+    case FrameKind::kEmergency: {
+      ++statistics_.emergencies;
+      crux_can_joint_emergency_t emergency{};  // the gripper's has the same layout
+      crux_can_joint_emergency_unpack(&emergency, frame.data.data(), frame.length);
+      notice = {NodeNotice::Kind::kEmergency, static_cast<std::int8_t>(limb_), meaning.node, emergency.cause, emergency.detail};
+      return true;
+    }
+    case FrameKind::kUnknown:
+    case FrameKind::kFromHost: break;
+  }
+  return false;
+}
+
+bool LimbBus::accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept {
+  const std::uint32_t mask = 1U << bit;
+  if (cycle_echo != awaited_cycle_) {
+    ++statistics_.late;
+    return (answered_ & mask) == 0;  // older than wanted, yet newer than what is known
+  }
+  const bool first = (answered_ & mask) == 0;  // of several answers to a repeated Sync(0) the first one counts
+  answered_ |= mask;
+  return first;
+}
+
+void LimbBus::take_joint_status(const Frame& frame, std::uint8_t node) noexcept {
+  const std::int8_t joint = joint_of_node_[node];
+  if (joint < 0) return;
+  crux_can_joint_status_t status{};
+  crux_can_joint_status_unpack(&status, frame.data.data(), frame.length);
+  if (!accept_answer(node, status.cycle_echo)) return;
+  JointValues& values = joints_[static_cast<std::size_t>(joint)];
+  values.state = static_cast<std::int8_t>(status.state);
+  values.faults = status.faults;
+  values.position_rad = static_cast<double>(status.position_rad);
+  values.velocity_rad_s = static_cast<double>(crux_can_joint_status_velocity_rad_s_decode(status.velocity_rad_s));
+  values.torque_Nm = static_cast<double>(crux_can_joint_status_torque_nm_decode(status.torque_nm));
+}
+
+void LimbBus::take_gripper_status(const Frame& frame) noexcept {
+  crux_can_gripper_status_t status{};
+  crux_can_gripper_status_unpack(&status, frame.data.data(), frame.length);
+  if (!accept_answer(CRUX_CAN_NODE_GRIPPER, status.cycle_echo)) return;
+  gripper_.state = static_cast<std::int8_t>(status.state);
+  gripper_.faults = status.faults;
+  gripper_.opening_m = static_cast<double>(status.opening_m);
+  gripper_.speed_m_s = static_cast<double>(crux_can_gripper_status_speed_m_s_decode(status.speed_m_s));
+  gripper_.force_N = static_cast<double>(crux_can_gripper_status_force_n_decode(status.force_n));
+}
+
+void LimbBus::take_force_torque(const Frame& frame) noexcept {
+  crux_can_force_torque_t sample{};
+  crux_can_force_torque_unpack(&sample, frame.data.data(), frame.length);
+  if (!accept_answer(kForceTorqueBit, sample.cycle_echo)) return;
+  force_torque_.status = sample.status;
+  force_torque_.force_N = {static_cast<double>(crux_can_force_torque_force_x_n_decode(sample.force_x_n)),
+                           static_cast<double>(crux_can_force_torque_force_y_n_decode(sample.force_y_n)),
+                           static_cast<double>(crux_can_force_torque_force_z_n_decode(sample.force_z_n))};
+  force_torque_.moment_Nm = {static_cast<double>(crux_can_force_torque_moment_x_nm_decode(sample.moment_x_nm)),
+                             static_cast<double>(crux_can_force_torque_moment_y_nm_decode(sample.moment_y_nm)),
+                             static_cast<double>(crux_can_force_torque_moment_z_nm_decode(sample.moment_z_nm))};
+}
+
+bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept {
+  crux_can_joint_identity_t identity{};  // the gripper's has the same layout
+  crux_can_joint_identity_unpack(&identity, frame.data.data(), frame.length);
+  const bool right_protocol = identity.protocol == CRUX_CAN_PROTOCOL_VERSION;
+  const bool right_place = identity.node_id == node && identity.limb == limb_;
+  if (right_protocol && right_place) {
+    distrusted_nodes_ &= ~(1U << node);
+    return false;
+  }
+  distrusted_nodes_ |= 1U << node;
+  notice = {right_protocol ? NodeNotice::Kind::kWrongPlace : NodeNotice::Kind::kWrongProtocol, static_cast<std::int8_t>(limb_),
+            node, right_protocol ? identity.limb : identity.protocol, 0};
+  return true;
+}
+
+void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {
+  const auto fresh = [this](std::uint32_t bit) { return static_cast<std::int8_t>(answered_ >> bit & 1U); };
+  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+    const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
+    const JointValues& values = joints_[joint];
+    input.joint_fresh[i] = fresh(node_of_joint_[joint]);
+    input.joint_state[i] = values.state;
+    input.joint_faults[i] = values.faults;
+    input.joint_position_rad[i] = values.position_rad;
+    input.joint_velocity_rad_s[i] = values.velocity_rad_s;
+    input.joint_torque_nm[i] = values.torque_Nm;
+  }
+  input.gripper_fresh[limb_] = fresh(CRUX_CAN_NODE_GRIPPER);
+  input.gripper_state[limb_] = gripper_.state;
+  input.gripper_faults[limb_] = gripper_.faults;
+  input.finger_opening_m[limb_] = gripper_.opening_m;
+  input.finger_speed_m_s[limb_] = gripper_.speed_m_s;
+  input.finger_force_n[limb_] = gripper_.force_N;
+  input.ft_fresh[limb_] = fresh(kForceTorqueBit);
+  input.ft_status[limb_] = force_torque_.status;
+  for (int axis = 0; axis < 3; ++axis) {
+    input.ft_force_g_n[3 * limb_ + axis] = force_torque_.force_N[static_cast<std::size_t>(axis)];
+    input.ft_moment_g_nm[3 * limb_ + axis] = force_torque_.moment_Nm[static_cast<std::size_t>(axis)];
+  }
+}
+
+}  // namespace crux

@@ -1,0 +1,121 @@
+// What one limb's seven nodes are told and what they answer: frames with end-to-end protection on one side, a slice of
+// control_input_t and control_output_t on the other. Owns no socket and reads no clock.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "bus/frame.hpp"
+#include "bus/frame_kind.hpp"
+#include "core/robot_description.hpp"
+#include "crux_msgs/control_input_t.hpp"
+#include "crux_msgs/control_output_t.hpp"
+#include "e2e.h"
+
+namespace crux {
+
+/// Counts of received frames that were not simply good.
+struct LimbStatistics {
+  std::uint64_t crc_errors = 0;
+  std::uint64_t repeated = 0;    ///< the same E2E counter again: dropped
+  std::uint64_t lost = 0;        ///< gaps in an E2E counter; the frame after the gap is used
+  std::uint64_t late = 0;        ///< statuses that echo another cycle than the awaited one
+  std::uint64_t wrong_size = 0;  ///< payload length or frame type other than the CAN database says
+  std::uint64_t unknown = 0;     ///< identifiers outside the CAN database
+  std::uint64_t distrusted = 0;  ///< frames of a node that speaks another protocol
+  std::uint64_t heartbeats = 0;
+  std::uint64_t identities = 0;
+  std::uint64_t emergencies = 0;
+};
+
+/// Something a node said that an operator should read.
+struct NodeNotice {
+  enum class Kind : std::uint8_t { kEmergency, kWrongProtocol, kWrongPlace };
+  Kind kind = Kind::kEmergency;
+  std::int8_t limb = 0;
+  std::uint8_t node = 0;
+  std::uint8_t cause = 0;      ///< of the emergency; the protocol spoken; the limb the node believes in
+  std::uint32_t detail = 0;    ///< of the emergency
+};
+
+/// HostHeartbeat's two numbers.
+struct HostHeartbeat {
+  std::uint8_t state = 0;
+  std::uint32_t uptime_ms = 0;
+};
+
+class LimbBus {
+ public:
+  /// @param limb 0..3 in the order LF, RF, LR, RR
+  LimbBus(int limb, const RobotDescription& robot);
+
+  /// The frames of one cycle in sending order: heartbeat if given, joint commands, gripper command, Sync. From here on
+  /// the answers to `cycle` are awaited. Valid until the next pack_ call.
+  std::span<const Frame> pack_cycle(const crux_msgs::control_output_t& output, std::uint32_t cycle,
+                                    const HostHeartbeat* heartbeat) noexcept;
+
+  /// Sync(0) alone, repeated while not all nodes have answered; answers to earlier repetitions stay good.
+  std::span<const Frame> pack_wake_up() noexcept;
+
+  /// Judges and files one received frame. Returns true and fills `notice` when an operator should hear of it.
+  bool take(const Frame& frame, NodeNotice& notice) noexcept;
+
+  /// All seven nodes and the F/T sensor have answered the awaited cycle.
+  [[nodiscard]] bool complete() const noexcept { return answered_ == kAllAnswered; }
+
+  /// Writes the newest values of this limb and whether they answer the awaited cycle.
+  void fill(crux_msgs::control_input_t& input) const noexcept;
+
+  [[nodiscard]] const LimbStatistics& statistics() const noexcept { return statistics_; }
+
+ private:
+  static constexpr std::uint32_t kForceTorqueBit = 0;  // bits 1..7 are the nodes
+  static constexpr std::uint32_t kAllAnswered = 0xff;
+  static constexpr std::size_t kMaxFrames = 2 + CRUX_CAN_NODES;
+
+  Frame& next(std::uint32_t id, std::uint8_t length) noexcept;
+  void protect(Frame& frame) noexcept;
+  void add_sync(std::uint32_t cycle) noexcept;
+  bool trusted(const Frame& frame, const FrameMeaning& meaning) noexcept;
+  void take_joint_status(const Frame& frame, std::uint8_t node) noexcept;
+  void take_gripper_status(const Frame& frame) noexcept;
+  void take_force_torque(const Frame& frame) noexcept;
+  bool take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept;
+  bool accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept;
+
+  struct JointValues {
+    std::int8_t state = 0;
+    std::int16_t faults = 0;
+    double position_rad = 0.0, velocity_rad_s = 0.0, torque_Nm = 0.0;
+  };
+  struct GripperValues {
+    std::int8_t state = 0;
+    std::int16_t faults = 0;
+    double opening_m = 0.0, speed_m_s = 0.0, force_N = 0.0;
+  };
+  struct ForceTorqueValues {
+    std::int16_t status = 0;
+    std::array<double, 3> force_N{}, moment_Nm{};
+  };
+
+  int limb_;
+  std::array<std::uint8_t, CRUX_CAN_JOINTS> node_of_joint_{};
+  std::array<std::int8_t, CRUX_CAN_NODES + 1> joint_of_node_{};
+  std::array<std::uint16_t, CRUX_CAN_JOINTS> kp_{}, kd_{};
+
+  std::array<Frame, kMaxFrames> frames_{};
+  std::size_t n_frames_ = 0;
+  std::array<std::uint8_t, kStandardIds> send_counters_{};
+  std::array<crux_e2e_receiver, kStandardIds> receivers_{};
+
+  std::uint16_t awaited_cycle_ = 0;
+  std::uint32_t answered_ = 0;
+  std::uint32_t distrusted_nodes_ = 0;
+  std::array<JointValues, CRUX_CAN_JOINTS> joints_{};
+  GripperValues gripper_;
+  ForceTorqueValues force_torque_;
+  LimbStatistics statistics_;
+};
+
+}  // namespace crux
