@@ -51,6 +51,7 @@ def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     python = out / "python/crux_msgs"
     _write(python / "__init__.pyi", python_side.stub(structs))
     _write(python / "py.typed", "")
+    _write(python / "channel_names.py", python_side.channel_names_module(channels))
     _write(python / "tables.py", python_side.tables_module(structs, channels, faults))
     for struct in structs.values():
         _write(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))

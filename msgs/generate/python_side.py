@@ -65,3 +65,9 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
             listing("FAULTS", "list[tuple[int, str, str, str]]", [repr(r) for r in fault_rows], "[]"),
         ]
     )
+
+
+def channel_names_module(channels: list[Channel]) -> str:
+    """crux_msgs/channel_names.py: CRUX_PLAN = "CRUX_PLAN" and so on."""
+    names = "\n".join(f'{c.name} = "{c.name}"' for c in channels)
+    return f'"""Generated from msgs/channels.yaml by msgs/generate. Do not edit."""\n\n{names}\n'

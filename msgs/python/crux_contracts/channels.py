@@ -1,0 +1,54 @@
+"""The channel and fault tables with types. Channel names are constants here: CRUX_PLAN, CRUX_COMMAND, ..."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crux_msgs import tables
+from crux_msgs.channel_names import *  # noqa: F403
+
+EVENT_RATE = -1.0
+
+
+@dataclass(frozen=True)
+class Channel:
+    """rate_Hz on LCM: EVENT_RATE for messages sent when something happens, 0 for what is only logged."""
+
+    name: str
+    type: str
+    rate_Hz: float
+    writer: str
+    logged: bool
+    topic: str
+
+
+@dataclass(frozen=True)
+class Schema:
+    """An MCAP schema of encoding ros2msg."""
+
+    name: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """`to` is the supervisor state that follows; `text` has the words value and limit for fault_t's numbers."""
+
+    code: int
+    name: str
+    to: str
+    text: str
+
+    def describe(self, value: float, limit: float) -> str:
+        """The text with its numbers."""
+        words = self.text.replace("limit: limit", f"limit: {limit:g}")
+        return words.replace("value", f"{value:g}")
+
+
+CHANNELS = tuple(Channel(*row) for row in tables.CHANNELS)
+BY_NAME = {channel.name: channel for channel in CHANNELS}
+BY_TOPIC = {channel.topic: channel for channel in CHANNELS if channel.topic}
+SCHEMAS = {name: Schema(*row) for name, row in tables.SCHEMAS.items()}
+"""By LCM type, e.g. SCHEMAS["plan_t"]."""
+FAULTS = tuple(FaultKind(*row) for row in tables.FAULTS)
+FAULT_BY_CODE = {fault.code: fault for fault in FAULTS}

@@ -1,0 +1,162 @@
+"""How a plan is read between its knots: msgs/PLAN.md in Python.
+
+A point of plan time is an interval k and the share u in [0, 1] of it that has passed. The end of one interval and the
+beginning of the next are two points: at the end a limb about to let go is unloaded but still grips.
+Every `u` may be a number or an array; results then have u's shape in front.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_msgs import limb_knot_t, plan_t
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+from . import LIMB_NAMES
+
+Array = NDArray[np.float64]
+
+LIFT_SHARE = 0.5
+"""The fingers have opened, the gripper lifts."""
+ARRIVE_SHARE = 0.55
+"""The gripper stands at its new hold."""
+CLOSE_SHARE = 0.6
+"""The fingers close."""
+LOAD_BEGIN, LOAD_SPAN = 0.02, 0.4
+"""Blend from the last interval's wrench."""
+UNLOAD_BEGIN, UNLOAD_SPAN = 0.5, 0.45
+"""Blend towards the next interval's wrench."""
+
+
+@dataclass(frozen=True)
+class GripperReference:
+    """position_w_m (..., 3), yaw_w_rad (...), opening_m (...): pad face to gripper centre, as commanded."""
+
+    position_w_m: Array
+    yaw_w_rad: Array
+    opening_m: Array
+
+
+def smoothstep(x: ArrayLike) -> Array:
+    """s(x) = 3x^2 - 2x^3 with x clipped to [0, 1]."""
+    clipped = np.clip(np.asarray(x, dtype=float), 0.0, 1.0)
+    result: Array = clipped * clipped * (3.0 - 2.0 * clipped)
+    return result
+
+
+def load_ramp(u: ArrayLike) -> Array:
+    """0 to 1 over the interval after a touch-down."""
+    return smoothstep((np.asarray(u, dtype=float) - LOAD_BEGIN) / LOAD_SPAN)
+
+
+def unload_ramp(u: ArrayLike) -> Array:
+    """0 to 1 over the interval before a limb lets go."""
+    return smoothstep((np.asarray(u, dtype=float) - UNLOAD_BEGIN) / UNLOAD_SPAN)
+
+
+def gripper_wrench(knot: limb_knot_t) -> Array:
+    """(6,) force and moment on the robot at the gripper centre: F = f1 + f2, M = sum (p_i - c) x f_i + m_i."""
+    forces = np.asarray(knot.finger_force_w_n, dtype=float).reshape(2, 3)
+    moments = np.asarray(knot.finger_moment_w_nm, dtype=float).reshape(2, 3)
+    axis = np.array([np.cos(knot.gripper_yaw_w_rad), np.sin(knot.gripper_yaw_w_rad), 0.0])
+    arms = np.outer([0.5, -0.5], knot.finger_separation_m * axis)
+    return np.concatenate([forces.sum(axis=0), (np.cross(arms, forces) + moments).sum(axis=0)])
+
+
+class PlanReference:
+    """Everything a plan asks for at a point of its time. Raises ValueError for a plan whose swings make no sense."""
+
+    def __init__(self, plan: plan_t) -> None:
+        if len(plan.knots) < 2:
+            raise ValueError(f"a plan needs two knots at least, this one has {len(plan.knots)}")
+        self.dt_s = plan.dt_s
+        self.intervals = len(plan.knots) - 1
+        limbs = [[knot.limbs[limb] for limb in range(len(LIMB_NAMES))] for knot in plan.knots]
+        self.air = np.array([[limb.phase == limb_knot_t.AIR for limb in knot] for knot in limbs])
+        """(N+1, 4)"""
+        self._check_swings()
+        self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
+        self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
+        self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
+        self._wrench = np.array([[gripper_wrench(limb) for limb in knot] for knot in limbs])
+        self._wrench[-1] = self._wrench[-2]
+        poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
+        self._body = PchipInterpolator(np.arange(len(poses)) * plan.dt_s, poses)
+        self._body_rate = self._body.derivative()
+
+    @property
+    def end_s(self) -> float:
+        return float(self.intervals * self.dt_s)
+
+    def lets_go(self, k: int, limb: int) -> bool:
+        """Knot k is the first of a swing of this limb (k0 of PLAN.md)."""
+        return bool(0 < k <= self.intervals and self.air[k, limb] and not self.air[k - 1, limb])
+
+    def takes_hold(self, k: int, limb: int) -> bool:
+        """Knot k is the first after a swing of this limb (k1 + 1 of PLAN.md)."""
+        return bool(0 < k <= self.intervals and not self.air[k, limb] and self.air[k - 1, limb])
+
+    def at(self, time_s: float) -> tuple[int, float]:
+        """Interval and share of a plan time, clipped to the plan; a knot's time begins its interval."""
+        k = int(np.clip(np.floor(time_s / self.dt_s), 0, self.intervals - 1))
+        return k, float(np.clip(time_s / self.dt_s - k, 0.0, 1.0))
+
+    def body(self, time_s: ArrayLike) -> tuple[Array, Array]:
+        """Position (..., 3) in W and roll-pitch-yaw (..., 3)."""
+        pose = self._body(np.clip(time_s, 0.0, self.end_s))
+        return pose[..., :3], pose[..., 3:]
+
+    def body_rates(self, time_s: ArrayLike) -> tuple[Array, Array]:
+        """Time derivatives of `body`: velocity (..., 3) and rates of roll, pitch, yaw (..., 3)."""
+        rate = self._body_rate(np.clip(time_s, 0.0, self.end_s))
+        return rate[..., :3], rate[..., 3:]
+
+    def limb(self, limb: int, k: int, u: ArrayLike) -> GripperReference:
+        """Gripper pose and finger opening. Motion starts and ends smoothly where a swing does; fingers open as soon as
+        the swing begins and close from CLOSE_SHARE of its last interval."""
+        share = np.asarray(u, dtype=float)
+        here, after = self._opening_m[k, limb], self._opening_m[k + 1, limb]
+        if not self.air[k, limb]:
+            progress, opening = np.zeros_like(share), np.full_like(share, here)
+        elif self.lets_go(k, limb):
+            progress, opening = smoothstep((share - LIFT_SHARE) / (1 - LIFT_SHARE)), np.full_like(share, after)
+        elif self.takes_hold(k + 1, limb):
+            progress, opening = smoothstep(share / ARRIVE_SHARE), np.where(share > CLOSE_SHARE, after, here)
+        else:
+            progress, opening = share, here + (after - here) * share
+        start, end = self._position_w_m[k, limb], self._position_w_m[k + 1, limb]
+        yaw, yaw_end = self._yaw_w_rad[k, limb], self._yaw_w_rad[k + 1, limb]
+        return GripperReference(start + progress[..., None] * (end - start), yaw + progress * (yaw_end - yaw), opening)
+
+    def wrench(self, limb: int, k: int, u: ArrayLike) -> Array:
+        """(..., 6) planned force and moment on the robot at the gripper centre, frame W."""
+        here = self._wrench[k, limb]
+        shifted_before = k == 0 or self._anyone_lets_go(k)
+        before = here if shifted_before else self._wrench[k - 1, limb]
+        wrench: Array = before + load_ramp(u)[..., None] * (here - before)
+        if self._anyone_lets_go(k + 1):
+            wrench = wrench + unload_ramp(u)[..., None] * (self._wrench[k + 1, limb] - wrench)
+        return wrench
+
+    def load(self, limb: int, k: int, u: ArrayLike) -> Array:
+        """(...) share of its planned wrench that the limb bears: 0 in the air, 1 in full stance."""
+        share = np.asarray(u, dtype=float)
+        if self.air[k, limb]:
+            return np.zeros_like(share)
+        load = load_ramp(share) if self.takes_hold(k, limb) else np.ones_like(share)
+        return load * (1.0 - unload_ramp(share)) if self.lets_go(k + 1, limb) else load
+
+    def _anyone_lets_go(self, k: int) -> bool:
+        return any(self.lets_go(k, limb) for limb in range(len(LIMB_NAMES)))
+
+    def _check_swings(self) -> None:
+        for limb, name in enumerate(LIMB_NAMES):
+            air = self.air[:, limb]
+            for end, knot in (("first", 0), ("last", self.intervals)):
+                if air[knot]:
+                    raise ValueError(f"{name} is in the air at the {end} knot")
+            for k in range(1, self.intervals):
+                if air[k] and not air[k - 1] and not air[k + 1]:
+                    raise ValueError(f"{name} is in the air at knot {k} alone; a swing needs two knots")
