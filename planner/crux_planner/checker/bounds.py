@@ -1,0 +1,63 @@
+"""(7): the polytopes of body and gripper states, from the robot description."""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_planner.checker import tolerances
+from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.report import Findings
+
+
+def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
+    """Body height, tilt, speed and rate (component by component) at the knots; opening, yaw against the body, height
+    and mean speed of grippers over every interval.
+    """
+    times, between = plan.time_s, plan.time_s[:-1]
+    length, angle = tolerances.LENGTH_M, tolerances.ANGLE_RAD
+    low, high = robot.body.height_m
+    height = plan.body_position[:, 2]
+    findings.add_series("body_height", np.maximum(low - height, height - high), times, "m", tolerance=length)
+    tilt = np.abs(plan.body_rpy[:, :2]).max(axis=1)
+    findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad", tolerance=angle)
+    speed = np.abs(plan.body_velocity).max(axis=1)
+    findings.add_series("body_speed", speed - robot.body.max_speed_m_s, times, "m/s", tolerance=tolerances.SPEED_M_S)
+    rate = np.abs(plan.body_rate).max(axis=1)
+    findings.add_series("body_rate", rate - robot.body.max_rate_rad_s, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
+    findings.add("normal_force_bound", plan.max_normal_N - robot.gripper.max_finger_force_N, "N", tolerance=1e-9)
+
+    for limb in range(4):
+        opening = 0.5 * plan.separation[:, limb]
+        low, high = robot.gripper.opening_m
+        applies = ~plan.on_wall[:, limb]
+        findings.add_series(
+            "finger_opening",
+            np.where(applies, np.maximum(low - opening, opening - high), -np.inf),
+            times,
+            "m",
+            tolerance=length,
+            limb=limb,
+        )
+        yaw = plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2]
+        low, high = robot.grasp.gripper_yaw_rad
+        findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", tolerance=angle, limb=limb)
+        above = plan.gripper_position[:, limb, 2] - robot.grasp.max_swing_height_m
+        findings.add_series("swing_height", above, times, "m", tolerance=length, limb=limb)
+        mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
+        findings.add_series(
+            "swing_speed",
+            mean_speed - robot.grasp.approach_speed_m_s,
+            between,
+            "m/s",
+            tolerance=tolerances.SPEED_M_S,
+            limb=limb,
+        )
+        mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.dt_s
+        findings.add_series(
+            "swing_yaw_rate",
+            mean_rate - robot.grasp.yaw_rate_rad_s,
+            between,
+            "rad/s",
+            tolerance=tolerances.RATE_RAD_S,
+            limb=limb,
+        )

@@ -1,0 +1,67 @@
+"""The checker of exact P1: every constraint at every knot and between the knots, for the real robot."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_planner.checker.bounds import check_bounds
+from crux_planner.checker.clearance import check_clearance
+from crux_planner.checker.contact import check_contact
+from crux_planner.checker.dynamics import check_dynamics
+from crux_planner.checker.equilibrium import check_between_knots, tumble_margin
+from crux_planner.checker.identity import check_identity
+from crux_planner.checker.kinematics import check_kinematics
+from crux_planner.checker.limb_model import load_model
+from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
+from crux_planner.checker.plan_arrays import PlanArrays, read_plan
+from crux_planner.checker.report import CheckReport, Findings
+from crux_planner.checker.sampling import sample
+from crux_planner.checker.scene import Scene, read_scene
+from crux_planner.checker.terminal import check_ends
+
+
+def check_plan(plan: Any, robot: Robot) -> CheckReport:
+    """Check a crux_msgs.plan_t against exact P1 for a robot description, from the plan alone: the scene is read from
+    the scenario text inside it, and everything the plan copies from there is compared.
+
+    A plan whose form does not allow the checks (wrong sizes, numbers that are not finite, a scenario that cannot be
+    read) gets a report with that violation only.
+    """
+    began = time.perf_counter()
+    findings, report = Findings(), CheckReport()
+    check_identity(plan, robot, findings)
+    arrays = read_plan(plan, findings)
+    scene = read_scene(plan, arrays, findings) if arrays is not None else None
+    if arrays is not None and scene is not None:
+        _check(arrays, scene, robot, findings, report)
+    report.violations = findings.violations
+    report.worst = findings.worst()
+    report.seconds = time.perf_counter() - began
+    return report
+
+
+def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, report: CheckReport) -> None:
+    """All checks that need a plan of sound form, a robot and a scene."""
+    model, point = load_model(robot), scene.point_model
+    check_bounds(plan, robot, findings)
+    check_contact(plan, scene, robot, findings)
+    check_ends(plan, scene.ends, findings)
+    report.friction_margin_N = check_limit_surface(plan, scene.wall_friction, findings)
+    loads = finger_loads(plan, scene.wall_friction)
+    report.tumble_margin_m = tumble_margin(plan, loads, model.mass_kg)
+
+    samples = sample(plan)
+    twist_length_m = robot.control.twist_length_m
+    check_between_knots(plan, samples, loads, twist_length_m=twist_length_m, point_model=point, findings=findings)
+    continuous_Nm = np.array(robot.servo.continuous_torque_Nm)
+    motions, report.joints = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
+    start = np.stack([motion.q_rad[0] for motion in motions])
+    inertia = model.inertia_about_body_origin(start, samples.opening[0])
+    check_dynamics(plan, model.mass_kg, inertia, findings)
+    pad_radius_m = robot.gripper.pad_radius_m
+    check_clearance(
+        samples, plan.cuboids, model, motions, pad_radius_m=pad_radius_m, point_model=point, findings=findings
+    )

@@ -1,0 +1,193 @@
+"""(10): who touches what. A touching finger rests on its face and does not move; a finger in the air carries nothing; a
+hold serves one limb at a time; swings have the structure of msgs/PLAN.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_planner.checker import tolerances
+from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
+from crux_planner.checker.report import Findings
+from crux_planner.checker.scene import Scene
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Air knots first..last of a limb."""
+
+    limb: int
+    first: int
+    last: int
+
+
+def swings(plan: PlanArrays) -> list[Swing]:
+    """All maximal runs of AIR knots."""
+    found = []
+    for limb in range(4):
+        air = ~plan.stance[:, limb]
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], air, [False])).astype(np.int8)))
+        found += [Swing(limb, int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return found
+
+
+def check_contact(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings) -> None:
+    """All of (10) at the knots."""
+    _check_contact_names(plan, scene.wall_friction, scene.point_model, findings)
+    _check_faces(plan, scene.patch_radius_m, robot.grasp.pad_height_m, findings)
+    _check_rest(plan, findings)
+    _check_air(plan, findings)
+    _check_swings(plan, findings)
+    _check_sharing(plan, findings)
+
+
+def _check_contact_names(plan: PlanArrays, wall_friction: float, point_model: bool, findings: Findings) -> None:
+    """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces."""
+    for k, limb in np.argwhere(plan.stance):
+        hold, face, where = plan.hold[k, limb], plan.finger1_face[k, limb], plan.time_s[k]
+        if point_model:
+            if face != FACE_WALL or hold != -1:
+                detail = f"a point contact stands on the wall (face {FACE_WALL}, hold -1), not face {face}, hold {hold}"
+                findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
+            continue
+        if not 0 <= hold < len(plan.cuboids.names):
+            detail = f"hold {hold} does not exist, there are {len(plan.cuboids.names)}"
+            findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
+        elif not plan.cuboids.graspable[hold]:
+            detail = f"{plan.cuboids.names[hold]!r} is an obstacle, not a hold"
+            findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
+        if not 0 <= face < 4:
+            findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=f"finger 1 on face {face}, expected 0..3")
+    for k, limb in np.argwhere(~plan.stance):
+        if plan.hold[k, limb] != -1 or plan.finger1_face[k, limb] != FACE_NONE:
+            detail = f"in the air, but hold {plan.hold[k, limb]}, face {plan.finger1_face[k, limb]} (expected -1, -1)"
+            findings.add("hold", 1.0, "", limb=limb, time_s=plan.time_s[k], detail=detail)
+    if plan.cuboids.names:
+        index = np.where(plan.gripped, plan.hold, 0)
+        pair = plan.cuboids.friction[index[..., None], plan.faces].min(axis=2)
+    else:
+        pair = np.zeros(plan.hold.shape)
+    expected = np.where(plan.on_wall, wall_friction, np.where(plan.gripped, pair, 0.0))
+    for limb in range(4):
+        off = np.abs(plan.friction[:, limb] - expected[:, limb])
+        findings.add_series("friction", off, plan.time_s, "", tolerance=tolerances.MATCH_REL, limb=limb)
+
+
+def _check_faces(
+    plan: PlanArrays, patch_radius_m: float, pad_height_m: tuple[float, float], findings: Findings
+) -> None:
+    """(10a): finger positions on their faces, the whole patch on the face, pad height within the robot's range; the
+    opening axis along the face normal (9b).
+    """
+    normal, finger = plan.face_normal, plan.finger_position
+    for limb in range(4):
+        gripped = plan.gripped[:, limb]
+        if gripped.any():
+            holds = plan.hold[gripped, limb]
+            foot, size = plan.cuboids.foot_w_m[holds], plan.cuboids.size_m[holds]
+            times = plan.time_s[gripped]
+            along_y = plan.finger1_face[gripped, limb] >= 2
+            depth = np.where(along_y, size[:, 1], size[:, 0])
+            width = np.where(along_y, size[:, 0], size[:, 1])
+            for f in (0, 1):
+                n = normal[gripped, limb, f]
+                tangent = np.stack([-n[:, 1], n[:, 0]], axis=1)
+                offset = finger[gripped, limb, f] - foot
+                off_face = np.abs((n * offset).sum(axis=1) - 0.5 * depth)
+                aside = np.abs((tangent * offset[:, :2]).sum(axis=1)) - (0.5 * width - patch_radius_m)
+                z = offset[:, 2]
+                beyond = np.maximum(patch_radius_m - z, z - (size[:, 2] - patch_radius_m))
+                height = np.maximum(pad_height_m[0] - z, z - pad_height_m[1])
+                for name, values in (
+                    ("contact_face", off_face),
+                    ("contact_patch", np.maximum(aside, beyond)),
+                    ("pad_height", height),
+                ):
+                    findings.add_series(
+                        name, values, times, "m", tolerance=tolerances.LENGTH_M, limb=limb, finger=f + 1
+                    )
+            cosine = np.clip((plan.opening_axis[gripped, limb] * normal[gripped, limb, 0]).sum(axis=1), -1.0, 1.0)
+            findings.add_series(
+                "finger_axis", np.arccos(cosine), times, "rad", tolerance=tolerances.ANGLE_RAD, limb=limb
+            )
+        on_wall = plan.on_wall[:, limb]
+        if on_wall.any():
+            height = np.abs(plan.gripper_position[on_wall, limb, 2])
+            findings.add_series(
+                "contact_face", height, plan.time_s[on_wall], "m", tolerance=tolerances.LENGTH_M, limb=limb
+            )
+
+
+def _check_rest(plan: PlanArrays, findings: Findings) -> None:
+    """(10a): nothing moves from one stance knot to the next, nor up to the first air knot."""
+    finger = plan.finger_position
+    for limb in range(4):
+        resting = plan.stance[:-1, limb]
+        for f in (0, 1):
+            moved = np.abs(np.diff(finger[:, limb, f], axis=0)).max(axis=1)
+            findings.add_series(
+                "contact_motion",
+                np.where(resting, moved, -np.inf),
+                plan.time_s[1:],
+                "m",
+                tolerance=tolerances.LENGTH_M,
+                limb=limb,
+                finger=f + 1,
+            )
+        changed = plan.stance[:-1, limb] & plan.stance[1:, limb]
+        changed &= (np.diff(plan.hold[:, limb]) != 0) | (np.diff(plan.finger1_face[:, limb]) != 0)
+        for k in np.flatnonzero(changed):
+            detail = "hold or face changes without a swing"
+            findings.add("contact_motion", 1.0, "m", limb=limb, time_s=plan.time_s[k + 1], detail=detail)
+
+
+def _check_air(plan: PlanArrays, findings: Findings) -> None:
+    """(10b): no force and no moment on a finger in the air."""
+    for limb in range(4):
+        air = ~plan.stance[:, limb]
+        for f in (0, 1):
+            for name, values, tolerance, unit in (
+                ("air_force", plan.finger_force[:, limb, f], tolerances.FORCE_N, "N"),
+                ("air_moment", plan.finger_moment[:, limb, f], tolerances.MOMENT_NM, "N m"),
+            ):
+                size = np.where(air, np.linalg.norm(values, axis=1), -np.inf)
+                findings.add_series(name, size, plan.time_s, unit, tolerance=tolerance, limb=limb, finger=f + 1)
+
+
+def _check_swings(plan: PlanArrays, findings: Findings) -> None:
+    """A swing has at least two air knots and stance on both sides."""
+    for swing in swings(plan):
+        where = {"limb": swing.limb, "time_s": plan.time_s[swing.first]}
+        if swing.last == swing.first:
+            findings.add("swing_structure", 1.0, "knots", detail="a swing needs at least two air knots", **where)
+        if swing.first == 0 or swing.last == plan.n_knots - 1:
+            detail = "a plan starts and ends with every limb in stance"
+            findings.add("swing_structure", 1.0, "knots", detail=detail, **where)
+
+
+def occupancy(plan: PlanArrays) -> NDArray[np.int_]:
+    """Hold whose faces a limb's fingers are at during [k, k + 1), -1 for none, (K, 4): in stance, at the first air knot
+    (still standing in the old grasp) and at the last (closing on the new one).
+    """
+    held = np.where(plan.stance, plan.hold, -1)
+    for swing in swings(plan):
+        if swing.first > 0:
+            held[swing.first, swing.limb] = plan.hold[swing.first - 1, swing.limb]
+        if swing.last < plan.n_knots - 1 and swing.last > swing.first:
+            held[swing.last, swing.limb] = plan.hold[swing.last + 1, swing.limb]
+    return held
+
+
+def _check_sharing(plan: PlanArrays, findings: Findings) -> None:
+    """(10c) seen from the hold: at most one limb on each."""
+    held = occupancy(plan)
+    for first in range(4):
+        for second in range(first + 1, 4):
+            shared = (held[:, first] == held[:, second]) & (held[:, first] >= 0)
+            edges = np.flatnonzero(np.diff(np.concatenate(([False], shared)).astype(np.int8)) == 1)
+            for k in edges:
+                detail = f"limb {first} is on {plan.cuboids.names[held[k, first]]!r} too"
+                findings.add("hold_shared", 1.0, "limbs", limb=second, time_s=plan.time_s[k], detail=detail)

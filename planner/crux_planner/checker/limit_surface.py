@@ -1,0 +1,130 @@
+"""The contact model: limit surface with micro-spines (1)-(3), bounds of the normal force, (4) the pair's equal load.
+
+A finger's wrench lies in the Minkowski sum of the friction cone (2) and the spine box (3). The box is a product of
+intervals centred at zero and the cone's section is an ellipsoid with the same axes, so the nearest point of the box is
+found component by component: w is in the sum if and only if shrinking |fx|, |fy| and |tz| by the box (not below zero)
+leaves a point in the cone. No polytope, no tolerance of a solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import Array
+from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.report import Findings
+
+
+def cone_excess(
+    shear_N: Array,
+    twist_Nm: Array,
+    normal_N: Array,
+    *,
+    friction: Array,
+    patch_k_m: float,
+    spine_shear_N: Array,
+    spine_twist_Nm: Array,
+) -> Array:
+    """Newtons by which a wrench lies outside the cone, negative inside: sqrt(sx^2 + sy^2 + (t/k)^2) - mu fz.
+
+    shear (..., 2), the others (...). With k = 0 (a point contact) any twist beyond the spines' is outside.
+    """
+    shear = np.maximum(np.abs(shear_N) - spine_shear_N[..., None], 0.0)
+    twist = np.maximum(np.abs(twist_Nm) - spine_twist_Nm, 0.0)
+    point = patch_k_m <= 0.0
+    twist_as_force = np.where(twist > tolerances.MOMENT_NM, np.inf, 0.0) if point else twist / patch_k_m
+    demand = np.sqrt((shear * shear).sum(axis=-1) + twist_as_force * twist_as_force)
+    return np.asarray(demand - friction * np.maximum(normal_N, 0.0))
+
+
+@dataclass(frozen=True)
+class FingerLoads:
+    """Finger wrenches in their contact frames, shapes (K, 4, 2): normal force pushes the finger off its face."""
+
+    normal_N: Array
+    shear_N: Array  # (K, 4, 2, 2) along the common tangents z x n1 and z (on the wall: x and y)
+    twist_Nm: Array  # about n1, the same direction for both fingers
+    other_moment_Nm: Array
+    friction: Array
+    spine_shear_N: Array
+    spine_twist_Nm: Array
+    touching: Array  # bool
+
+
+def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
+    """Resolve the plan's finger forces and moments in the frames of the faces they touch."""
+    normal = plan.face_normal
+    common = normal[:, :, :1, :]
+    on_wall = plan.on_wall[..., None, None]
+    z = np.array([0.0, 0.0, 1.0])
+    tangent1 = np.where(on_wall, np.array([1.0, 0.0, 0.0]), np.cross(z, common))
+    tangent2 = np.where(on_wall, np.array([0.0, 1.0, 0.0]), z)
+    force, moment = plan.finger_force, plan.finger_moment
+    twist = (moment * common).sum(axis=-1)
+    touching = plan.gripped | plan.on_wall
+    index = np.where(plan.gripped, plan.hold, 0)[..., None]
+    wall = plan.on_wall[..., None]
+    if plan.cuboids.names:
+        friction = np.where(wall, wall_friction, plan.cuboids.friction[index, plan.faces])
+        spiny = np.where(wall, True, plan.cuboids.spines[index, plan.faces])
+    else:
+        friction, spiny = np.full(twist.shape, wall_friction), np.ones(twist.shape, dtype=bool)
+    return FingerLoads(
+        (force * normal).sum(axis=-1),
+        np.stack([(force * tangent1).sum(axis=-1), (force * tangent2).sum(axis=-1)], axis=-1),
+        twist,
+        np.linalg.norm(moment - twist[..., None] * common, axis=-1),
+        friction,
+        plan.spine_shear_N * spiny,
+        plan.spine_twist_Nm * spiny,
+        np.broadcast_to(touching[..., None], twist.shape),
+    )
+
+
+def check_limit_surface(plan: PlanArrays, wall_friction: float, findings: Findings) -> float | None:
+    """(1)-(4) at every knot; returns the smallest margin mu fz - demand of a touching finger [N]."""
+    loads = finger_loads(plan, wall_friction)
+    excess = cone_excess(
+        loads.shear_N,
+        loads.twist_Nm,
+        loads.normal_N,
+        friction=loads.friction,
+        patch_k_m=plan.patch_k_m,
+        spine_shear_N=loads.spine_shear_N,
+        spine_twist_Nm=loads.spine_twist_Nm,
+    )
+    touching = loads.touching
+    for limb in range(4):
+        for finger in (0, 1):
+            at = (slice(None), limb, finger)
+            normal = loads.normal_N[at]
+            for name, values, tolerance, unit in (
+                ("limit_surface", excess[at], tolerances.FORCE_N, "N"),
+                ("normal_force_min", -normal, tolerances.FORCE_N, "N"),
+                ("normal_force_max", normal - plan.max_normal_N, tolerances.FORCE_N, "N"),
+                ("contact_moment", loads.other_moment_Nm[at], tolerances.MOMENT_NM, "N m"),
+            ):
+                findings.add_series(
+                    name,
+                    np.where(touching[at], values, -np.inf),
+                    plan.time_s,
+                    unit,
+                    tolerance=tolerance,
+                    limb=limb,
+                    finger=finger + 1,
+                )
+        pair = plan.gripped[:, limb]
+        shear = np.abs(np.diff(loads.shear_N[:, limb], axis=1)[:, 0]).max(axis=-1)
+        twist = np.abs(np.diff(loads.twist_Nm[:, limb], axis=1)[:, 0])
+        for name, values, tolerance, unit in (
+            ("equal_shear", shear, tolerances.FORCE_N, "N"),
+            ("equal_twist", twist, tolerances.MOMENT_NM, "N m"),
+        ):
+            findings.add_series(
+                name, np.where(pair, values, -np.inf), plan.time_s, unit, tolerance=tolerance, limb=limb
+            )
+    if not touching.any():
+        return None
+    return float(-excess[touching].max())

@@ -1,0 +1,241 @@
+"""A plan's messages as arrays, once their form is sound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from crux_planner.checker.geometry import Array, rotation_about_z
+from crux_planner.checker.report import Findings
+from numpy.typing import NDArray
+
+STANCE, AIR = 0, 1
+FACE_NONE, FACE_WALL = -1, 4
+N_LIMBS = 4
+
+_OUTWARD = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+"""Outward normals of a cuboid's faces in its own frame: +x, -x, +y, -y, top (of the wall itself: FACE_WALL)."""
+
+
+@dataclass(frozen=True)
+class Cuboids:
+    """Holds and obstacles, shapes (H, ...); friction and spines by face: +x, -x, +y, -y, top."""
+
+    names: tuple[str, ...]
+    graspable: NDArray[np.bool_]
+    foot_w_m: Array
+    size_m: Array
+    yaw_rad: Array
+    friction: Array
+    spines: NDArray[np.bool_]
+
+    @property
+    def centre_w_m(self) -> Array:
+        """Centres (H, 3)."""
+        return self.foot_w_m + np.array([0.0, 0.0, 0.5]) * self.size_m
+
+    @property
+    def rotation(self) -> Array:
+        """Rotations W <- cuboid, shape (H, 3, 3)."""
+        return rotation_about_z(self.yaw_rad)
+
+
+@dataclass(frozen=True)
+class PlanArrays:
+    """Knots k = 0..N (K = N + 1) of the four limbs; names as in the LCM types."""
+
+    dt_s: float
+    gravity_w: Array
+    patch_k_m: float
+    max_normal_N: float
+    spine_shear_N: float
+    spine_twist_Nm: float
+    time_s: Array
+    body_position: Array
+    body_rpy: Array
+    body_velocity: Array
+    body_rate: Array
+    phase: NDArray[np.int_]
+    hold: NDArray[np.int_]
+    finger1_face: NDArray[np.int_]
+    friction: Array
+    gripper_position: Array
+    gripper_yaw: Array
+    separation: Array
+    finger_force: Array
+    finger_moment: Array
+    cuboids: Cuboids
+
+    @property
+    def n_knots(self) -> int:
+        """K."""
+        return len(self.time_s)
+
+    @property
+    def stance(self) -> NDArray[np.bool_]:
+        """(K, 4)."""
+        return np.asarray(self.phase == STANCE)
+
+    @property
+    def opening_axis(self) -> Array:
+        """e of every gripper, (K, 4, 3)."""
+        return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
+
+    @property
+    def finger_position(self) -> Array:
+        """Pad contact points of fingers 1 and 2, (K, 4, 2, 3)."""
+        half = 0.5 * self.separation[..., None] * self.opening_axis
+        return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
+
+    @property
+    def gripper_force(self) -> Array:
+        """F = f1 + f2, (K, 4, 3)."""
+        return np.asarray(self.finger_force.sum(axis=2))
+
+    @property
+    def gripper_moment(self) -> Array:
+        """M = sum (p - c) x f + m about the gripper centre, (K, 4, 3)."""
+        arm = self.finger_position - self.gripper_position[:, :, None, :]
+        return np.asarray((np.cross(arm, self.finger_force) + self.finger_moment).sum(axis=2))
+
+    @property
+    def gripped(self) -> NDArray[np.bool_]:
+        """(K, 4): in stance on a hold that exists, by faces that exist."""
+        exists = (self.hold >= 0) & (self.hold < len(self.cuboids.names))
+        return np.asarray(self.stance & exists & (self.finger1_face >= 0) & (self.finger1_face < 4))
+
+    @property
+    def on_wall(self) -> NDArray[np.bool_]:
+        """(K, 4): in stance on the wall itself (point contact)."""
+        return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
+
+    @property
+    def faces(self) -> NDArray[np.int_]:
+        """Faces under fingers 1 and 2, (K, 4, 2); +x opposite -x, +y opposite -y; wall for both; 0 where none."""
+        first = np.where(self.gripped, self.finger1_face, 0)
+        second = first ^ 1
+        wall = np.full_like(first, FACE_WALL)
+        on_wall = self.on_wall
+        return np.stack([np.where(on_wall, wall, first), np.where(on_wall, wall, second)], axis=2)
+
+    @property
+    def face_normal(self) -> Array:
+        """Outward normals under both fingers in W, (K, 4, 2, 3)."""
+        local = _OUTWARD[self.faces]
+        if not self.cuboids.names:
+            return np.asarray(local)
+        index = np.where(self.gripped, self.hold, 0)
+        turn = np.where(self.gripped[..., None, None], self.cuboids.rotation[index], np.eye(3))
+        return np.asarray(np.einsum("klij,klfj->klfi", turn, local))
+
+
+def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
+    """Arrays of a crux_msgs.plan_t, or None after reporting why its form does not allow any further check."""
+    if plan.format != plan.FORMAT:
+        findings.add(
+            "plan_format",
+            1.0,
+            "",
+            detail=f"format is {plan.format}, this checker knows {plan.FORMAT}",
+        )
+        return None
+    knots, holds = len(plan.knots), len(plan.holds)
+    if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
+        detail = f"{plan.n_knots} knots announced, {knots} there; {plan.n_holds} holds announced, {holds} there"
+        findings.add("plan_format", 1.0, "", detail=f"{detail}; at least 2 knots are needed")
+        return None
+    limbs = [limb for knot in plan.knots for limb in knot.limbs]
+    if len(limbs) != N_LIMBS * plan.n_knots:
+        findings.add("plan_format", 1.0, "", detail=f"a knot has other than {N_LIMBS} limbs")
+        return None
+
+    shape = (plan.n_knots, N_LIMBS)
+
+    def of_knots(name: str) -> Array:
+        return np.array([getattr(knot, name) for knot in plan.knots], dtype=float)
+
+    def of_limbs(name: str, *tail: int) -> Array:
+        return np.array([getattr(limb, name) for limb in limbs], dtype=float).reshape(*shape, *tail)
+
+    def of_limbs_int(name: str) -> NDArray[np.int_]:
+        return np.array([getattr(limb, name) for limb in limbs], dtype=int).reshape(shape)
+
+    def of_holds(name: str, *tail: int) -> Array:
+        return np.array([getattr(hold, name) for hold in plan.holds], dtype=float).reshape(plan.n_holds, *tail)
+
+    try:
+        cuboids = Cuboids(
+            tuple(hold.name for hold in plan.holds),
+            of_holds("graspable") != 0,
+            of_holds("position_w_m", 3),
+            of_holds("size_m", 3),
+            of_holds("yaw_rad"),
+            of_holds("friction", 5),
+            of_holds("spines", 5) != 0,
+        )
+        arrays = PlanArrays(
+            float(plan.dt_s),
+            np.array(plan.gravity_w_m_s2, dtype=float).reshape(3),
+            float(plan.patch_k_m),
+            float(plan.max_normal_n),
+            float(plan.spine_shear_n),
+            float(plan.spine_twist_nm),
+            of_knots("time_s"),
+            of_knots("body_position_w_m").reshape(-1, 3),
+            of_knots("body_rpy_rad").reshape(-1, 3),
+            of_knots("body_velocity_w_m_s").reshape(-1, 3),
+            of_knots("body_angular_velocity_b_rad_s").reshape(-1, 3),
+            of_limbs_int("phase"),
+            of_limbs_int("hold"),
+            of_limbs_int("finger1_face"),
+            of_limbs("friction"),
+            of_limbs("gripper_position_w_m", 3),
+            of_limbs("gripper_yaw_w_rad"),
+            of_limbs("finger_separation_m"),
+            of_limbs("finger_force_w_n", 2, 3),
+            of_limbs("finger_moment_w_nm", 2, 3),
+            cuboids,
+        )
+    except (TypeError, ValueError) as error:
+        findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
+        return None
+    return arrays if _sound(arrays, findings) else None
+
+
+def _sound(plan: PlanArrays, findings: Findings) -> bool:
+    """Finite numbers, a positive step, evenly spaced knots, known phases: what every other check builds on."""
+    sound = True
+    for owner in (plan, plan.cuboids):
+        for name, value in vars(owner).items():
+            if not isinstance(value, float | np.ndarray):
+                continue
+            array = np.asarray(value, dtype=float)
+            if not np.isfinite(array).all():
+                sound = False
+                bad = np.argwhere(~np.isfinite(array))[0]
+                at_knot = owner is plan and array.ndim > 0 and len(array) == plan.n_knots
+                findings.add(
+                    "finite_numbers",
+                    1.0,
+                    "",
+                    limb=int(bad[1]) if at_knot and len(bad) > 1 and array.shape[1] == N_LIMBS else None,
+                    time_s=float(bad[0] * plan.dt_s) if at_knot else None,
+                    detail=f"{name}{bad.tolist() or ''} is not a finite number",
+                )
+    if not sound:
+        return False
+    if plan.dt_s <= 0.0:
+        findings.add("time_stamps", -plan.dt_s, "s", tolerance=-1.0, detail="dt_s must be positive")
+        return False
+    clock = np.abs(plan.time_s - plan.dt_s * np.arange(plan.n_knots))
+    findings.add_series("time_stamps", clock, plan.time_s, "s", tolerance=1e-9 * plan.n_knots * max(plan.dt_s, 1.0))
+    known = np.isin(plan.phase, (STANCE, AIR))
+    for k, limb in np.argwhere(~known):
+        detail = f"phase {plan.phase[k, limb]} is neither STANCE ({STANCE}) nor AIR ({AIR})"
+        findings.add("plan_format", 1.0, "", limb=limb, time_s=plan.time_s[k], detail=detail)
+    sized = bool((plan.cuboids.size_m > 0.0).all())
+    if not sized:
+        index = int(np.argwhere((plan.cuboids.size_m <= 0.0).any(axis=1))[0, 0])
+        findings.add("plan_format", 1.0, "", detail=f"hold {plan.cuboids.names[index]!r} has no volume")
+    return sized and bool(known.all()) and clock.max() <= 0.01 * plan.dt_s

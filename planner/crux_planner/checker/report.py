@@ -1,0 +1,140 @@
+"""What the checker says about a plan: violations, the tightest value of every constraint, margins and joint loads."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from numpy.typing import NDArray
+
+UNBOUNDED = 1e9
+"""Stands for infinity, which JSON does not have."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One constraint that is not met, or (in `CheckReport.worst`) the place where it comes closest to not being met.
+
+    `amount` is how far the limit is exceeded in `unit`, negative where there is slack. `limb` and `finger` (1 or 2)
+    are None where the constraint belongs to the whole robot; `time_s` is None where it belongs to the whole plan.
+    """
+
+    constraint: str
+    limb: str | None
+    finger: int | None
+    time_s: float | None
+    amount: float
+    unit: str
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class JointLoad:
+    """Largest and root-mean-square torque and largest speed of one joint over a plan, beside its limits."""
+
+    limb: str
+    joint: str
+    peak_torque_Nm: float
+    rms_torque_Nm: float
+    effort_limit_Nm: float
+    continuous_limit_Nm: float
+    peak_speed_rad_s: float
+    speed_limit_rad_s: float
+
+
+@dataclass
+class CheckReport:
+    """Outcome of `check_plan`. `worst` has one entry a constraint, the least satisfied first."""
+
+    violations: list[Violation] = field(default_factory=list)
+    worst: list[Violation] = field(default_factory=list)
+    friction_margin_N: float | None = None
+    tumble_margin_m: float | None = None
+    joints: list[JointLoad] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """True when every constraint is met."""
+        return not self.violations
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that `crux check --json` prints."""
+        return {
+            "ok": self.ok,
+            "violations": [asdict(v) for v in self.violations],
+            "worst": [asdict(v) for v in self.worst],
+            "min_margin": {"friction": self.friction_margin_N, "tumble_m": self.tumble_margin_m},
+            "joints": [asdict(j) for j in self.joints],
+            "seconds": self.seconds,
+        }
+
+
+class Findings:
+    """Collects the residuals of all constraints; turns those above tolerance into violations."""
+
+    def __init__(self) -> None:
+        self.violations: list[Violation] = []
+        self._worst: dict[str, tuple[float, Violation]] = {}
+
+    def add(
+        self,
+        constraint: str,
+        amount: float,
+        unit: str,
+        *,
+        tolerance: float = 0.0,
+        limb: int | None = None,
+        finger: int | None = None,
+        time_s: float | None = None,
+        detail: str = "",
+    ) -> None:
+        """Record one residual; NaN counts as violated without bound (as UNBOUNDED)."""
+        value = UNBOUNDED if np.isnan(amount) else float(np.clip(amount, -UNBOUNDED, UNBOUNDED))
+        name = None if limb is None else LIMB_NAMES[limb]
+        when = None if time_s is None else float(time_s)
+        entry = Violation(constraint, name, finger, when, value, unit, detail)
+        rank = value - tolerance if tolerance == 0.0 else value / tolerance
+        if constraint not in self._worst or rank > self._worst[constraint][0]:
+            self._worst[constraint] = (rank, entry)
+        if value > tolerance:
+            self.violations.append(entry)
+
+    def add_series(
+        self,
+        constraint: str,
+        amounts: NDArray[np.float64],
+        times_s: NDArray[np.float64],
+        unit: str,
+        *,
+        tolerance: float = 0.0,
+        limb: int | None = None,
+        finger: int | None = None,
+        detail: str = "",
+    ) -> None:
+        """Record residuals over time, shapes (T,) and (T,). Every unbroken run above tolerance gives one violation, at
+        its worst moment; a series without any gives one entry for `worst`. Entries of -inf mean "does not apply".
+        """
+        values = np.where(np.isnan(amounts), np.inf, amounts)
+        if values.size == 0 or not (values > -np.inf).any():
+            return
+        above = values > tolerance
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], above, [False])).astype(np.int8)))
+        picks = [int(a + np.argmax(values[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        for i in picks or [int(np.argmax(values))]:
+            self.add(
+                constraint,
+                float(values[i]),
+                unit,
+                tolerance=tolerance,
+                limb=limb,
+                finger=finger,
+                time_s=float(times_s[i]),
+                detail=detail,
+            )
+
+    def worst(self) -> list[Violation]:
+        """One entry a constraint, the least satisfied (relative to its tolerance) first."""
+        return [entry for _, entry in sorted(self._worst.values(), key=lambda pair: -pair[0])]

@@ -1,0 +1,165 @@
+"""The plan between its knots, as msgs/PLAN.md reads it, at many moments at once.
+
+Own, vectorised reading of that page (the golden vectors of the contracts hold it equal to the player's): the checker
+looks at some thousand moments, and must not inherit a misreading from the code it checks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_planner.checker.contact import Swing, swings
+from crux_planner.checker.geometry import Array, rotation_from_rpy
+from crux_planner.checker.plan_arrays import PlanArrays
+from numpy.typing import NDArray
+
+STANCE_SAMPLES = 12
+SWING_SAMPLES = 40
+"""Moments per interval; with a limb in the air a pad moves a few millimetres from one to the next."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The reference at T moments; limbs on axis 1."""
+
+    time_s: Array
+    interval: NDArray[np.int_]
+    body_position: Array
+    body_rpy: Array
+    rotation: Array
+    gripper_position: Array
+    gripper_yaw: Array
+    opening: Array
+    force: Array
+    moment: Array
+    load: Array
+    own_hold: NDArray[np.int_]
+    """Hold between whose faces the fingers are while closed, opening or closing; -1 elsewhere."""
+
+    @property
+    def opening_axis(self) -> Array:
+        """e, (T, 4, 3)."""
+        return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
+
+
+def smooth(x: Array) -> Array:
+    """s(x) = 3x^2 - 2x^3 with x clipped to [0, 1]."""
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+def pchip(step: float, values: Array, interval: NDArray[np.int_], share: Array) -> Array:
+    """Monotone piecewise cubic through evenly spaced knots (K, D) (Fritsch & Carlson 1980; one-sided three-point ends),
+    at share (T,) of intervals (T,).
+    """
+    rise = np.diff(values, axis=0) / step
+    slope = np.zeros_like(values)
+    if len(values) == 2:
+        slope[:] = rise[0]
+    else:
+        before, after = rise[:-1], rise[1:]
+        same = before * after > 0.0
+        total = np.where(same, before + after, 1.0)
+        slope[1:-1] = np.where(same, 2.0 * before * after / total, 0.0)  # harmonic mean
+        for end, near, far in ((0, rise[0], rise[1]), (-1, rise[-1], rise[-2])):
+            value = 0.5 * (3.0 * near - far)
+            value = np.where(np.sign(value) != np.sign(near), 0.0, value)
+            limited = (np.sign(near) != np.sign(far)) & (np.abs(value) > 3.0 * np.abs(near))
+            slope[end] = np.where(limited, 3.0 * near, value)
+    u = share[:, None]
+    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
+    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    a, b = interval, interval + 1
+    return h00 * values[a] + step * h10 * slope[a] + h01 * values[b] + step * h11 * slope[b]
+
+
+def sample(plan: PlanArrays) -> Samples:
+    """Moments spread evenly over every interval, more where a limb swings, and the last knot."""
+    air = np.any(~plan.stance, axis=1)[:-1]
+    counts = np.where(air, SWING_SAMPLES, STANCE_SAMPLES)
+    interval = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
+    share = np.append(np.concatenate([np.arange(n) / n for n in counts]), 1.0)
+    return sample_at(plan, interval, share)
+
+
+def sample_at(plan: PlanArrays, interval: NDArray[np.int_], share: Array) -> Samples:
+    """The reference at `share` (T,) in [0, 1] of the intervals `interval` (T,)."""
+    k, u = interval, share
+    pose = np.concatenate([plan.body_position, plan.body_rpy], axis=1)
+    body = pchip(plan.dt_s, pose, k, u)
+    position, yaw = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy()
+    opening = 0.5 * plan.separation[k]
+    own = np.where(plan.stance[k], plan.hold[k], -1)
+    force, moment = _blend(plan, k, u)
+    load = plan.stance[k].astype(float)
+    for swing in swings(plan):
+        _swing(plan, swing, k=k, u=u, position=position, yaw=yaw, opening=opening, own=own)
+        limb = swing.limb
+        leaving, landed = k == swing.first - 1, k == swing.last + 1
+        load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)
+        load[landed, limb] *= smooth((u[landed] - 0.02) / 0.4)
+    return Samples(
+        plan.time_s[k] + u * plan.dt_s,
+        k,
+        body[:, :3],
+        body[:, 3:],
+        rotation_from_rpy(body[:, 3:]),
+        position,
+        yaw,
+        opening,
+        force,
+        moment,
+        load,
+        own,
+    )
+
+
+def _swing(
+    plan: PlanArrays,
+    swing: Swing,
+    *,
+    k: NDArray[np.int_],
+    u: Array,
+    position: Array,
+    yaw: Array,
+    opening: Array,
+    own: NDArray[np.int_],
+) -> None:
+    """Overwrite the samples of one swing."""
+    limb, first, last = swing.limb, swing.first, swing.last
+    rows = np.flatnonzero((k >= first) & (k <= last) & (k < plan.n_knots - 1))
+    kr, ur = k[rows], u[rows]
+    share = ur.copy()
+    lifting, closing = kr == first, kr == last
+    share[lifting] = smooth((ur[lifting] - 0.5) / 0.5)
+    share[closing & ~lifting] = smooth(ur[closing & ~lifting] / 0.55)
+    c, psi, half = plan.gripper_position[:, limb], plan.gripper_yaw[:, limb], 0.5 * plan.separation[:, limb]
+    position[rows, limb] = c[kr] + share[:, None] * (c[kr + 1] - c[kr])
+    yaw[rows, limb] = psi[kr] + share * (psi[kr + 1] - psi[kr])
+    gap = half[kr] + ur * (half[kr + 1] - half[kr])
+    gap = np.where(lifting, half[kr] + np.clip(ur / 0.5, 0.0, 1.0) * (half[kr + 1] - half[kr]), gap)
+    closed = half[kr] + np.clip((ur - 0.6) / 0.4, 0.0, 1.0) * (half[kr + 1] - half[kr])
+    opening[rows, limb] = np.where(closing & ~lifting, closed, gap)
+    if first > 0:
+        still = rows[lifting & (ur < 0.5)]
+        own[still, limb] = plan.hold[first - 1, limb]
+    if last < plan.n_knots - 1:
+        near = rows[closing & (ur >= 0.6)]
+        own[near, limb] = plan.hold[last + 1, limb]
+
+
+def _blend(plan: PlanArrays, k: NDArray[np.int_], u: Array) -> tuple[Array, Array]:
+    """Gripper forces and moments (T, 4, 3) by the blending rule of the wrenches."""
+    wrench = np.concatenate([plan.gripper_force, plan.gripper_moment], axis=2)
+    wrench[-1] = wrench[-2]
+    releases = np.zeros(plan.n_knots + 1, dtype=bool)
+    for swing in swings(plan):
+        releases[swing.first] = True
+    settled = releases[k] | (k == 0)
+    before = wrench[np.where(settled, k, k - 1)]
+    now, after = wrench[k], wrench[k + 1]
+    blended = before + (now - before) * smooth((u - 0.02) / 0.4)[:, None, None]
+    onward = np.where(releases[k + 1], smooth((u - 0.5) / 0.45), 0.0)[:, None, None]
+    blended = blended + (after - blended) * onward
+    return blended[..., :3], blended[..., 3:]

@@ -1,0 +1,132 @@
+"""The scenario inside the plan: what it fixes for the checks, and that the plan's own copies of it are true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import BodyPose, Hold, Scenario, ScenarioError, parse_scenario
+from crux_contracts.scenario import Grasp as ScenarioGrasp
+from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import Array
+from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.report import Findings
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A hold (index into the plan's) and its gripped faces, "x" or "y"."""
+
+    hold: int
+    faces: str
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Start and goal of the scenario; grasps and feet by limb index."""
+
+    start_position_m: Array
+    start_rpy_rad: Array
+    start_grasps: dict[int, Grasp]
+    start_feet_m: dict[int, Array]
+    goal_position_m: Array
+    goal_rpy_rad: Array
+    goal_tolerance_m: float
+    goal_tolerance_rad: float
+    goal_grasps: dict[int, Grasp]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the checks take from the scenario beside the holds."""
+
+    point_model: bool
+    wall_friction: float
+    patch_radius_m: float
+    ends: Ends
+
+
+def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | None:
+    """The scene of a crux_msgs.plan_t; None after reporting why its scenario text cannot be used. Every number that the
+    plan copies from the scenario is compared with it.
+    """
+    try:
+        scenario = parse_scenario(plan.scenario_yaml, "the scenario in the plan")
+    except ScenarioError as error:
+        findings.add("scenario", 1.0, "", detail=str(error))
+        return None
+    findings.add("scenario", 0.0, "")
+    if not _compare(plan, arrays, scenario, findings):
+        return None
+    start, goal = scenario.start, scenario.goal
+    ends = Ends(
+        *_pose(start.body),
+        _grasps(scenario, start.grasps),
+        {LIMB_NAMES.index(name): np.array(xy) for name, xy in start.feet.items()},
+        *_pose(goal.body),
+        goal.tolerance_m,
+        goal.tolerance_rad,
+        _grasps(scenario, goal.grasps),
+    )
+    contact = scenario.contact
+    return Scene(contact.model == "point", scenario.wall.friction, contact.patch_radius_m, ends)
+
+
+def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findings) -> bool:
+    """Compare all copies; False where the plan has other cuboids than the scenario, so that indices mean nothing."""
+    contact = scenario.contact
+    point = contact.model == "point"
+    pairs: list[tuple[str, Any, Any]] = [
+        ("dt_s", plan.dt_s, scenario.horizon.dt_s),
+        ("number of knots", plan.n_knots, scenario.horizon.steps + 1),
+        ("gravity", plan.gravity_w_m_s2, scenario.wall.gravity_w_m_s2),
+        ("k of the limit surface", plan.patch_k_m, 0.0 if point else contact.patch_k_m),
+        ("largest normal force", plan.max_normal_n, contact.max_normal_N),
+        ("spine shear", plan.spine_shear_n, contact.spine_shear_N),
+        ("spine twist", plan.spine_twist_nm, contact.spine_twist_Nm),
+        ("goal tolerance", plan.goal_tolerance_m, scenario.goal.tolerance_m),
+        ("goal tolerance in angle", plan.goal_tolerance_rad, scenario.goal.tolerance_rad),
+    ]
+    for what, planned, wanted in pairs:
+        _match(what, planned, wanted, findings)
+    for what, text, wanted_text in (
+        ("name", plan.scenario_name, scenario.name),
+        ("robot", plan.robot_name, scenario.robot),
+    ):
+        same = text == wanted_text
+        detail = "" if same else f"{what} is {text!r} in the plan, {wanted_text!r} in the scenario"
+        findings.add("scenario_match", float(not same), "", detail=detail)
+    names = tuple(cuboid.name for cuboid in scenario.cuboids)
+    if arrays.cuboids.names != names:
+        detail = f"holds {list(arrays.cuboids.names)} in the plan, {list(names)} in the scenario"
+        findings.add("scenario_match", 1.0, "", detail=detail)
+        return False
+    for index, cuboid in enumerate(scenario.cuboids):
+        copy, label = arrays.cuboids, f"hold {cuboid.name!r}"
+        graspable = isinstance(cuboid, Hold)
+        _match(f"{label}: graspable", float(copy.graspable[index]), float(graspable), findings)
+        _match(f"{label}: position", copy.foot_w_m[index], (*cuboid.position_m, 0.0), findings)
+        _match(f"{label}: size", copy.size_m[index], cuboid.size_m, findings)
+        _match(f"{label}: yaw", copy.yaw_rad[index], cuboid.yaw_rad, findings)
+        if isinstance(cuboid, Hold):
+            _match(f"{label}: friction", copy.friction[index], cuboid.friction, findings)
+            _match(f"{label}: spines", copy.spines[index].astype(float), np.array(cuboid.spines, float), findings)
+    return True
+
+
+def _match(what: str, planned: Any, wanted: Any, findings: Findings) -> None:
+    a, b = np.asarray(planned, dtype=float), np.asarray(wanted, dtype=float)
+    off = float(np.abs(a - b).max()) if a.shape == b.shape else 1.0
+    tolerance = tolerances.MATCH_REL * max(1.0, float(np.abs(b).max()))
+    detail = f"{what} is {a.tolist()} in the plan, {b.tolist()} in the scenario" if off > tolerance else ""
+    findings.add("scenario_match", off, "", tolerance=tolerance, detail=detail)
+
+
+def _pose(body: BodyPose) -> tuple[Array, Array]:
+    return np.array(body.position_m), np.array(body.rpy_rad)
+
+
+def _grasps(scenario: Scenario, grasps: dict[str, ScenarioGrasp]) -> dict[int, Grasp]:
+    return {LIMB_NAMES.index(limb): Grasp(scenario.hold_index(g.hold), g.faces) for limb, g in grasps.items()}

@@ -1,0 +1,48 @@
+"""Start and goal: where the scenario wants the robot at the first and at the last knot, and which holds it grips."""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import Array, rotation_from_rpy, rotation_vector
+from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.report import Findings
+from crux_planner.checker.scene import Ends, Grasp
+
+
+def check_ends(plan: PlanArrays, ends: Ends, findings: Findings) -> None:
+    """The start is met exactly, at rest; the goal within its tolerances (distance and angle of the one rotation)."""
+    first, last = plan.time_s[0], plan.time_s[-1]
+    off = float(np.linalg.norm(plan.body_position[0] - ends.start_position_m))
+    findings.add("start_position", off, "m", tolerance=tolerances.LENGTH_M, time_s=first)
+    turned = _angle(plan.body_rpy[0], ends.start_rpy_rad)
+    findings.add("start_orientation", turned, "rad", tolerance=tolerances.ANGLE_RAD, time_s=first)
+    moving = float(np.abs(np.concatenate([plan.body_velocity[0], plan.body_rate[0]])).max())
+    findings.add("start_at_rest", moving, "m/s or rad/s", tolerance=tolerances.SPEED_M_S, time_s=first)
+    for limb, xy in ends.start_feet_m.items():
+        away = float(np.linalg.norm(plan.gripper_position[0, limb, :2] - xy))
+        findings.add("start_grasp", away, "m", tolerance=tolerances.LENGTH_M, limb=limb, time_s=first)
+    _check_grasps("start_grasp", plan, 0, ends.start_grasps, findings)
+
+    off = float(np.linalg.norm(plan.body_position[-1] - ends.goal_position_m))
+    findings.add("goal_position", off - ends.goal_tolerance_m, "m", tolerance=tolerances.LENGTH_M, time_s=last)
+    turned = _angle(plan.body_rpy[-1], ends.goal_rpy_rad)
+    findings.add(
+        "goal_orientation", turned - ends.goal_tolerance_rad, "rad", tolerance=tolerances.ANGLE_RAD, time_s=last
+    )
+    _check_grasps("goal_grasp", plan, -1, ends.goal_grasps, findings)
+
+
+def _check_grasps(name: str, plan: PlanArrays, knot: int, grasps: dict[int, Grasp], findings: Findings) -> None:
+    for limb, grasp in grasps.items():
+        hold, face = int(plan.hold[knot, limb]), int(plan.finger1_face[knot, limb])
+        faces = {0: "x", 1: "x", 2: "y", 3: "y"}.get(face)
+        met = plan.gripped[knot, limb] and hold == grasp.hold and grasp.faces == faces
+        wanted = f"{plan.cuboids.names[grasp.hold]!r} by faces {grasp.faces}"
+        detail = "" if met else f"{LIMB_NAMES[limb]} should grip {wanted}, not hold {hold} by face {face}"
+        findings.add(name, 0.0 if met else 1.0, "", limb=limb, time_s=float(plan.time_s[knot]), detail=detail)
+
+
+def _angle(rpy: Array, other: Array) -> float:
+    return float(np.linalg.norm(rotation_vector(rotation_from_rpy(rpy).T @ rotation_from_rpy(other))))
