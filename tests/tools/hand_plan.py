@@ -6,13 +6,15 @@ import hashlib
 from dataclasses import dataclass, field
 
 import numpy as np
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
 from numpy.typing import NDArray
 
-from crux_tools.paths import ROBOTS_DIR
-
 ROBOT = "scaler"
 MASS_KG = 9.6
+SPINE_N, SPINE_NM = 5.0, 0.05
 NOMINAL_M = np.array([[0.14, 0.36], [0.14, -0.36], [-0.14, 0.36], [-0.14, -0.36]])
 HALF_HOLD_M = 0.03
 PAD_HEIGHT_M = 0.035
@@ -27,7 +29,7 @@ Floats = NDArray[np.float64]
 class Wall:
     """Holds of a hand-written plan; `xy_m` and `yaw_rad` have one row a hold."""
 
-    xy_m: Floats = field(default_factory=lambda: NOMINAL_M.copy())
+    xy_m: Floats = field(default_factory=NOMINAL_M.copy)
     yaw_rad: Floats = field(default_factory=lambda: np.zeros(4))
     slope_deg: float = 45.0
     friction: tuple[float, ...] = (2.2,) * 5
@@ -104,32 +106,53 @@ def _knot(wall: Wall, time_s: float, body_m: Floats, limbs: list[_Limb]) -> plan
     return knot
 
 
-def _robot_sha256() -> str:
-    from crux_contracts.robot import robot_hash
-
-    return str(robot_hash(ROBOTS_DIR / ROBOT))
+def _scenario(wall: Wall, knots: list[plan_knot_t]) -> str:
+    """The scenario such a plan could have come from."""
+    faces = ("+x", "-x", "+y", "-y", "top")
+    return yaml.safe_dump(
+        {
+            "version": 1,
+            "name": "by-hand",
+            "robot": ROBOT,
+            "wall": {"slope_deg": wall.slope_deg, "friction": 0.6},
+            "contact": {"model": "patch", "spine_shear_N": SPINE_N, "spine_twist_Nm": SPINE_NM},
+            "holds": [
+                {
+                    "name": f"h{index}",
+                    "position_m": xy.tolist(),
+                    "size_m": [2 * HALF_HOLD_M] * 3,
+                    "yaw_deg": float(np.degrees(yaw)),
+                    "friction": dict(zip(faces, wall.friction, strict=True)),
+                    "spines": dict(zip(faces, map(bool, wall.spines), strict=True)),
+                }
+                for index, (xy, yaw) in enumerate(zip(wall.xy_m, wall.yaw_rad, strict=True))
+            ],
+            "start": {
+                "body": {"position_m": list(knots[0].body_position_w_m)},
+                "grasps": {name: {"hold": f"h{i}", "faces": "x"} for i, name in enumerate(LIMB_NAMES)},
+            },
+            "goal": {"body": {"position_m": list(knots[-1].body_position_w_m)}},
+            "horizon": {"steps": len(knots) - 1, "dt_s": DT_S},
+        }
+    )
 
 
 def finish(wall: Wall, knots: list[plan_knot_t]) -> plan_t:
-    """A plan_t around the knots, with the scenario it could have come from and its own hash."""
-    goal = knots[-1].body_position_w_m
+    """A plan_t around the knots, with a scenario and its own hash."""
     plan = plan_t()
     plan.format = plan_t.FORMAT
     plan.scenario_name = "by-hand"
-    plan.scenario_yaml = (
-        f"wall: {{slope_deg: {wall.slope_deg}, friction: 0.6}}\n"
-        f"goal: {{body: {{position_m: [{goal[0]}, {goal[1]}, {goal[2]}], rpy_deg: [0, 0, 0]}}}}\n"
-    )
+    plan.scenario_yaml = _scenario(wall, knots)
     plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
     plan.robot_name = ROBOT
-    plan.robot_sha256 = _robot_sha256()
+    plan.robot_sha256 = load_robot(ROBOT).hash
     plan.method = "by hand"
     plan.dt_s = DT_S
     plan.gravity_w_m_s2 = wall.gravity.tolist()
     plan.patch_k_m = 2 / 3 * 0.02
     plan.max_normal_n = 60.0
-    plan.spine_shear_n = 5.0 if any(wall.spines) else 0.0
-    plan.spine_twist_nm = 0.05 if any(wall.spines) else 0.0
+    plan.spine_shear_n = SPINE_N
+    plan.spine_twist_nm = SPINE_NM
     plan.goal_tolerance_m = 0.01
     plan.goal_tolerance_rad = float(np.radians(3))
     plan.holds = [_hold(wall, i) for i in range(len(wall.xy_m))]
@@ -153,7 +176,7 @@ def climbing_plan(
     advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (0, 1, 2, 3)
 ) -> plan_t:
     """The limbs move up one after the other, the body a share of the way before each."""
-    xy = np.vstack([NOMINAL_M, NOMINAL_M + [advance_m, 0.0]])
+    xy = np.vstack([NOMINAL_M, NOMINAL_M + np.array([advance_m, 0.0])])
     wall = Wall(xy_m=xy, yaw_rad=np.array([0.1, -0.05, 0.0, 0.08, -0.1, 0.05, 0.1, 0.0]), slope_deg=slope_deg)
     limbs = [_Limb(i, grasp_position(wall, i), float(wall.yaw_rad[i])) for i in range(4)]
     body = np.array([0.0, 0.0, BODY_HEIGHT_M])
@@ -165,7 +188,7 @@ def climbing_plan(
 
     add(2)
     for moving in limbs_to_move:
-        body = body + [advance_m / (len(limbs_to_move) + 1), 0.0, 0.0]
+        body = body + np.array([advance_m / (len(limbs_to_move) + 1), 0.0, 0.0])
         add(3)
         limb = limbs[moving]
         limb.air = True

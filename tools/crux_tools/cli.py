@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
@@ -86,15 +85,9 @@ def _origin(error: BaseException) -> str:
 
 def _user_errors() -> tuple[type[BaseException], ...]:
     """Error types of the other rooms that mean wrong input; only those already imported can have been raised."""
-    names = ("crux_contracts.errors", "crux_tools.telemetry.reader")
-    found: list[type[BaseException]] = [UsageError]
-    for name in names:
-        module: Any = sys.modules.get(name)
-        for attribute in ("ContractError", "LogError"):
-            kind = getattr(module, attribute, None)
-            if isinstance(kind, type):
-                found.append(kind)
-    return tuple(found)
+    names = {"crux_contracts.yaml_document": "DocumentError", "crux_tools.telemetry.reader": "LogError"}
+    kinds = [getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules]
+    return (UsageError, *kinds)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

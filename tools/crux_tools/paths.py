@@ -7,17 +7,7 @@ from pathlib import Path
 from crux_tools.errors import UsageError
 
 ROOT = Path(__file__).resolve().parents[2]
-ROBOTS_DIR = ROOT / "msgs" / "robots"
 BUILD_DIR = ROOT / "build" / "cmake"
-
-
-def robot_dir(name: str) -> Path:
-    """Folder of a robot description; raises UsageError when there is none of that name."""
-    folder = ROBOTS_DIR / name
-    if not (folder / "robot.yaml").is_file():
-        known = ", ".join(sorted(path.parent.name for path in ROBOTS_DIR.glob("*/robot.yaml")))
-        raise UsageError(f"there is no robot '{name}' under {ROBOTS_DIR}; known: {known}")
-    return folder
 
 
 def built(relative: str) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from crux_contracts.robot import load_robot
 from crux_msgs import command_t, plan_t
 
 from crux_tools.bench.firmware_nodes import FirmwareNodes
@@ -22,13 +23,12 @@ from crux_tools.bench.runtime_process import RuntimeProcess
 from crux_tools.errors import WorkFailed
 from crux_tools.faults import fault_text
 from crux_tools.operator_link import OperatorLink
-from crux_tools.paths import robot_dir
 from crux_tools.telemetry import read_log
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
 EXTRA_TIME_SHARE = 1.0  # of the plan's duration
-SOCKETCAN_BASE = "socketcan:can0"  # limb i is on can<i>
+SOCKETCAN = [f"socketcan:can{bus}" for bus in range(4)]
 
 
 @dataclass(frozen=True)
@@ -110,19 +110,19 @@ def climb(
     plan: plan_t, log: Path, options: ClimbOptions, progress: Callable[[float], None] = lambda _time_s: None
 ) -> ClimbResult:
     """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises WorkFailed when it cannot begin."""
-    folder = robot_dir(plan.robot_name)
-    robot = build_model(folder, plan)
-    plant = Plant(robot, plan, options.seed)
+    robot = load_robot(plan.robot_name)
+    model = build_model(robot, plan)
+    plant = Plant(model, plan, options.seed)
     recorder = Recorder(plant)
     with ExitStack() as stack:
         ports = stack.enter_context(run_ports())
-        bus_base = ports.bus_base if options.bus == "udp" else SOCKETCAN_BASE
-        runtime = stack.enter_context(RuntimeProcess(folder, bus_base, PACES[options.pace], ports.lcm_url, log))
+        buses = ports.bus_urls() if options.bus == "udp" else SOCKETCAN
+        runtime = stack.enter_context(RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log))
         with OperatorLink(ports.lcm_url) as link:
             runtime.await_answer(link)
             link.upload(plan)
             link.send(command_t.START, plan.plan_id, START_CYCLE)
-        nodes = stack.enter_context(FirmwareNodes(bus_base, robot.robot, robot.model))
+        nodes = stack.enter_context(FirmwareNodes(buses, robot))
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s))

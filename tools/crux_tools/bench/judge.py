@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
 from crux_tools.bench.recorder import Truth
@@ -50,8 +51,8 @@ class Verdict:
 
 def goal_pose(plan: Any) -> tuple[Floats, Floats]:
     """Goal position (3,) and rotation (3, 3) of the body in W, from the scenario the plan carries."""
-    body = yaml.safe_load(plan.scenario_yaml)["goal"]["body"]
-    return np.array(body["position_m"], dtype=float), rotation_from_rpy(np.radians(body["rpy_deg"]))
+    body = parse_scenario(plan.scenario_yaml).goal.body
+    return np.array(body.position_m), rotation_from_rpy(body.rpy_rad)
 
 
 def rotations_from_quaternions(quaternion: Floats) -> Floats:
@@ -114,7 +115,7 @@ def longest_run(flags: Bools) -> int:
 def contact_forces_w(truth: Truth, plan: Any, hand_mass_kg: Floats) -> Floats:
     """Forces of the holds on the grippers, frame W, (n, 4, 3): the hand's weight taken off."""
     force_w = np.einsum("nlij,nlj->nli", truth.gripper_rotation, truth.hand_wrench_g[:, :, :3])
-    return force_w - hand_mass_kg[None, :, None] * np.array(plan.gravity_w_m_s2)
+    return np.asarray(force_w - hand_mass_kg[None, :, None] * np.array(plan.gravity_w_m_s2))
 
 
 def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
@@ -146,11 +147,11 @@ def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
         at = float(state["time_s"][run][np.argmax(body_error > FALL_M)])
         reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its reference at {at:.1f} s")
     without = (truth.pad_face.reshape(-1, 4, 2) < 0).any(axis=2) & stance
-    for limb, name in enumerate(robot.robot["limbs"]):
+    for limb, name in enumerate(LIMB_NAMES):
         if longest_run(without[:, limb]) * period_s > LOST_HOLD_S:
             at = float(state["time_s"][np.argmax(without[:, limb])])
             reasons.append(f"limb {name} lost its hold in stance at {at:.1f} s")
-    travels = pad_travel(truth, robot.face_hold, robot.robot["control"]["contact_force_N"])
+    travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N)
     goal_position, goal_rotation = goal_pose(plan)
     goal_error_m = float(np.linalg.norm(truth.body_position_m[-1] - goal_position))
     goal_error_rad = angle_between(goal_rotation, rotations_from_quaternions(truth.body_quaternion[-1:])[0])

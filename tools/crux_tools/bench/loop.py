@@ -21,7 +21,7 @@ from crux_tools.bench.recorder import Recorder
 START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something
 START_GRACE_CYCLES = 100
-SYNC_TIMEOUT_MS = 200
+SYNC_TIMEOUT_S = 0.2
 FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
 STAYED_M = 0.02  # of the body in that time
 REPORT_CYCLES = 250
@@ -36,8 +36,8 @@ Floats = NDArray[np.float64]
 class Nodes(Protocol):
     """The firmware's 28 nodes on their buses; see firmware_nodes.FirmwareNodes."""
 
-    def wait_sync(self, timeout_ms: int) -> int | None:
-        """Cycle of the next Sync, None after `timeout_ms`."""
+    def wait_sync(self, timeout_s: float) -> int | None:
+        """Cycle of the next Sync, None after `timeout_s`."""
 
     def control(self, plant: Plant) -> tuple[Floats, Floats]:
         """One control period of every node: joint torques (24,), finger forces (4,)."""
@@ -104,7 +104,7 @@ class Loop:
         missed = 0
         began_s = time.monotonic()
         while True:
-            cycle = self.nodes.wait_sync(SYNC_TIMEOUT_MS)
+            cycle = self.nodes.wait_sync(SYNC_TIMEOUT_S)
             if cycle is None:
                 if not self.runtime_alive():
                     wall_s = time.monotonic() - began_s

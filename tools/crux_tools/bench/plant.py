@@ -42,11 +42,11 @@ class Plant:
         self.model = robot.model
         self.data = mujoco.MjData(robot.model)
         self._random = np.random.default_rng(seed)
-        servo, ft = robot.robot["servo"], robot.robot["force_torque"]
+        servo, ft = robot.robot.servo, robot.robot.force_torque
         self.dt_s = float(self.model.opt.timestep)
-        self._torque_share = 1 - np.exp(-self.dt_s / servo["torque_time_constant_s"])
-        self._ft_noise = np.tile(np.repeat([ft["noise_N"], ft["noise_Nm"]], 3), 4)
-        self._ft_bias = self._random.normal(size=24) * np.tile(np.repeat([ft["bias_N"], ft["bias_Nm"]], 3), 4)
+        self._torque_share = 1 - np.exp(-self.dt_s / servo.torque_time_constant_s)
+        self._ft_noise = np.tile(np.repeat([ft.noise_N, ft.noise_Nm], 3), 4)
+        self._ft_bias = self._random.normal(size=24) * np.tile(np.repeat([ft.bias_N, ft.bias_Nm], 3), 4)
         self.cycle = 0
         self.joint_position_rad = np.zeros(24)
         self.joint_velocity_rad_s = np.zeros(24)
@@ -88,7 +88,7 @@ class Plant:
     def limbs_on_holds(self) -> NDArray[np.bool_]:
         """(4,) whether both pads of a limb touch a hold, as of the last look at the contacts."""
         on_hold = (self.pad_face >= 0) & (self.robot.face_hold[self.pad_face] >= 0)
-        return on_hold.reshape(4, 2).all(axis=1)
+        return np.asarray(on_hold.reshape(4, 2).all(axis=1))
 
     def _carry(self) -> None:
         start, end = HAND_LETS_GO_S

@@ -25,10 +25,9 @@ class RunPorts:
 
     base: int
 
-    @property
-    def bus_base(self) -> str:
-        """Bus URL of the first limb; limb i adds i to the port."""
-        return f"udp:{BUS_GROUP}:{self.base}"
+    def bus_urls(self) -> list[str]:
+        """Of LF, RF, LR, RR."""
+        return [f"udp:{BUS_GROUP}:{self.base + limb}" for limb in range(BUSES)]
 
     @property
     def lcm_url(self) -> str:

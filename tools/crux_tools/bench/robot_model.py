@@ -12,12 +12,11 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-import yaml
+from crux_contracts.robot import Limb, Robot
 from numpy.typing import NDArray
 
 from crux_tools.bench.wall import Face, add_wall
@@ -28,7 +27,9 @@ CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 COUPLING_SOLREF = (0.005, 1.0)
 COUPLING_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 LINK_FRICTION = (0.5, 0.005, 0.0001)  # of anything but a pad touching anything
+PAD_RGBA = (0.9, 0.2, 0.2, 1.0)
 MIN_CAPSULE_M = 1e-4
+MAX_SPINE_CONTROL = 1e3  # 1/mu of the smoothest face that spines still grip
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,7 +40,7 @@ class RobotModel:
     """A compiled model with the addresses the plant needs; limbs in the order LF, RF, LR, RR, joints limb-major."""
 
     model: mujoco.MjModel
-    robot: dict[str, Any]
+    robot: Robot
     faces: list[Face]
     body: int
     joint_qpos: Ints  # (24,)
@@ -59,31 +60,26 @@ class RobotModel:
     adhesion_of_face: Floats  # (nfaces,) control of the adhesion actuator that a pad on this face gets
 
 
-def load_robot_yaml(robot_dir: Path) -> dict[str, Any]:
-    """robot.yaml of a robot description as nested dicts."""
-    robot = yaml.safe_load((robot_dir / "robot.yaml").read_text(encoding="utf-8"))
-    assert isinstance(robot, dict)
-    return robot
+def _sensor_site(limb: Limb) -> str:
+    return f"{limb.gripper_link}_ft"
 
 
-def limb_joint_names(robot: dict[str, Any]) -> list[list[str]]:
-    """URDF joint names, (4, 6), shoulder outwards."""
-    return [[f"{limb['prefix']}_{joint}" for joint in robot["limb"]["joints"]] for limb in robot["limbs"].values()]
+def _pad(finger_joint: str) -> str:
+    return f"{finger_joint}_pad"
 
 
-def _limb_names(robot: dict[str, Any], what: str) -> list[str]:
-    return [f"{limb['prefix']}_{what}" for limb in robot["limbs"].values()]
+def _spines(finger_joint: str) -> str:
+    return f"{finger_joint}_spines"
 
 
-def _finger_names(robot: dict[str, Any]) -> list[list[str]]:
-    return [
-        [f"{limb['prefix']}_{joint}" for joint in robot["limb"]["finger_joints"]] for limb in robot["limbs"].values()
-    ]
+def finger_joints(robot: Robot) -> list[str]:
+    """(8,) finger 1 and 2 of LF, RF, LR, RR: the order of the pads."""
+    return [joint for limb in robot.limbs for joint in limb.finger_joints]
 
 
-def urdf_spec(robot_dir: Path, robot: dict[str, Any]) -> mujoco.MjSpec:
+def urdf_spec(robot: Robot) -> mujoco.MjSpec:
     """The URDF as an editable MuJoCo model that keeps its pictures (visual geoms) and its fixed joints."""
-    tree = ET.parse(robot_dir / robot["urdf"]).getroot()
+    tree = ET.parse(robot.urdf_path).getroot()
     extension = ET.SubElement(tree, "mujoco")
     ET.SubElement(extension, "compiler", discardvisual="false", fusestatic="false")
     return mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
@@ -100,41 +96,53 @@ def _use_visuals_as_collision_shapes(spec: mujoco.MjSpec) -> None:
         geom.mass = 0
 
 
-def _add_grippers(spec: mujoco.MjSpec, robot: dict[str, Any]) -> None:
-    gripper = robot["gripper"]
-    pad_radius_m = gripper["pad_radius_m"]
-    for site, frame in zip(_limb_names(robot, "ft"), _limb_names(robot, robot["limb"]["gripper_frame"]), strict=True):
-        spec.body(frame).add_site(name=site)
+def _add_grippers(spec: mujoco.MjSpec, robot: Robot) -> None:
+    gripper = robot.gripper
+    for limb in robot.limbs:
+        spec.body(limb.gripper_link).add_site(name=_sensor_site(limb))
         for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
-            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
-    for first, second in _finger_names(robot):
-        for name in (first, second):
+            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=_sensor_site(limb))
+        for name in limb.finger_joints:
             joint = spec.joint(name)
-            joint.armature = gripper["moving_mass_kg"]
-            joint.damping = [gripper["screw_damping_Ns_m"], 0, 0]
+            joint.armature = gripper.moving_mass_kg
+            joint.damping = [gripper.screw_damping_Ns_m, 0, 0]
             joint.parent.add_geom(
-                name=f"{name}_pad", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[pad_radius_m, 0, 0], mass=0,
-                pos=np.array(joint.axis) * pad_radius_m, contype=0, conaffinity=0, rgba=[0.9, 0.2, 0.2, 1],
+                name=_pad(name), type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[gripper.pad_radius_m, 0, 0], mass=0,
+                pos=np.array(joint.axis) * gripper.pad_radius_m, contype=0, conaffinity=0, rgba=PAD_RGBA,
             )  # fmt: skip
             spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
+        first, second = limb.finger_joints
         coupling = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=first, name2=second)
         coupling.objtype = mujoco.mjtObj.mjOBJ_JOINT
         coupling.data[:5] = [0, 1, 0, 0, 0]
         coupling.solref, coupling.solimp = COUPLING_SOLREF, COUPLING_SOLIMP
 
 
-def _add_servos(spec: mujoco.MjSpec, robot: dict[str, Any]) -> None:
-    servo = robot["servo"]
-    for limb in limb_joint_names(robot):
-        for index, name in enumerate(limb):
+def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
+    servo = robot.servo
+    for limb in robot.limbs:
+        for index, name in enumerate(limb.joint_names):
             joint = spec.joint(name)
-            joint.armature = servo["armature_kg_m2"][index]
-            joint.damping = [servo["damping_Nms_rad"][index], 0, 0]
-            joint.frictionloss = servo["friction_Nm"][index]
+            joint.armature = servo.armature_kg_m2[index]
+            joint.damping = [servo.damping_Nms_rad[index], 0, 0]
+            joint.frictionloss = servo.friction_Nm[index]
             spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
 
 
-def _add_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch_k_m: float) -> None:
+def set_solver_options(spec: mujoco.MjSpec) -> None:
+    """What keeps a loaded pad where it is: Euler, pyramidal cones or impratio 1 creep by centimetres a minute."""
+    option = spec.option
+    option.timestep = TIMESTEP_S
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 100
+    option.noslip_iterations = 5
+    option.iterations = 50
+
+
+def add_pad_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch_k_m: float) -> None:
+    """Lets every pad geom touch every face by the limit surface (2)."""
     for pad in pads:
         for face in faces:
             mu = face.friction
@@ -144,71 +152,63 @@ def _add_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch
             )  # fmt: skip
 
 
-def build_model(
-    robot_dir: Path, plan: Any, scenery: Callable[[mujoco.MjSpec], None] = lambda _spec: None
-) -> RobotModel:
+def add_spines(spec: mujoco.MjSpec, name: str, body: str, shear_n: float) -> None:
+    """Micro-spines of a finger: an adhesion whose control is 1/mu of the face it is on."""
+    spine = spec.add_actuator(name=name, target=body)
+    spine.set_to_adhesion(shear_n)
+    spine.trntype = mujoco.mjtTrn.mjTRN_BODY
+    spine.ctrlrange = [0, MAX_SPINE_CONTROL]
+
+
+def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None] = lambda _spec: None) -> RobotModel:
     """Robot, wall, holds and gravity of `plan` (a plan_t) as a compiled MuJoCo model.
 
     `scenery` may add what only pictures need (sky, lights, cameras) before the model is compiled.
     """
-    robot = load_robot_yaml(robot_dir)
-    spec = urdf_spec(robot_dir, robot)
-    spec.modelname = robot["name"]
-    option = spec.option
-    option.timestep = TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 100
-    option.noslip_iterations = 5
-    option.iterations = 50
-    option.gravity = plan.gravity_w_m_s2
+    spec = urdf_spec(robot)
+    spec.modelname = robot.name
+    set_solver_options(spec)
+    spec.option.gravity = plan.gravity_w_m_s2
     _use_visuals_as_collision_shapes(spec)
-    spec.body(robot["body_link"]).add_freejoint(name="root")
+    spec.body(robot.body_link).add_freejoint(name="root")
     _add_servos(spec, robot)
     _add_grippers(spec, robot)
     faces = add_wall(spec, plan)
-    fingers = _finger_names(robot)
-    pads = [f"{name}_pad" for pair in fingers for name in pair]
-    _add_contacts(spec, pads, faces, plan.patch_k_m)
+    fingers = finger_joints(robot)
+    add_pad_contacts(spec, [_pad(name) for name in fingers], faces, plan.patch_k_m)
     if plan.spine_shear_n > 0:
-        for pair in fingers:
-            for name in pair:
-                spine = spec.add_actuator(name=f"{name}_spines", target=spec.joint(name).parent.name)
-                spine.set_to_adhesion(plan.spine_shear_n)
-                spine.trntype = mujoco.mjtTrn.mjTRN_BODY
-                spine.ctrlrange = [0, 1e3]
+        for name in fingers:
+            add_spines(spec, _spines(name), spec.joint(name).parent.name, plan.spine_shear_n)
     scenery(spec)
     return _with_addresses(spec.compile(), robot, faces)
 
 
-def _with_addresses(model: mujoco.MjModel, robot: dict[str, Any], faces: list[Face]) -> RobotModel:
-    joints = [name for limb in limb_joint_names(robot) for name in limb]
-    fingers = _finger_names(robot)
-    pads = [f"{name}_pad" for pair in fingers for name in pair]
-    sites = np.array([model.site(name).id for name in _limb_names(robot, "ft")])
+def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face]) -> RobotModel:
+    joints = [name for limb in robot.limbs for name in limb.joint_names]
+    fingers = finger_joints(robot)
+    sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
     ft_sensors = [
         model.sensor_adr[i] + np.arange(3) for site in sites for i in np.flatnonzero(model.sensor_objid == site)
     ]
+    pad_geoms = np.array([model.geom(_pad(name)).id for name in fingers])
     pad_of_geom = np.full(model.ngeom, -1)
+    pad_of_geom[pad_geoms] = np.arange(len(fingers))
     face_of_geom = np.full(model.ngeom, -1)
-    pad_geoms = np.array([model.geom(name).id for name in pads])
-    pad_of_geom[pad_geoms] = np.arange(len(pads))
     face_of_geom[[model.geom(face.geom).id for face in faces]] = np.arange(len(faces))
-    has_spines = model.nu > len(joints) + 2 * len(fingers)
+    has_spines = model.nu > len(joints) + len(fingers)
     return RobotModel(
         model=model,
         robot=robot,
         faces=faces,
-        body=model.body(robot["body_link"]).id,
+        body=model.body(robot.body_link).id,
         joint_qpos=np.array([model.joint(name).qposadr[0] for name in joints]),
         joint_dof=np.array([model.joint(name).dofadr[0] for name in joints]),
-        finger_qpos=np.array([[model.joint(name).qposadr[0] for name in pair] for pair in fingers]),
-        finger_dof=np.array([[model.joint(name).dofadr[0] for name in pair] for pair in fingers]),
+        finger_qpos=np.array([model.joint(name).qposadr[0] for name in fingers]).reshape(4, 2),
+        finger_dof=np.array([model.joint(name).dofadr[0] for name in fingers]).reshape(4, 2),
         joint_actuators=np.array([model.actuator(name).id for name in joints]),
-        finger_actuators=np.array([[model.actuator(name).id for name in pair] for pair in fingers]),
+        finger_actuators=np.array([model.actuator(name).id for name in fingers]).reshape(4, 2),
         spine_actuators=np.array(
-            [model.actuator(f"{name}_spines").id for pair in fingers for name in pair] if has_spines else [], dtype=int
+            [model.actuator(_spines(name)).id for name in fingers] if has_spines else [], dtype=np.int64
         ),
         gripper_sites=sites,
         gripper_bodies=model.site_bodyid[sites].copy(),

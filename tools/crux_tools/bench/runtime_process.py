@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t
 
 from crux_tools.errors import WorkFailed
@@ -24,10 +25,11 @@ STDERR_SHOWN = 400  # characters of a dead runtime's last words
 class RuntimeProcess:
     """Starts crux-runtime; leaving the context ends it."""
 
-    def __init__(self, robot_dir: Path, bus_base: str, pace: str, lcm_url: str, log: Path) -> None:
+    def __init__(self, robot_dir: Path, bus_urls: list[str], pace: str, lcm_url: str, log: Path) -> None:
         self._arguments = [
             str(built(BINARY)),
-            *("--robot", str(robot_dir), "--bus-base", bus_base, "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
+            *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
+            *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__
 

@@ -109,7 +109,7 @@ def take_start_pose(robot: RobotModel, data: mujoco.MjData, plan: Any) -> None:
     pose = RobotPose.of_knot(plan.knots[0])
     for limb in take_pose(robot, data, pose):
         raise StartPoseError(
-            f"limb {list(robot.robot['limbs'])[limb]} cannot take its start grasp at "
+            f"limb {robot.robot.limbs[limb].name} cannot take its start grasp at "
             f"{np.round(pose.gripper_position_m[limb], 3).tolist()} m, yaw {pose.gripper_yaw_rad[limb]:.3f} rad, "
             "within its joint limits: the plan does not fit this robot"
         )

@@ -11,12 +11,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import yaml
+from crux_contracts.scenario import FACE_NAMES, parse_scenario
 from numpy.typing import NDArray
 
 SIDE_SLAB_M = 0.010
 TOP_SLAB_M = 0.005
-FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 HOLD_RGBA = (0.55, 0.50, 0.45, 1.0)
 SLIPPERY_RGBA = (0.45, 0.60, 0.70, 1.0)
 OBSTACLE_RGBA = (0.45, 0.45, 0.48, 1.0)
@@ -37,7 +36,7 @@ class Face:
 
 def wall_friction(plan: Any) -> float:
     """Friction coefficient of the wall's own surface, from the scenario the plan carries."""
-    return float(yaml.safe_load(plan.scenario_yaml)["wall"]["friction"])
+    return parse_scenario(plan.scenario_yaml).wall.friction
 
 
 def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
@@ -58,14 +57,15 @@ def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], 
 def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     """Adds the wall plane, the holds and the obstacles to `spec`; returns every touchable face."""
     world = spec.worldbody
+    friction = wall_friction(plan)
     centres = np.array([hold.position_w_m[:2] for hold in plan.holds])
     middle = (centres.max(axis=0) + centres.min(axis=0)) / 2
     extent = (centres.max(axis=0) - centres.min(axis=0)) / 2 + WALL_MARGIN_M
     world.add_geom(
         name="wall", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=[*middle, 0], size=[*extent, 0.1], rgba=WALL_RGBA,
-        contype=0, conaffinity=1, friction=[wall_friction(plan), 0.005, 0.0001],
+        contype=0, conaffinity=1, friction=[friction, 0.005, 0.0001],
     )  # fmt: skip
-    faces = [Face(-1, "wall", wall_friction(plan), False)]
+    faces = [Face(-1, "wall", friction, False)]
     for index, hold in enumerate(plan.holds):
         size_m = np.array(hold.size_m)
         half_yaw = hold.yaw_rad / 2

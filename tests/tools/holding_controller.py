@@ -1,0 +1,47 @@
+"""A controller for tests only: joints hold their pose by PD with the feed-forward of statics, fingers squeeze."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from crux_tools.bench.plant import Plant
+from numpy.typing import NDArray
+
+RAMP_S = 0.2
+
+
+class HoldingController:
+    """Knows the model; each limb carries itself and, with `carries_body`, a quarter of the whole weight."""
+
+    def __init__(self, plant: Plant, squeeze_n: float = 20.0, *, carries_body: bool = True) -> None:
+        self.plant = plant
+        self.carries_body = carries_body
+        self.squeeze_n = squeeze_n
+        servo = plant.robot.robot.servo
+        self.stiffness = np.tile(servo.position_gain_Nm_rad, 4)
+        self.damping = np.tile(servo.velocity_gain_Nms_rad, 4)
+        self.wanted_rad = plant.joint_position_rad.copy()
+        self._jacobian = np.zeros((6, plant.model.nv))
+
+    def _feed_forward(self) -> NDArray[np.float64]:
+        plant, robot = self.plant, self.plant.robot
+        torque = plant.data.qfrc_bias[robot.joint_dof].copy()
+        if not self.carries_body:
+            return torque
+        share = -plant.model.body_subtreemass[robot.body] * plant.model.opt.gravity / 4
+        for limb in range(4):
+            mujoco.mj_jacSite(
+                plant.model, plant.data, self._jacobian[:3], self._jacobian[3:], robot.gripper_sites[limb]
+            )
+            dofs = robot.joint_dof[6 * limb : 6 * limb + 6]
+            torque[6 * limb : 6 * limb + 6] -= self._jacobian[:3, dofs].T @ share
+        return torque
+
+    def run(self, seconds: float) -> None:
+        """Steps the plant."""
+        plant = self.plant
+        for _ in range(round(seconds / plant.dt_s)):
+            squeeze = self.squeeze_n * min(1.0, plant.time_s / RAMP_S)
+            torque = self.stiffness * (self.wanted_rad - plant.joint_position_rad)
+            torque += self._feed_forward() - self.damping * plant.joint_velocity_rad_s
+            plant.step(torque, np.full(4, squeeze))
