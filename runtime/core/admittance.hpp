@@ -1,0 +1,42 @@
+// Admittance of one gripper: a virtual mass, damper and spring that yields to the wrench error,
+//   M·v̇ + D·v + K·x = e,   I·ω̇ + D_r·ω + K_r·φ = e_m,
+// with damping as a parameter of its own, so that pure force tracking (K = 0) stays damped. Semi-implicit Euler.
+#pragma once
+
+#include "core/geometry.hpp"
+#include "core/robot_description.hpp"
+
+namespace crux {
+
+class Admittance {
+ public:
+  explicit Admittance(const AdmittanceParameters& parameters) : parameters_(parameters) {}
+
+  /// From the next step on. Offset and speed go on from where they are: no bump.
+  void set_parameters(const AdmittanceParameters& parameters) noexcept { parameters_ = parameters; }
+
+  /// Yields to `error_W` (measured minus wanted, on the robot) for one period. `may_grow` false keeps the offset from
+  /// growing further, when the limb cannot follow it any more.
+  void step(const Wrench& error_W, double dt_s, bool may_grow = true) noexcept;
+
+  /// Lets the offset fade with a time constant, in the air.
+  void fade(double time_constant_s, double dt_s) noexcept;
+
+  /// Starts again from a given offset, at rest.
+  void reset(const Vector3& offset_m, const Vector3& rotation_rad) noexcept;
+
+  /// Moves the offset without changing its speed: re-basing at contact.
+  void shift(const Vector3& by_m) noexcept { offset_m_ += by_m; }
+
+  const Vector3& offset_m() const { return offset_m_; }
+  const Vector3& rotation_rad() const { return rotation_rad_; }
+
+ private:
+  AdmittanceParameters parameters_;
+  Vector3 offset_m_ = Vector3::Zero();
+  Vector3 speed_m_s_ = Vector3::Zero();
+  Vector3 rotation_rad_ = Vector3::Zero();
+  Vector3 rate_rad_s_ = Vector3::Zero();
+};
+
+}  // namespace crux

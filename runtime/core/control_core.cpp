@@ -1,0 +1,225 @@
+#include "core/control_core.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/gravity.hpp"
+#include "core/internal_wrench.hpp"
+#include "core/node_protocol.hpp"
+#include "core/wrench_distribution.hpp"
+
+namespace crux {
+namespace {
+
+// A limb with this share of its load counts as standing.
+constexpr double kStandingLoad = 0.9;
+// Cycles in which latched nodes are told to re-arm: frames may be lost.
+constexpr int kRearmCycles = 50;
+
+Vector3 finger_axis(const LimbReference& limb) {
+  return {std::cos(limb.gripper_yaw_W_rad), std::sin(limb.gripper_yaw_W_rad), 0.0};
+}
+
+}  // namespace
+
+ControlCore::ControlCore(const RobotDescription& robot)
+    : robot_(robot),
+      limbs_{LimbController(robot, 0), LimbController(robot, 1), LimbController(robot, 2), LimbController(robot, 3)},
+      correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
+                  robot.control.max_body_rotation_rad),
+      faults_(robot) {}
+
+std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
+  Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan);
+  if (!prepared) return prepared.reason();
+  if (!exchange_plan(prepared.value())) return "the robot is climbing; hold it before loading another plan";
+  return {};
+}
+
+bool ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
+  if (supervisor_.state() == SupervisorState::kClimbing) return false;
+  plan_.swap(plan);
+  supervisor_.plan_exchanged();
+  clock_.reset();
+  started_ = false;
+  engaged_ = false;
+  reference_ = {};
+  if (plan_) {
+    reference_ = play(*plan_, clock_.now());
+    body_.reset(reference_.body_W);
+  }
+  return true;
+}
+
+void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept {
+  sense(in);
+  supervise(in);
+  if (engaged_) {
+    if (supervisor_.state() == SupervisorState::kClimbing) advance_clock(reference_, in.dt_s);
+    reference_ = play(*plan_, clock_.now());
+    control(in, reference_);
+  } else {
+    for (LimbController& limb : limbs_) limb.stand_by();
+    wrenches_W_.fill(Wrench());
+  }
+  write(in, out);
+}
+
+void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
+  faults_.observe(in);
+  PerLimb<Vector3> anchors_W_m, grippers_B_m;
+  PerLimb<double> weights;
+  for (int l = 0; l < kLimbs; ++l) {
+    limbs_[l].sense(in);
+    anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
+    grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
+    weights[l] = reference_.limbs[l].load;
+  }
+  if (!plan_) return;
+  body_.update(anchors_W_m, grippers_B_m, weights);
+  PerLimb<LimbState> states;
+  for (int l = 0; l < kLimbs; ++l) states[l] = limbs_[l].state();
+  com_W_m_ = body_.body_W() * centre_of_mass(robot_, states);
+  const double dt_s = in.dt_s > 0.0 && std::isfinite(in.dt_s) ? in.dt_s : 0.0;
+  for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, dt_s);
+}
+
+bool ControlCore::stands_at_start(const PlanReference& start) noexcept {
+  const SupervisorParameters& p = robot_.supervisor;
+  if ((body_.body_W().position_m - start.body_W.position_m).norm() > robot_.control.max_body_correction_m) return false;
+  for (int l = 0; l < kLimbs; ++l) {
+    double distance_m = 0.0, angle_rad = 0.0;
+    limbs_[l].pose_error(start.limbs[l], body_.body_W(), distance_m, angle_rad);
+    if (!(distance_m <= p.start_tolerance_m) || !(angle_rad <= p.start_tolerance_rad)) return false;
+  }
+  return true;
+}
+
+void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
+  if (rearm_cycles_ > 0) --rearm_cycles_;
+  const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
+  FaultEvent fault = faults_.node_fault(in, engaged_);
+  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
+  const bool at_start = plan_ && supervisor_.state() == SupervisorState::kIdle && stands_at_start(reference_);
+  supervisor_.update({.command = in.operator_command,
+                      .plan_loaded = plan_ != nullptr,
+                      .may_take_over = well && at_start,
+                      .plan_started = started_,
+                      .plan_complete = plan_ && clock_.complete(*plan_),
+                      .rearming = rearm_cycles_ > 0,
+                      .fault = fault,
+                      .not_ready_reason = well ? "the robot does not stand at the plan's start"
+                                               : "not all nodes and sensors answer and are well"});
+  if (supervisor_.rearm_requested()) {
+    rearm_cycles_ = kRearmCycles;
+    engaged_ = false;
+  }
+  if (!supervisor_.controls()) {
+    engaged_ = false;
+  } else if (!engaged_ && well) {
+    engage(reference_);
+  }
+  if (in.operator_command == crux_msgs::command_t::RESUME) clock_.forget_wait();
+  if (supervisor_.state() != SupervisorState::kClimbing) settling_time_s_ = 0.0;
+}
+
+void ControlCore::engage(const PlanReference& reference) noexcept {
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].engage(reference.limbs[l], body_.body_W());
+  correction_.reset(body_.body_W(), reference.body_W);
+  engaged_ = true;
+  engaged_time_s_ = 0.0;
+}
+
+void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noexcept {
+  PerLimb<LimbEvents> events;
+  for (int l = 0; l < kLimbs; ++l) events[l] = limbs_[l].events(reference.limbs[l], body_.body_W(), dt_s);
+  if (!started_) {
+    settling_limb_ = -1;
+    for (int l = 0; l < kLimbs && settling_limb_ < 0; ++l) {
+      if (reference.limbs[l].gripping() && !events[l].gripped) settling_limb_ = l;
+    }
+    started_ = settling_limb_ < 0 && engaged_time_s_ >= robot_.supervisor.settle_time_s;
+    if (engaged_time_s_ >= robot_.supervisor.settle_time_s) settling_time_s_ += dt_s;
+  }
+  if (started_) clock_.advance(*plan_, events, dt_s);
+}
+
+PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noexcept {
+  PerLimb<Bearer> bearers;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), limb.load, limb.wrench_W};
+  }
+  return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
+                           robot_.control.twist_length_m);
+}
+
+PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, double engagement) const noexcept {
+  PerLimb<Wrench> errors;
+  PerLimb<Vector3> positions_W_m;
+  PerLimb<double> loads;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    positions_W_m[l] = limbs_[l].anchor_W_m(limb);
+    loads[l] = limb.load;
+    if (limb.gripping() || limb.closing()) errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
+  }
+  return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
+}
+
+void ControlCore::control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept {
+  const double dt_s = in.dt_s;
+  engaged_time_s_ += dt_s;
+  const double engagement = smoothstep(engaged_time_s_ / robot_.control.engage_time_s);
+
+  wrenches_W_ = balanced(reference);
+  const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), dt_s);
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].follow_contact(reference.limbs[l], body_.body_W(), body_command_W);
+  if (faults_.force_torque_well(in)) {
+    const PerLimb<Wrench> errors = wrench_errors(reference, engagement);
+    for (int l = 0; l < kLimbs; ++l) limbs_[l].comply(reference.limbs[l], errors[l], body_.body_W().rotation, dt_s);
+  }
+  press_holds(reference, dt_s);
+  for (int l = 0; l < kLimbs; ++l) {
+    limbs_[l].drive(reference.limbs[l], wrenches_W_[l], plan_->gravity_W_m_s2, body_.body_W(), engagement, dt_s);
+  }
+}
+
+double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
+  const double max_normal_N = std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N);
+  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N};
+  return required_grasp_force_N(wrench_W, finger_axis(reference), contact, robot_.control);
+}
+
+void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {
+  // The grasp leads the load: it is strong enough for what comes within the lead time as well.
+  const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
+  const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& now = reference.limbs[l];
+    double force_N = 0.0;
+    if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
+    if (ahead.limbs[l].gripping()) {
+      force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
+    }
+    limbs_[l].grasp(now, force_N, dt_s);
+  }
+}
+
+LoopErrors ControlCore::loop_errors() const noexcept {
+  LoopErrors errors;
+  errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
+  for (int l = 0; l < kLimbs; ++l) {
+    errors.tracking_error_rad[l] = limbs_[l].tracking_error_rad(errors.worst_joint[l]);
+    errors.ik_error_m[l] = limbs_[l].ik_error_m();
+    errors.finger_force_N[l] = limbs_[l].finger_force_N();
+    errors.must_grip[l] = started_ && reference_.limbs[l].load > kStandingLoad;
+  }
+  if (supervisor_.state() == SupervisorState::kClimbing) {
+    errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;
+    errors.waiting_limb = started_ ? clock_.waiting_limb() : settling_limb_;
+  }
+  return errors;
+}
+
+}  // namespace crux

@@ -1,0 +1,89 @@
+// The control core: inputs of one cycle in, outputs of one cycle out. Pure: no clock, no socket, no global; step() does
+// not allocate, lock, throw or do I/O. The same object code runs on the robot, in the HIL bench and under replay.
+#pragma once
+
+#include <crux_msgs/control_input_t.hpp>
+#include <crux_msgs/control_output_t.hpp>
+#include <crux_msgs/fault_t.hpp>
+#include <crux_msgs/limb_reference_t.hpp>
+#include <crux_msgs/limb_telemetry_t.hpp>
+#include <crux_msgs/plan_t.hpp>
+#include <crux_msgs/robot_state_t.hpp>
+#include <memory>
+
+#include "core/body_estimator.hpp"
+#include "core/fault_monitor.hpp"
+#include "core/limb_controller.hpp"
+#include "core/plan_clock.hpp"
+#include "core/prepared_plan.hpp"
+#include "core/supervisor.hpp"
+
+namespace crux {
+
+/// Everything one cycle gives.
+struct CycleResult {
+  crux_msgs::control_output_t output{};
+  crux_msgs::robot_state_t state{};
+  crux_msgs::limb_reference_t reference[kLimbs]{};
+  crux_msgs::limb_telemetry_t telemetry[kLimbs]{};
+  bool has_fault = false;  ///< `fault` was raised in this very cycle
+  crux_msgs::fault_t fault{};
+  CommandVerdict command_verdict = CommandVerdict::kNone;  ///< on control_input_t.operator_command
+  const char* command_refusal = "";                        ///< one sentence, static text
+};
+
+class ControlCore {
+ public:
+  explicit ControlCore(const RobotDescription& robot);
+  ControlCore(const ControlCore&) = delete;
+  ControlCore& operator=(const ControlCore&) = delete;
+
+  /// Validates, prepares and takes over a plan. Not for the real-time thread. Empty when done, else the reason.
+  std::string load_plan(const crux_msgs::plan_t& plan);
+
+  /// Takes over a plan prepared elsewhere (prepare_plan); `plan` becomes the one there was before, to be freed outside
+  /// the real-time thread. False, and nothing changes, while climbing.
+  bool exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
+
+  /// One control cycle.
+  void step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept;
+
+  SupervisorState state() const { return supervisor_.state(); }
+
+ private:
+  void sense(const crux_msgs::control_input_t& in) noexcept;
+  void supervise(const crux_msgs::control_input_t& in) noexcept;
+  bool stands_at_start(const PlanReference& start) noexcept;
+  void engage(const PlanReference& reference) noexcept;
+  void advance_clock(const PlanReference& reference, double dt_s) noexcept;
+  void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
+  PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
+  double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
+  void press_holds(const PlanReference& reference, double dt_s) noexcept;
+  LoopErrors loop_errors() const noexcept;
+  PerLimb<Wrench> balanced(const PlanReference& reference) const noexcept;
+  void write(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
+  void write_reference(CycleResult& out) const noexcept;
+  void write_modes(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
+
+  RobotDescription robot_;
+  std::unique_ptr<const PreparedPlan> plan_;
+  PerLimb<LimbController> limbs_;
+  BodyEstimator body_;
+  BodyCorrection correction_;
+  FaultMonitor faults_;
+  Supervisor supervisor_;
+  PlanClock clock_;
+
+  PlanReference reference_;     ///< of this cycle
+  PerLimb<Wrench> wrenches_W_;  ///< that the limbs are to bear, of this cycle
+  Vector3 com_W_m_ = Vector3::Zero();
+  bool engaged_ = false;  ///< control has taken over from the nodes' own hold
+  double engaged_time_s_ = 0.0;
+  bool started_ = false;          ///< the plan's clock has left zero
+  double settling_time_s_ = 0.0;  ///< in CLIMBING before that
+  int settling_limb_ = -1;
+  int rearm_cycles_ = 0;  ///< left in which latched nodes are told to re-arm
+};
+
+}  // namespace crux

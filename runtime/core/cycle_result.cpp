@@ -1,0 +1,96 @@
+// Filling in what one cycle gives.
+#include <algorithm>
+#include <cmath>
+
+#include "core/control_core.hpp"
+#include "core/node_protocol.hpp"
+
+namespace crux {
+namespace {
+
+void copy(const Vector3& from, double* to) { std::copy(from.data(), from.data() + 3, to); }
+
+void copy_rotation(const Matrix3& from, double* to) {
+  const std::array<double, 4> quaternion = quaternion_wxyz(from);
+  std::copy(quaternion.begin(), quaternion.end(), to);
+}
+
+bool latched_node(int state, int faults) {
+  return (faults & kFaultCommandTimeout) != 0 || state == static_cast<int>(NodeState::kFault);
+}
+
+}  // namespace
+
+void ControlCore::write_modes(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept {
+  const NodeMode mode = engaged_ ? NodeMode::kTrack : NodeMode::kHold;
+  for (const LimbController& limb : limbs_) limb.write(mode, mode, out.output);
+  if (rearm_cycles_ == 0) return;
+  for (int j = 0; j < kAllJoints; ++j) {
+    if (latched_node(in.joint_state[j], in.joint_faults[j])) {
+      out.output.joint_mode[j] = static_cast<std::int8_t>(NodeMode::kRearm);
+    }
+  }
+  for (int l = 0; l < kLimbs; ++l) {
+    if (latched_node(in.gripper_state[l], in.gripper_faults[l])) {
+      out.output.gripper_mode[l] = static_cast<std::int8_t>(NodeMode::kRearm);
+    }
+  }
+}
+
+void ControlCore::write_reference(CycleResult& out) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& from = reference_.limbs[l];
+    crux_msgs::limb_reference_t& to = out.reference[l];
+    to.limb = static_cast<std::int8_t>(l);
+    to.phase = static_cast<std::int8_t>(from.phase);
+    to.load = from.load;
+    copy(from.gripper_position_W_m, to.gripper_position_w_m);
+    to.gripper_yaw_w_rad = from.gripper_yaw_W_rad;
+    to.finger_opening_m = from.finger_opening_m;
+    copy(from.wrench_W.force_N, to.force_w_n);
+    copy(from.wrench_W.moment_Nm, to.moment_w_nm);
+    to.friction = from.friction;
+    limbs_[l].write(body_.body_W(), wrenches_W_[l], out.telemetry[l]);
+  }
+}
+
+void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept {
+  out.output.cycle = in.cycle;
+  write_modes(in, out);
+  write_reference(out);
+
+  const bool climbing = supervisor_.state() == SupervisorState::kClimbing;
+  const WaitingFor waiting_for = !climbing  ? WaitingFor::kNothing
+                                 : started_ ? clock_.waiting_for()
+                                            : WaitingFor::kSettle;
+  crux_msgs::robot_state_t& state = out.state;
+  state.cycle = in.cycle;
+  state.time_s = static_cast<double>(in.cycle) * in.dt_s;
+  state.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
+  state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
+  state.waiting_for = static_cast<std::int8_t>(waiting_for);
+  state.waiting_limb = static_cast<std::int8_t>(!climbing ? -1 : started_ ? clock_.waiting_limb() : settling_limb_);
+  state.fault_code = static_cast<std::int16_t>(supervisor_.fault().code);
+  state.missed_cycles = faults_.missed_cycles();
+  state.plan_time_s = plan_ ? clock_.now().seconds(*plan_) : 0.0;
+  state.plan_end_s = plan_ ? plan_->end_s() : 0.0;
+  copy(body_.body_W().position_m, state.body_position_w_m);
+  copy_rotation(body_.body_W().rotation, state.body_quaternion_w);
+  copy(reference_.body_W.position_m, state.body_reference_position_w_m);
+  copy_rotation(reference_.body_W.rotation, state.body_reference_quaternion_w);
+  copy(com_W_m_, state.centre_of_mass_w_m);
+
+  const FaultEvent& fault = supervisor_.fault();
+  out.has_fault = supervisor_.fault_is_new();
+  out.fault = {};
+  out.fault.cycle = in.cycle;
+  out.fault.code = static_cast<std::int16_t>(fault.code);
+  out.fault.limb = static_cast<std::int8_t>(fault.limb);
+  out.fault.node = static_cast<std::int8_t>(fault.node);
+  out.fault.value = fault.value;
+  out.fault.limit = fault.limit;
+  out.command_verdict = supervisor_.verdict();
+  out.command_refusal = supervisor_.refusal();
+}
+
+}  // namespace crux

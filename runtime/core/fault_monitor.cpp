@@ -1,0 +1,180 @@
+#include "core/fault_monitor.hpp"
+
+#include <cmath>
+
+#include "core/node_protocol.hpp"
+
+namespace crux {
+namespace {
+
+bool finite(const double* values, int n) {
+  for (int i = 0; i < n; ++i) {
+    if (!std::isfinite(values[i])) return false;
+  }
+  return true;
+}
+
+bool all_finite(const crux_msgs::control_input_t& in) {
+  return std::isfinite(in.dt_s) && in.dt_s > 0.0 && finite(in.joint_position_rad, kAllJoints) &&
+         finite(in.joint_velocity_rad_s, kAllJoints) && finite(in.joint_torque_nm, kAllJoints) &&
+         finite(in.finger_opening_m, kLimbs) && finite(in.finger_speed_m_s, kLimbs) &&
+         finite(in.finger_force_n, kLimbs) && finite(in.ft_force_g_n, 3 * kLimbs) &&
+         finite(in.ft_moment_g_nm, 3 * kLimbs);
+}
+
+bool unfit(int state, int faults) {
+  return state == static_cast<int>(NodeState::kFault) || (faults & kFaultsUnfit) != 0;
+}
+
+bool latched(int faults) { return (faults & kFaultCommandTimeout) != 0; }
+
+bool holds(int state) {
+  return state == static_cast<int>(NodeState::kHold) || state == static_cast<int>(NodeState::kDecelerate);
+}
+
+/// Adds dt while `wrong` lasts; true once it has lasted for `persistence_s`.
+bool lasts(bool wrong, double& time_s, double dt_s, double persistence_s) {
+  time_s = wrong ? time_s + dt_s : 0.0;
+  return time_s >= persistence_s;
+}
+
+}  // namespace
+
+FaultMonitor::FaultMonitor(const RobotDescription& robot) : limits_(robot.supervisor), can_(robot.can) {}
+
+void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
+  bool all_fresh = true;
+  const auto count = [&](int fresh, int& silence) {
+    silence = fresh != 0 ? 0 : silence + 1;
+    all_fresh = all_fresh && fresh != 0;
+  };
+  for (int j = 0; j < kAllJoints; ++j) count(in.joint_fresh[j], joint_silence_[j]);
+  for (int l = 0; l < kLimbs; ++l) {
+    count(in.gripper_fresh[l], gripper_silence_[l]);
+    count(in.ft_fresh[l], ft_silence_[l]);
+  }
+  if (!all_fresh) ++missed_cycles_;
+}
+
+bool FaultMonitor::all_well(const crux_msgs::control_input_t& in) const noexcept {
+  if (!all_finite(in)) return false;
+  for (int j = 0; j < kAllJoints; ++j) {
+    if (joint_silence_[j] > 0 || unfit(in.joint_state[j], in.joint_faults[j]) || latched(in.joint_faults[j]))
+      return false;
+  }
+  for (int l = 0; l < kLimbs; ++l) {
+    if (gripper_silence_[l] > 0 || unfit(in.gripper_state[l], in.gripper_faults[l]) || latched(in.gripper_faults[l])) {
+      return false;
+    }
+  }
+  return force_torque_well(in);
+}
+
+bool FaultMonitor::force_torque_well(const crux_msgs::control_input_t& in) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (ft_silence_[l] > limits_.silent_cycles || in.ft_status[l] != 0) return false;
+  }
+  return true;
+}
+
+FaultEvent FaultMonitor::silent_node() const noexcept {
+  const double limit = limits_.silent_cycles;
+  for (int l = 0; l < kLimbs; ++l) {
+    for (int j = 0; j < kJoints; ++j) {
+      const int silence = joint_silence_[l * kJoints + j];
+      if (silence > limits_.silent_cycles) {
+        return {FaultCode::kNodeSilent, l, can_.joint_nodes[j], static_cast<double>(silence), limit};
+      }
+    }
+    if (gripper_silence_[l] > limits_.silent_cycles) {
+      return {FaultCode::kNodeSilent, l, can_.gripper_node, static_cast<double>(gripper_silence_[l]), limit};
+    }
+  }
+  return {};
+}
+
+FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    for (int j = 0; j < kJoints; ++j) {
+      const int i = l * kJoints + j;
+      if (unfit(in.joint_state[i], in.joint_faults[i])) {
+        return {FaultCode::kNodeFault, l, can_.joint_nodes[j], static_cast<double>(in.joint_faults[i]), 0.0};
+      }
+    }
+    if (unfit(in.gripper_state[l], in.gripper_faults[l])) {
+      return {FaultCode::kNodeFault, l, can_.gripper_node, static_cast<double>(in.gripper_faults[l]), 0.0};
+    }
+  }
+  return {};
+}
+
+FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noexcept {
+  // A node takes a few cycles from the first command to track until its status says so.
+  const bool must_track = tracking_cycles_ > limits_.silent_cycles;
+  const auto stopped = [&](int state, int faults) { return latched(faults) || (must_track && holds(state)); };
+  for (int l = 0; l < kLimbs; ++l) {
+    for (int j = 0; j < kJoints; ++j) {
+      const int i = l * kJoints + j;
+      if (stopped(in.joint_state[i], in.joint_faults[i]))
+        return {FaultCode::kNodeHolds, l, can_.joint_nodes[j], 0.0, 0.0};
+    }
+    if (stopped(in.gripper_state[l], in.gripper_faults[l]))
+      return {FaultCode::kNodeHolds, l, can_.gripper_node, 0.0, 0.0};
+  }
+  return {};
+}
+
+FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    const bool not_ready = (in.ft_status[l] & kFtNotReady) != 0;
+    if (ft_silence_[l] > limits_.silent_cycles || not_ready) {
+      return {FaultCode::kFtSilent, l, can_.gripper_node, static_cast<double>(ft_silence_[l]),
+              static_cast<double>(limits_.silent_cycles)};
+    }
+    if ((in.ft_status[l] & kFtOverload) != 0) {
+      return {FaultCode::kFtOverload, l, can_.gripper_node, static_cast<double>(in.ft_status[l]), 0.0};
+    }
+  }
+  return {};
+}
+
+FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept {
+  tracking_cycles_ = tracking ? tracking_cycles_ + 1 : 0;
+  if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
+  if (const FaultEvent fault = silent_node()) return fault;
+  if (const FaultEvent fault = unfit_node(in)) return fault;
+  if (const FaultEvent fault = holding_node(in)) return fault;
+  return sensor_fault(in);
+}
+
+FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexcept {
+  const SupervisorParameters& p = limits_;
+  FaultEvent fault;
+  // Every counter runs in every cycle; the first fault found is the one told.
+  const auto tell = [&fault](const FaultEvent& event) {
+    if (!fault) fault = event;
+  };
+  if (errors.waited_s > p.event_timeout_s) {
+    tell({FaultCode::kEventTimeout, errors.waiting_limb, 0, errors.waited_s, p.event_timeout_s});
+  }
+  if (lasts(errors.body_error_m > p.max_body_error_m, body_error_time_s_, dt_s, p.persistence_s)) {
+    tell({FaultCode::kBodyError, -1, 0, errors.body_error_m, p.max_body_error_m});
+  }
+  for (int l = 0; l < kLimbs; ++l) {
+    if (lasts(errors.tracking_error_rad[l] > p.max_tracking_error_rad, tracking_error_time_s_[l], dt_s,
+              p.persistence_s)) {
+      tell({FaultCode::kTrackingError, l, can_.joint_nodes[errors.worst_joint[l]], errors.tracking_error_rad[l],
+            p.max_tracking_error_rad});
+    }
+    const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
+    if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s)) {
+      tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
+    }
+    if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {
+      tell({FaultCode::kIkFailed, l, 0, errors.ik_error_m[l], p.max_ik_error_m});
+    }
+  }
+  return fault;
+}
+
+}  // namespace crux

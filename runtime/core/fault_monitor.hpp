@@ -1,0 +1,76 @@
+// Watches nodes, sensors and the loop's own errors for the faults of msgs/faults.yaml.
+#pragma once
+
+#include <array>
+#include <crux_msgs/control_input_t.hpp>
+#include <crux_msgs/faults.hpp>
+
+#include "core/geometry.hpp"
+#include "core/robot_description.hpp"
+
+namespace crux {
+
+using crux_msgs::FaultCode;
+
+struct FaultEvent {
+  FaultCode code = FaultCode::kNone;
+  int limb = -1;
+  int node = 0;  ///< CAN node on the limb's bus, 0: none
+  double value = 0.0;
+  double limit = 0.0;
+
+  explicit operator bool() const { return code != FaultCode::kNone; }
+};
+
+/// What the control loop reports of itself each cycle.
+struct LoopErrors {
+  double body_error_m = 0.0;
+  PerLimb<double> tracking_error_rad{};  ///< of the limb's worst joint
+  PerLimb<int> worst_joint{};
+  PerLimb<double> ik_error_m{};
+  PerLimb<double> finger_force_N{};
+  PerLimb<bool> must_grip{};  ///< bears load: its fingers must press
+  double waited_s = 0.0;      ///< for the plan clock's event
+  int waiting_limb = -1;
+};
+
+class FaultMonitor {
+ public:
+  explicit FaultMonitor(const RobotDescription& robot);
+
+  /// Counts the cycles without news of each node. Once a cycle, before the questions below.
+  void observe(const crux_msgs::control_input_t& in) noexcept;
+
+  /// Every node and sensor has spoken in this cycle, is fit and not latched: control may take over.
+  bool all_well(const crux_msgs::control_input_t& in) const noexcept;
+
+  /// Faults of inputs, nodes and sensors, the gravest first. `tracking`: nodes are being told to track, so one that
+  /// holds does so by itself.
+  FaultEvent node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept;
+
+  /// Faults of the loop. Errors count when they last for persistence_s.
+  FaultEvent loop_fault(const LoopErrors& errors, double dt_s) noexcept;
+
+  bool force_torque_well(const crux_msgs::control_input_t& in) const noexcept;
+  std::int64_t missed_cycles() const { return missed_cycles_; }
+
+ private:
+  FaultEvent silent_node() const noexcept;
+  FaultEvent unfit_node(const crux_msgs::control_input_t& in) const noexcept;
+  FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;
+  FaultEvent sensor_fault(const crux_msgs::control_input_t& in) const noexcept;
+
+  SupervisorParameters limits_;
+  CanDescription can_;
+  std::array<int, kAllJoints> joint_silence_{};
+  PerLimb<int> gripper_silence_{};
+  PerLimb<int> ft_silence_{};
+  int tracking_cycles_ = 0;
+  std::int64_t missed_cycles_ = 0;
+  double body_error_time_s_ = 0.0;
+  PerLimb<double> tracking_error_time_s_{};
+  PerLimb<double> ik_error_time_s_{};
+  PerLimb<double> grip_error_time_s_{};
+};
+
+}  // namespace crux

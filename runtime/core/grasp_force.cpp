@@ -1,0 +1,52 @@
+#include "core/grasp_force.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace crux {
+namespace {
+
+// Fingers that press less than this share of the contact force are still on their way.
+constexpr double kTouchShare = 0.3;
+
+}  // namespace
+
+double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                              const ControlParameters& control) {
+  const double normal_N = wrench_W.force_N.dot(finger_axis_W);
+  const double shear_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W).norm();
+  const double twist_Nm = 0.5 * std::abs(wrench_W.moment_Nm.dot(finger_axis_W));
+  const double friction_N = std::hypot(shear_N, twist_Nm / contact.patch_k_m) / contact.friction;
+  const double needed_N =
+      control.grasp_force_factor * friction_N + 0.5 * std::abs(normal_N) + control.grasp_force_reserve_N;
+  return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
+}
+
+void GraspController::reset(double opening_m, double force_N) noexcept {
+  // The actuator's position loop gives stiffness·(opening − command) when it stands.
+  opening_command_m_ = opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m;
+  force_reference_N_ = std::max(force_N, 0.0);
+}
+
+void GraspController::open_to(double opening_m, double dt_s) noexcept {
+  const double step_m = gripper_.max_finger_speed_m_s * dt_s;
+  opening_command_m_ += std::clamp(opening_m - opening_command_m_, -step_m, step_m);
+  force_reference_N_ = 0.0;
+}
+
+void GraspController::press(double wanted_force_N, double measured_force_N, double dt_s) noexcept {
+  double speed_m_s = -control_.closing_speed_m_s;
+  if (measured_force_N >= kTouchShare * control_.contact_force_N) {
+    // From the force of first touch upwards, so that the grip does not jump.
+    force_reference_N_ =
+        std::max(force_reference_N_, measured_force_N < wanted_force_N ? control_.contact_force_N : 0.0);
+    force_reference_N_ += dt_s / (control_.grasp_force_time_constant_s + dt_s) * (wanted_force_N - force_reference_N_);
+    speed_m_s = std::clamp((measured_force_N - force_reference_N_) / control_.grasp_damping_Ns_m,
+                           -gripper_.max_finger_speed_m_s, gripper_.max_finger_speed_m_s);
+  }
+  // Beyond the closed stop only as far as the actuator's full force needs: against wind-up on nothing.
+  const double least_m = gripper_.min_opening_m - gripper_.max_finger_force_N / gripper_.stiffness_N_m;
+  opening_command_m_ = std::clamp(opening_command_m_ + dt_s * speed_m_s, least_m, gripper_.max_opening_m);
+}
+
+}  // namespace crux

@@ -1,0 +1,45 @@
+// How hard the fingers must press, and the opening command that makes the linear actuator press so.
+#pragma once
+
+#include "core/geometry.hpp"
+#include "core/robot_description.hpp"
+
+namespace crux {
+
+struct Contact {
+  double friction = 0.0;
+  double patch_k_m = 0.0;     ///< k of equation (2)
+  double max_normal_N = 0.0;  ///< of the plan's hold and the robot's actuator
+};
+
+/// Squeeze [N] a finger needs so that friction bears `wrench_W` (equations (2) and (4): the fingers share shear and
+/// twist):  factor·√(s² + (m/k)²)/μ + |F_n|/2 + reserve, where F_n loads one finger and relieves the other.
+double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                              const ControlParameters& control);
+
+/// One gripper's actuator: it is commanded by opening and measures force through its motor current.
+class GraspController {
+ public:
+  GraspController(const GripperDescription& gripper, const ControlParameters& control)
+      : gripper_(gripper), control_(control) {}
+
+  /// Takes over from an actuator at rest without a jolt.
+  void reset(double opening_m, double force_N) noexcept;
+
+  /// In the air: moves towards `opening_m`.
+  void open_to(double opening_m, double dt_s) noexcept;
+
+  /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
+  void press(double wanted_force_N, double measured_force_N, double dt_s) noexcept;
+
+  double opening_command_m() const { return opening_command_m_; }
+  double force_reference_N() const { return force_reference_N_; }
+
+ private:
+  GripperDescription gripper_;
+  ControlParameters control_;
+  double opening_command_m_ = 0.0;
+  double force_reference_N_ = 0.0;
+};
+
+}  // namespace crux

@@ -1,0 +1,199 @@
+#include "core/limb_controller.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/gravity.hpp"
+
+namespace crux {
+
+namespace {
+
+/// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered.
+bool on_hold(const LimbReference& reference) { return reference.gripping() || reference.phase == LimbPhase::kOpen; }
+
+}  // namespace
+
+LimbController::LimbController(const RobotDescription& robot, int limb)
+    : limb_(limb),
+      control_(robot.control),
+      supervisor_(robot.supervisor),
+      gripper_(robot.gripper),
+      position_gain_Nm_rad_(robot.servo.position_gain_Nm_rad),
+      kinematics_(robot.limbs[limb]),
+      inverse_(robot.limbs[limb], kinematics_),
+      wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
+      admittance_(robot.admittance),
+      grasp_(robot.gripper, robot.control) {
+  for (int j = 0; j < kJoints; ++j) effort_Nm_[j] = robot.limbs[limb].joints[j].effort_Nm;
+  kinematics_.evaluate(q_rad_, state_);
+}
+
+void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
+  for (int j = 0; j < kJoints; ++j) {
+    const int i = limb_ * kJoints + j;
+    if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i]))
+      continue;
+    q_rad_[j] = in.joint_position_rad[i];
+    torque_Nm_[j] = in.joint_torque_nm[i];
+  }
+  if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
+      std::isfinite(in.finger_force_n[limb_])) {
+    finger_opening_m_ = in.finger_opening_m[limb_];
+    finger_force_N_ = in.finger_force_n[limb_];
+  }
+  const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
+  const Vector3 moment_Nm(in.ft_moment_g_nm + 3 * limb_);
+  if (in.ft_fresh[limb_] != 0 && in.ft_status[limb_] == 0 && force_N.allFinite() && moment_Nm.allFinite()) {
+    raw_G_ = {force_N, moment_Nm};
+  }
+  kinematics_.evaluate(q_rad_, state_);
+}
+
+void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
+  wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
+}
+
+void LimbController::pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
+                                double& angle_rad) const noexcept {
+  const Pose gripper_W = body_W * state_.gripper_B;
+  distance_m = (gripper_W.position_m - reference.gripper_position_W_m).norm();
+  angle_rad = rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()).norm();
+}
+
+void LimbController::engage(const LimbReference& reference, const Pose& body_W) noexcept {
+  const Pose gripper_W = body_W * state_.gripper_B;
+  const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
+  in_contact_ = on_hold(reference);
+  contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
+  admittance_.reset(off_m - contact_offset_W_m_,
+                    rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+  grasp_.reset(finger_opening_m_, finger_force_N_);
+  aim_W_ = body_W;
+  ik_ = {};
+  ik_.q_rad = q_rad_;
+  // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
+  held_torque_Nm_ = command_torque_Nm_;
+  for (int j = 0; j < kJoints; ++j) {
+    held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / position_gain_Nm_rad_[j];
+  }
+  gripped_time_s_ = 0.0;
+}
+
+LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
+  double distance_m = 0.0, angle_rad = 0.0;
+  pose_error(reference, body_W, distance_m, angle_rad);
+  gripped_time_s_ = finger_force_N_ >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
+  return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
+          .opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m,
+          .arrived = distance_m <= supervisor_.arrive_tolerance_m,
+          .gripped = gripped_time_s_ >= supervisor_.persistence_s};
+}
+
+Pose LimbController::target_W(const LimbReference& reference) const noexcept {
+  return {rotation_exp(admittance_.rotation_rad()) * rotation_z(reference.gripper_yaw_W_rad),
+          anchor_W_m(reference) + admittance_.offset_m()};
+}
+
+void LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
+                                    const Pose& body_command_W) noexcept {
+  const bool contact = on_hold(reference);
+  const Pose aim_W = contact ? body_command_W : body_estimate_W;
+  if (contact != in_contact_) {
+    // The same gripper pose seen from the body, expressed from the new aim.
+    const Pose continued_W = aim_W * (aim_W_.inverse() * target_W(reference));
+    if (contact) {
+      const Vector3 found_m = (body_estimate_W * state_.gripper_B).position_m - reference.gripper_position_W_m;
+      contact_offset_W_m_ = clamped_norm(found_m, control_.max_contact_offset_m);
+    } else {
+      contact_offset_W_m_.setZero();
+    }
+    admittance_.reset(continued_W.position_m - anchor_W_m(reference),
+                      rotation_log(continued_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+    in_contact_ = contact;
+  }
+  aim_W_ = aim_W;
+}
+
+void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,
+                            double dt_s) noexcept {
+  if (reference.gripping() || reference.closing()) {
+    admittance_.step(error_W, dt_s, (ik_.limited & (kIkPositionLimit | kIkNoConvergence)) == 0);
+  } else if (reference.phase != LimbPhase::kOpen) {
+    admittance_.fade(control_.swing_decay_s, dt_s);
+  }
+  const bool free = reference.phase == LimbPhase::kSwing && finger_force_N_ < 0.2 * control_.contact_force_N;
+  if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
+}
+
+void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
+  if (reference.gripping() || reference.closing()) {
+    grasp_.press(force_N, finger_force_N_, dt_s);
+  } else {
+    grasp_.open_to(reference.finger_opening_m, dt_s);
+  }
+}
+
+void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
+                           const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
+  const JointVector last_rad = ik_.q_rad;
+  ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
+  command_dq_rad_s_ = (ik_.q_rad - last_rad) / dt_s;
+  command_q_rad_ = ik_.q_rad + (1.0 - engagement) * held_offset_rad_;
+
+  const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
+  const Wrench wrench_B = {rotation_BW * wrench_W.force_N, rotation_BW * wrench_W.moment_Nm};
+  const JointVector model_Nm = gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, wrench_B);
+  command_torque_Nm_ = held_torque_Nm_ + engagement * (model_Nm - held_torque_Nm_);
+  command_torque_Nm_ = command_torque_Nm_.cwiseMax(-effort_Nm_).cwiseMin(effort_Nm_);
+}
+
+void LimbController::stand_by() noexcept {
+  command_q_rad_ = q_rad_;
+  command_dq_rad_s_.setZero();
+  ik_ = {};
+  ik_.q_rad = q_rad_;
+}
+
+double LimbController::tracking_error_rad(int& joint) const noexcept {
+  return (q_rad_ - command_q_rad_).cwiseAbs().maxCoeff(&joint);
+}
+
+void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
+                           crux_msgs::control_output_t& out) const noexcept {
+  for (int j = 0; j < kJoints; ++j) {
+    const int i = limb_ * kJoints + j;
+    out.joint_mode[i] = static_cast<std::int8_t>(joint_mode);
+    out.joint_position_rad[i] = command_q_rad_[j];
+    out.joint_velocity_rad_s[i] = command_dq_rad_s_[j];
+    out.joint_torque_nm[i] = command_torque_Nm_[j];
+  }
+  out.gripper_mode[limb_] = static_cast<std::int8_t>(gripper_mode);
+  out.finger_opening_m[limb_] = grasp_.opening_command_m();
+  out.finger_speed_limit_m_s[limb_] = gripper_.max_finger_speed_m_s;
+  out.finger_force_limit_n[limb_] = gripper_.max_finger_force_N;
+}
+
+void LimbController::write(const Pose& body_W, const Wrench& wrench_reference_W,
+                           crux_msgs::limb_telemetry_t& out) const noexcept {
+  const Pose gripper_W = body_W * state_.gripper_B;
+  const std::array<double, 4> quaternion = quaternion_wxyz(gripper_W.rotation);
+  out.limb = static_cast<std::int8_t>(limb_);
+  std::copy(quaternion.begin(), quaternion.end(), out.gripper_quaternion_w);
+  for (int i = 0; i < 3; ++i) {
+    out.gripper_position_w_m[i] = gripper_W.position_m[i];
+    out.force_w_n[i] = wrench_W().force_N[i];
+    out.moment_w_nm[i] = wrench_W().moment_Nm[i];
+    out.force_reference_w_n[i] = wrench_reference_W.force_N[i];
+    out.moment_reference_w_nm[i] = wrench_reference_W.moment_Nm[i];
+    out.admittance_offset_m[i] = admittance_.offset_m()[i];
+    out.admittance_rotation_rad[i] = admittance_.rotation_rad()[i];
+    out.tare_force_g_n[i] = wrench_.bias_G().force_N[i];
+    out.tare_moment_g_nm[i] = wrench_.bias_G().moment_Nm[i];
+  }
+  out.grasp_force_reference_n = grasp_.force_reference_N();
+  out.grasp_force_n = finger_force_N_;
+  out.ik_limited = static_cast<std::int8_t>(ik_.limited);
+}
+
+}  // namespace crux

@@ -1,0 +1,111 @@
+// One limb of the running robot: its measurements, its admittance and grasp, and the way from a wanted gripper pose to
+// joint commands.
+#pragma once
+
+#include <crux_msgs/control_input_t.hpp>
+#include <crux_msgs/control_output_t.hpp>
+#include <crux_msgs/limb_telemetry_t.hpp>
+
+#include "core/admittance.hpp"
+#include "core/grasp_force.hpp"
+#include "core/inverse_kinematics.hpp"
+#include "core/limb_kinematics.hpp"
+#include "core/node_protocol.hpp"
+#include "core/plan_clock.hpp"
+#include "core/reference_player.hpp"
+#include "core/wrench_estimator.hpp"
+
+namespace crux {
+
+class LimbController {
+ public:
+  LimbController(const RobotDescription& robot, int limb);
+  LimbController(const LimbController&) = delete;
+  LimbController& operator=(const LimbController&) = delete;
+
+  /// Takes over what is fresh in `in`; the rest stays as it was. Forward kinematics.
+  void sense(const crux_msgs::control_input_t& in) noexcept;
+  /// The contact wrench, once the body pose is known.
+  void sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept;
+
+  /// Control begins: whatever the gripper is off its reference becomes offset, so that the first command is the pose
+  /// measured and the first torque the one measured.
+  void engage(const LimbReference& reference, const Pose& body_W) noexcept;
+
+  /// Contact events as the plan's clock wants them.
+  LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
+
+  /// Where the limb grips, in W: the planned place and what it was found to be off at contact.
+  Vector3 anchor_W_m(const LimbReference& reference) const {
+    return reference.gripper_position_W_m + contact_offset_W_m_;
+  }
+
+  /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
+  /// one in the air. Commands are continuous over both.
+  void follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
+
+  /// Yields to the wrench error on a hold, fades in the air, learns the F/T bias in free swing.
+  void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
+
+  /// Presses with `force_N` on a hold, opens in the air.
+  void grasp(const LimbReference& reference, double force_N, double dt_s) noexcept;
+
+  /// Joint positions by inverse kinematics, and feed-forward torque from gravity and the wrench to bear. `engagement`
+  /// 0..1 blends from what held the joints before control took over.
+  void drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
+             const Pose& body_estimate_W, double engagement, double dt_s) noexcept;
+
+  /// Nodes hold by themselves: keep the commands at what is measured.
+  void stand_by() noexcept;
+
+  void write(NodeMode joint_mode, NodeMode gripper_mode, crux_msgs::control_output_t& out) const noexcept;
+  void write(const Pose& body_W, const Wrench& wrench_reference_W, crux_msgs::limb_telemetry_t& out) const noexcept;
+
+  const LimbState& state() const { return state_; }
+  const Wrench& wrench_W() const { return wrench_.wrench_W(); }
+  double finger_force_N() const { return finger_force_N_; }
+  /// Worst joint's distance from its command [rad] and its index.
+  double tracking_error_rad(int& joint) const noexcept;
+  double ik_error_m() const { return ik_.position_error_m; }
+  /// Distance [m] and angle [rad] of the gripper from `reference`.
+  void pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
+                  double& angle_rad) const noexcept;
+
+ private:
+  Pose target_W(const LimbReference& reference) const noexcept;
+
+  int limb_;
+  ControlParameters control_;
+  SupervisorParameters supervisor_;
+  GripperDescription gripper_;
+  std::array<double, kJoints> position_gain_Nm_rad_;
+  JointVector effort_Nm_;
+
+  LimbKinematics kinematics_;
+  InverseKinematics inverse_;
+  WrenchEstimator wrench_;
+  Admittance admittance_;
+  GraspController grasp_;
+
+  // Measured.
+  JointVector q_rad_ = JointVector::Zero();
+  JointVector torque_Nm_ = JointVector::Zero();
+  double finger_opening_m_ = 0.0;
+  double finger_force_N_ = 0.0;
+  Wrench raw_G_;
+  LimbState state_;
+
+  // Commanded.
+  Vector3 contact_offset_W_m_ = Vector3::Zero();
+  Pose aim_W_;               ///< body pose the limb aims from
+  bool in_contact_ = false;  ///< aims from the commanded body pose
+  IkResult ik_;              ///< its q is the command before the engagement blend
+  JointVector command_q_rad_ = JointVector::Zero();
+  JointVector command_dq_rad_s_ = JointVector::Zero();
+  JointVector command_torque_Nm_ = JointVector::Zero();
+  JointVector held_offset_rad_ = JointVector::Zero();  ///< of the setpoint that held each joint from the joint itself
+  JointVector held_torque_Nm_ = JointVector::Zero();
+  double gripped_time_s_ = 0.0;
+};
+
+}  // namespace crux

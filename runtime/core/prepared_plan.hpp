@@ -1,0 +1,52 @@
+// A plan made ready for the real-time thread: validated, with slopes and gripper wrenches worked out. Immutable.
+#pragma once
+
+#include <crux_msgs/plan_t.hpp>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/geometry.hpp"
+#include "core/result.hpp"
+#include "core/robot_description.hpp"
+
+namespace crux {
+
+/// One limb at one knot.
+struct LimbKnot {
+  bool air = false;
+  Vector3 gripper_position_W_m = Vector3::Zero();
+  double gripper_yaw_W_rad = 0.0;
+  double finger_opening_m = 0.0;  ///< pad face to gripper centre
+  double friction = 0.0;
+  Wrench wrench_W;  ///< on the robot about the gripper centre, piecewise constant over the interval that begins here
+};
+
+struct PreparedPlan {
+  std::string plan_id;
+  double dt_s = 0.0;
+  Vector3 gravity_W_m_s2 = Vector3::Zero();
+  double patch_k_m = 0.0;
+  double max_normal_N = 0.0;
+  std::vector<Vector6> body;        ///< position, roll-pitch-yaw at the knots
+  std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
+  std::vector<PerLimb<LimbKnot>> limbs;
+  std::vector<char> release;  ///< 1: some limb lets go at this knot (k0 of PLAN.md)
+
+  int intervals() const { return static_cast<int>(limbs.size()) - 1; }
+  double end_s() const { return intervals() * dt_s; }
+  /// Limb l lets go at knot k: the first knot of a swing.
+  bool lets_go(int k, int l) const { return k > 0 && k <= intervals() && limbs[k][l].air && !limbs[k - 1][l].air; }
+  /// Limb l takes hold at knot k: the first knot after a swing.
+  bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }
+};
+
+/// Validates `plan` against `robot` and prepares it. Not for the real-time thread. A refusal says which knot, limb and
+/// value do not fit, and what would.
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
+
+/// Slopes of the monotone piecewise cubic through values[i] at i·dt (Fritsch & Carlson 1980; one-sided three-point
+/// ends).
+std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s);
+
+}  // namespace crux

@@ -1,0 +1,98 @@
+#include "core/reference_player.hpp"
+
+#include <algorithm>
+
+namespace crux {
+namespace {
+
+double load_ramp(double u) { return smoothstep((u - kLoadBegin) / kLoadSpan); }
+
+double unload_ramp(double u) { return smoothstep((u - kUnloadBegin) / kUnloadSpan); }
+
+Pose body_pose(const PreparedPlan& plan, int k, double u) {
+  // Cubic Hermite polynomials on [0, 1].
+  const double u2 = u * u, u3 = u2 * u;
+  const double h00 = 2.0 * u3 - 3.0 * u2 + 1.0, h10 = u3 - 2.0 * u2 + u, h01 = 3.0 * u2 - 2.0 * u3, h11 = u3 - u2;
+  const Vector6 pose = h00 * plan.body[k] + h01 * plan.body[k + 1] +
+                       plan.dt_s * (h10 * plan.body_slope[k] + h11 * plan.body_slope[k + 1]);
+  return {rotation_from_rpy(pose.tail<3>()), pose.head<3>()};
+}
+
+void place_gripper(LimbReference& out, const LimbKnot& from, const LimbKnot& to, double share) {
+  out.gripper_position_W_m = from.gripper_position_W_m + share * (to.gripper_position_W_m - from.gripper_position_W_m);
+  out.gripper_yaw_W_rad = from.gripper_yaw_W_rad + share * (to.gripper_yaw_W_rad - from.gripper_yaw_W_rad);
+}
+
+void play_stance(const PreparedPlan& plan, int k, double u, int l, LimbReference& out) {
+  const LimbKnot& here = plan.limbs[k][l];
+  place_gripper(out, here, here, 0.0);
+  out.finger_opening_m = here.finger_opening_m;
+  out.friction = here.friction;
+  if (plan.lets_go(k + 1, l)) {
+    out.load = 1.0 - unload_ramp(u);
+    if (u > kUnloadBegin) out.phase = LimbPhase::kUnload;
+  } else if (plan.takes_hold(k, l)) {
+    out.load = load_ramp(u);
+  }
+  if (plan.takes_hold(k, l) && u < kLoadBegin + kLoadSpan) {
+    out.phase = LimbPhase::kLoad;
+    out.load = std::min(out.load, load_ramp(u));
+  }
+}
+
+void play_air(const PreparedPlan& plan, int k, double u, int l, LimbReference& out) {
+  const LimbKnot& here = plan.limbs[k][l];
+  const LimbKnot& next = plan.limbs[k + 1][l];
+  out.load = 0.0;
+  if (plan.lets_go(k, l)) {
+    // At the very instant the gripper still rests, so that the clock may stand there.
+    out.phase = u <= kLiftShare ? LimbPhase::kOpen : LimbPhase::kLift;
+    place_gripper(out, here, next, smoothstep((u - kLiftShare) / (1.0 - kLiftShare)));
+    out.finger_opening_m = next.finger_opening_m;
+  } else if (plan.takes_hold(k + 1, l)) {
+    out.phase = u <= kCloseShare ? LimbPhase::kDescend : LimbPhase::kClose;
+    place_gripper(out, here, next, smoothstep(u / kArriveShare));
+    out.finger_opening_m = out.closing() ? next.finger_opening_m : here.finger_opening_m;
+    out.friction = next.friction;
+  } else {
+    out.phase = LimbPhase::kSwing;
+    place_gripper(out, here, next, u);
+    out.finger_opening_m = here.finger_opening_m + u * (next.finger_opening_m - here.finger_opening_m);
+  }
+}
+
+Wrench planned_wrench(const PreparedPlan& plan, int k, double u, int l) {
+  const Wrench& here = plan.limbs[k][l].wrench_W;
+  // Where a limb has just let go the shift was made before.
+  const Wrench& before = k == 0 || plan.release[k] ? here : plan.limbs[k - 1][l].wrench_W;
+  Wrench wrench = before + (here - before) * load_ramp(u);
+  if (plan.release[k + 1]) wrench = wrench + (plan.limbs[k + 1][l].wrench_W - wrench) * unload_ramp(u);
+  return wrench;
+}
+
+}  // namespace
+
+PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
+  const int k = std::clamp(at.interval, 0, plan.intervals() - 1);
+  const double u = std::clamp(at.elapsed_s / plan.dt_s, 0.0, 1.0);
+  PlanReference reference;
+  reference.body_W = body_pose(plan, k, u);
+  for (int l = 0; l < kLimbs; ++l) {
+    LimbReference& limb = reference.limbs[l];
+    plan.limbs[k][l].air ? play_air(plan, k, u, l, limb) : play_stance(plan, k, u, l, limb);
+    limb.wrench_W = planned_wrench(plan, k, u, l);
+  }
+  return reference;
+}
+
+PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept {
+  PlanTime then{at.interval, at.elapsed_s + ahead_s};
+  while (then.elapsed_s > plan.dt_s) {
+    if (then.interval + 1 >= plan.intervals()) return {plan.intervals() - 1, plan.dt_s};
+    ++then.interval;
+    then.elapsed_s -= plan.dt_s;
+  }
+  return then;
+}
+
+}  // namespace crux

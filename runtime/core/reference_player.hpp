@@ -1,0 +1,62 @@
+// How a plan is read between its knots: msgs/PLAN.md, pure.
+#pragma once
+
+#include "core/prepared_plan.hpp"
+
+namespace crux {
+
+/// limb_reference_t.phase
+enum class LimbPhase : int {
+  kStance = 0,
+  kUnload = 1,
+  kOpen = 2,
+  kLift = 3,
+  kSwing = 4,
+  kDescend = 5,
+  kClose = 6,
+  kLoad = 7
+};
+
+// Instants of PLAN.md as shares of an interval.
+inline constexpr double kLiftShare = 0.5;                        ///< fingers have opened, the gripper lifts
+inline constexpr double kArriveShare = 0.55;                     ///< the gripper stands at the hold
+inline constexpr double kCloseShare = 0.6;                       ///< fingers close
+inline constexpr double kLoadBegin = 0.02, kLoadSpan = 0.4;      ///< blend from the last interval's wrench
+inline constexpr double kUnloadBegin = 0.5, kUnloadSpan = 0.45;  ///< blend towards the next one's
+
+/// A point of plan time: the interval [k, k + 1) and the time in it. An interval's end and the next one's beginning are
+/// two different points: at the end a limb about to let go is unloaded but still gripped.
+struct PlanTime {
+  int interval = 0;
+  double elapsed_s = 0.0;
+
+  double seconds(const PreparedPlan& plan) const { return interval * plan.dt_s + elapsed_s; }
+};
+
+struct LimbReference {
+  LimbPhase phase = LimbPhase::kStance;
+  double load = 1.0;  ///< share of the planned wrench this limb bears
+  Vector3 gripper_position_W_m = Vector3::Zero();
+  double gripper_yaw_W_rad = 0.0;
+  double finger_opening_m = 0.0;
+  Wrench wrench_W;        ///< on the robot about the gripper centre
+  double friction = 0.0;  ///< of the hold gripped or about to be gripped
+
+  bool gripping() const {
+    return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;
+  }
+  bool closing() const { return phase == LimbPhase::kClose; }
+};
+
+struct PlanReference {
+  Pose body_W;
+  PerLimb<LimbReference> limbs;
+};
+
+/// The reference at `at`. Allocates nothing.
+PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept;
+
+/// `at` moved on by `ahead_s` without waiting for events, at most to the end of the plan.
+PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept;
+
+}  // namespace crux

@@ -1,0 +1,127 @@
+// The robot as the runtime sees it: msgs/robots/NAME/robot.yaml and its URDF. Every robot number of the runtime comes
+// from here.
+#pragma once
+
+#include <array>
+#include <kdl/chain.hpp>
+#include <string>
+
+#include "core/geometry.hpp"
+#include "core/result.hpp"
+
+namespace crux {
+
+struct JointLimits {
+  double lower_rad = 0.0;
+  double upper_rad = 0.0;
+  double velocity_rad_s = 0.0;
+  double effort_Nm = 0.0;
+};
+
+struct LimbDescription {
+  std::string name;  ///< LF, RF, LR, RR
+  int bus = 0;
+  /// Body link to gripper frame. The last segment carries the fingers' mass as well.
+  KDL::Chain chain;
+  std::array<JointLimits, kJoints> joints{};
+  /// What hangs on the far side of the F/T sensor: gripper and fingers, in the gripper frame.
+  double hand_mass_kg = 0.0;
+  Vector3 hand_com_G_m = Vector3::Zero();
+};
+
+struct CanDescription {
+  double rate_Hz = 0.0;
+  int watchdog_cycles = 0;
+  std::array<int, kJoints> joint_nodes{};
+  int gripper_node = 0;
+};
+
+struct ServoDescription {
+  std::array<double, kJoints> position_gain_Nm_rad{};
+  std::array<double, kJoints> velocity_gain_Nms_rad{};
+};
+
+struct GripperDescription {
+  double min_opening_m = 0.0;  ///< pad face to gripper centre
+  double max_opening_m = 0.0;
+  double max_finger_force_N = 0.0;
+  double max_finger_speed_m_s = 0.0;
+  double stiffness_N_m = 0.0;  ///< of the actuator's position loop, a finger
+};
+
+struct ForceTorqueDescription {
+  double range_N = 0.0;
+  double range_Nm = 0.0;
+};
+
+/// M·a + D·v + K·x = wrench error, one set for translation, one for rotation.
+struct AdmittanceParameters {
+  double mass_kg = 0.0;
+  double damping_Ns_m = 0.0;
+  double stiffness_N_m = 0.0;
+  double inertia_kg_m2 = 0.0;
+  double rotational_damping_Nms_rad = 0.0;
+  double rotational_stiffness_Nm_rad = 0.0;
+  double max_speed_m_s = 0.0;
+  double max_rate_rad_s = 0.0;
+  double max_offset_m = 0.0;
+  double max_rotation_rad = 0.0;
+};
+
+struct ControlParameters {
+  double force_filter_s = 0.0;
+  double tare_time_constant_s = 0.0;
+  double contact_force_N = 0.0;
+  double unload_force_N = 0.0;
+  double grasp_force_factor = 0.0;
+  double grasp_force_reserve_N = 0.0;
+  double min_grasp_force_N = 0.0;
+  double grasp_damping_Ns_m = 0.0;
+  double grasp_force_time_constant_s = 0.0;
+  double grasp_force_lead_s = 0.0;
+  double closing_speed_m_s = 0.0;
+  double body_gain_1_s = 0.0;
+  double max_body_correction_m = 0.0;
+  double max_body_rotation_rad = 0.0;
+  double twist_length_m = 0.0;
+  double moment_length_m = 0.0;
+  double swing_decay_s = 0.0;
+  double engage_time_s = 0.0;
+  double max_contact_offset_m = 0.0;
+};
+
+struct SupervisorParameters {
+  double start_tolerance_m = 0.0;
+  double start_tolerance_rad = 0.0;
+  double settle_time_s = 0.0;
+  double event_timeout_s = 0.0;
+  double arrive_tolerance_m = 0.0;
+  double open_tolerance_m = 0.0;
+  int silent_cycles = 0;
+  double max_body_error_m = 0.0;
+  double max_tracking_error_rad = 0.0;
+  double min_stance_force_N = 0.0;
+  double max_ik_error_m = 0.0;
+  double persistence_s = 0.0;
+};
+
+struct RobotDescription {
+  std::string name;
+  std::string sha256;  ///< robot_hash(): over the bytes of both files
+  PerLimb<LimbDescription> limbs;
+  double body_mass_kg = 0.0;
+  Vector3 body_com_B_m = Vector3::Zero();
+  double total_mass_kg = 0.0;
+  CanDescription can;
+  ServoDescription servo;
+  GripperDescription gripper;
+  ForceTorqueDescription force_torque;
+  AdmittanceParameters admittance;
+  ControlParameters control;
+  SupervisorParameters supervisor;
+};
+
+/// Reads robot.yaml at `yaml_path` and the URDF it names. A refusal says file, key, value and what would be right.
+Result<RobotDescription> load_robot(const std::string& yaml_path);
+
+}  // namespace crux

@@ -1,0 +1,83 @@
+#include "core/supervisor.hpp"
+
+namespace crux {
+
+using crux_msgs::command_t;
+
+void Supervisor::update(const Observation& seen) noexcept {
+  fault_is_new_ = false;
+  verdict_ = CommandVerdict::kNone;
+  refusal_ = "";
+  rearm_requested_ = false;
+
+  if (seen.fault && !seen.rearming && state_ != SupervisorState::kIdle) raise(seen.fault);
+  obey(seen);
+  if (state_ == SupervisorState::kIdle && seen.may_take_over) state_ = SupervisorState::kReady;
+  if (state_ == SupervisorState::kClimbing && seen.plan_complete) state_ = SupervisorState::kHolding;
+}
+
+void Supervisor::raise(const FaultEvent& fault) noexcept {
+  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(static_cast<std::int16_t>(fault.code));
+  const auto next = static_cast<SupervisorState>(info->to);
+  // A graver fault replaces a lighter one; the first of equals stands, it is nearest to the cause.
+  if (state_ == SupervisorState::kFault) return;
+  if (state_ == SupervisorState::kHolding && fault_ && next == SupervisorState::kHolding) return;
+  state_ = next;
+  fault_ = fault;
+  fault_is_new_ = true;
+}
+
+void Supervisor::refuse(const char* reason) noexcept {
+  verdict_ = CommandVerdict::kRefused;
+  refusal_ = reason;
+}
+
+void Supervisor::obey(const Observation& seen) noexcept {
+  switch (seen.command) {
+    case command_t::NONE:
+      return;
+    case command_t::START:
+      if (state_ == SupervisorState::kReady) {
+        state_ = SupervisorState::kClimbing;
+        return accept();
+      }
+      if (!seen.plan_loaded) return refuse("no plan is loaded");
+      if (state_ == SupervisorState::kIdle) return refuse(seen.not_ready_reason);
+      if (state_ == SupervisorState::kClimbing) return refuse("the robot is climbing already");
+      if (state_ == SupervisorState::kFault) return refuse("a fault stands; clear it first");
+      return refuse(seen.plan_complete ? "the plan is complete; upload a new one"
+                                       : "the robot holds in mid-plan; resume it");
+    case command_t::HOLD:
+      if (state_ == SupervisorState::kClimbing) state_ = SupervisorState::kHolding;
+      return accept();
+    case command_t::RESUME:
+      if (state_ != SupervisorState::kHolding) return refuse("only a robot that is holding can resume");
+      if (fault_) return refuse("a fault stands; clear it first");
+      if (seen.rearming) return refuse("nodes are being re-armed; resume in a moment");
+      if (seen.plan_complete) return refuse("the plan is complete");
+      state_ = SupervisorState::kClimbing;
+      return accept();
+    case command_t::CLEAR_FAULT:
+      rearm_requested_ = true;
+      fault_ = {};
+      if (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding) {
+        state_ = seen.plan_started ? SupervisorState::kHolding : SupervisorState::kIdle;
+      }
+      return accept();
+    case command_t::SHUTDOWN:
+    case command_t::STATUS:
+      // Answered by the program around the core; the nodes go on holding after it has gone.
+      return accept();
+    default:
+      return refuse("unknown command");
+  }
+}
+
+void Supervisor::plan_exchanged() noexcept {
+  if (state_ != SupervisorState::kFault) {
+    state_ = SupervisorState::kIdle;
+    fault_ = {};
+  }
+}
+
+}  // namespace crux

@@ -1,0 +1,67 @@
+// The supervisor's states: IDLE, READY, CLIMBING, HOLDING, FAULT. HOLDING is the safe state: the plan's clock stands,
+// the stance is still controlled. In FAULT the nodes hold by themselves.
+#pragma once
+
+#include <crux_msgs/command_t.hpp>
+#include <crux_msgs/robot_state_t.hpp>
+
+#include "core/fault_monitor.hpp"
+
+namespace crux {
+
+enum class SupervisorState : std::int8_t {
+  kIdle = crux_msgs::robot_state_t::IDLE,
+  kReady = crux_msgs::robot_state_t::READY,
+  kClimbing = crux_msgs::robot_state_t::CLIMBING,
+  kHolding = crux_msgs::robot_state_t::HOLDING,
+  kFault = crux_msgs::robot_state_t::FAULT,
+};
+
+enum class CommandVerdict : std::int8_t { kNone, kAccepted, kRefused };
+
+class Supervisor {
+ public:
+  struct Observation {
+    int command = crux_msgs::command_t::NONE;  ///< of the operator, in this cycle
+    bool plan_loaded = false;
+    bool may_take_over = false;  ///< all nodes well and the robot stands at the plan's start
+    bool plan_started = false;   ///< the plan's clock has left zero
+    bool plan_complete = false;
+    bool rearming = false;  ///< nodes are being re-armed: what they report is of the past
+    FaultEvent fault;       ///< seen in this cycle
+    const char* not_ready_reason = "";
+  };
+
+  /// One cycle: fault first, then the operator's command, then the way of the plan.
+  void update(const Observation& seen) noexcept;
+
+  /// A new plan has come in: it must be matched with the robot's pose first.
+  void plan_exchanged() noexcept;
+
+  SupervisorState state() const { return state_; }
+  /// Joints are to be driven in this state.
+  bool controls() const {
+    return state_ == SupervisorState::kReady || state_ == SupervisorState::kClimbing ||
+           state_ == SupervisorState::kHolding;
+  }
+  const FaultEvent& fault() const { return fault_; }         ///< why it stands where it stands; none after CLEAR_FAULT
+  bool fault_is_new() const { return fault_is_new_; }        ///< in this cycle
+  CommandVerdict verdict() const { return verdict_; }        ///< on this cycle's command
+  const char* refusal() const { return refusal_; }           ///< one sentence, empty unless refused
+  bool rearm_requested() const { return rearm_requested_; }  ///< CLEAR_FAULT was accepted in this cycle
+
+ private:
+  void obey(const Observation& seen) noexcept;
+  void accept() noexcept { verdict_ = CommandVerdict::kAccepted; }
+  void refuse(const char* reason) noexcept;
+  void raise(const FaultEvent& fault) noexcept;
+
+  SupervisorState state_ = SupervisorState::kIdle;
+  FaultEvent fault_;
+  bool fault_is_new_ = false;
+  CommandVerdict verdict_ = CommandVerdict::kNone;
+  const char* refusal_ = "";
+  bool rearm_requested_ = false;
+};
+
+}  // namespace crux

@@ -1,0 +1,24 @@
+// Equilibrium at the true centre of mass: the plan balances a point mass at the body's origin, the real robot's limbs
+// carry mass of their own. The smallest correction of the planned wrenches that makes them hold the real robot.
+#pragma once
+
+#include "core/geometry.hpp"
+
+namespace crux {
+
+/// One limb as bearer of load.
+struct Bearer {
+  Vector3 position_W_m = Vector3::Zero();    ///< gripper centre
+  Vector3 finger_axis_W = Vector3::UnitX();  ///< unit vector through both pads
+  double load = 0.0;                         ///< 0..1
+  Wrench planned_W;
+};
+
+/// Wrenches [on the robot, about each gripper centre] with Σ F = −weight and no net moment about `com_W_m`, nearest to
+/// the planned ones: least Σ (|ΔF|² + (Δm/twist_length)²)/load, where Δm turns about the finger axis, the only moment
+/// two fingers bear by friction alone. Limbs without load get nothing. With too few bearers it comes as near as they
+/// can.
+PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& com_W_m, const Vector3& weight_W_N,
+                                  double twist_length_m) noexcept;
+
+}  // namespace crux
