@@ -21,9 +21,10 @@ from crux_tools.bench.recorder import Recorder
 from crux_tools.bench.robot_model import build_model
 from crux_tools.bench.runtime_process import RuntimeProcess
 from crux_tools.errors import WorkFailed
-from crux_tools.faults import fault_text
 from crux_tools.operator_link import OperatorLink
-from crux_tools.telemetry import read_log
+from crux_tools.telemetry.reader import read_log
+from crux_tools.telemetry.summary import summarise
+from crux_tools.telemetry.wording import fault_line
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
@@ -141,7 +142,7 @@ def _judged(plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_
     if not len(telemetry.state):
         raise WorkFailed(f"the runtime logged no control cycle{': ' + last_words if last_words else ''}")
     verdict = judge(recorder.truth(), telemetry, plan, robot)
-    faults = [fault_text(fault, robot.robot) for fault in telemetry.faults]
+    faults = [fault_line(fault) for fault in summarise(telemetry).faults]
     return ClimbResult(
         outcome=outcome,
         verdict=verdict,

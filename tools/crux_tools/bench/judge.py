@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.interpolation import PlanReference
 from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
+from crux_tools.bench.plant import CONTACT_PERIOD
 from crux_tools.bench.recorder import Truth
 from crux_tools.bench.robot_model import RobotModel
 from crux_tools.bench.start_pose import rotation_from_rpy
@@ -125,15 +127,14 @@ def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
     """
     cycles = truth.cycle
     row = np.clip(np.searchsorted(log.state["cycle"], cycles), 0, len(log.state) - 1)
-    state = log.state[row]
-    limb_row = np.minimum(row, len(log.references) - 1)
-    references, limbs = log.references[limb_row], log.limbs[limb_row]
-    period_s = float(np.diff(log.state["time_s"][:2])[0]) * int(np.diff(cycles[:2])[0])
+    state, references, limbs = log.state[row], log.references[row], log.limbs[row]
+    period_s = CONTACT_PERIOD * float(robot.model.opt.timestep)
     begun = np.flatnonzero(log.state["supervisor_state"] == 2)
     first = int(np.searchsorted(cycles, log.state["cycle"][begun[0]])) if len(begun) else len(cycles)
     run = np.arange(len(cycles)) >= first
 
-    body_error = np.linalg.norm(truth.body_position_m - state["body_reference_position_w_m"], axis=1)[run]
+    body_reference_m, _ = PlanReference(plan).body(state["plan_time_s"])
+    body_error = np.linalg.norm(truth.body_position_m - body_reference_m, axis=1)[run]
     gripper_error = np.linalg.norm(truth.gripper_position_m - references["gripper_position_w_m"], axis=2)[run]
     stance = (references["phase"] == STANCE) & run[:, None]
     loaded = stance & (references["load"] > FULL_LOAD)
