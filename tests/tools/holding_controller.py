@@ -37,11 +37,15 @@ class HoldingController:
             torque[6 * limb : 6 * limb + 6] -= self._jacobian[:3, dofs].T @ share
         return torque
 
+    def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Torques (24,) and finger forces (4,) for the plant as it is."""
+        plant = self.plant
+        squeeze = self.squeeze_n * min(1.0, plant.time_s / RAMP_S)
+        torque = self.stiffness * (self.wanted_rad - plant.joint_position_rad)
+        torque += self._feed_forward() - self.damping * plant.joint_velocity_rad_s
+        return torque, np.full(4, squeeze)
+
     def run(self, seconds: float) -> None:
         """Steps the plant."""
-        plant = self.plant
-        for _ in range(round(seconds / plant.dt_s)):
-            squeeze = self.squeeze_n * min(1.0, plant.time_s / RAMP_S)
-            torque = self.stiffness * (self.wanted_rad - plant.joint_position_rad)
-            torque += self._feed_forward() - self.damping * plant.joint_velocity_rad_s
-            plant.step(torque, np.full(4, squeeze))
+        for _ in range(round(seconds / self.plant.dt_s)):
+            self.plant.step(*self.command())

@@ -1,0 +1,132 @@
+"""The bench's cycle with made-up nodes: when it ends, what it repeats, what it does when the runtime dies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_tools.bench.loop import (
+    CLIMBING,
+    FAULT,
+    FREE_RUN_S,
+    HOLDING,
+    PLAN_COMPLETE,
+    READY,
+    REST_CYCLES,
+    START_CYCLE,
+    START_GRACE_CYCLES,
+    Ending,
+    Loop,
+    Outcome,
+)
+from crux_tools.bench.plant import Plant
+from crux_tools.bench.recorder import Recorder
+from crux_tools.bench.robot_model import build_model
+from hand_plan import standing_plan
+from holding_controller import HoldingController
+from numpy.typing import NDArray
+
+START = START_CYCLE + START_GRACE_CYCLES
+
+
+class MadeUpNodes:
+    """Plays a list of Syncs and host states; controls by the holding controller unless `limp`."""
+
+    def __init__(self, plant: Plant, cycles: list[int | None], host: dict[int, int], *, limp: bool = False) -> None:
+        self._plant = plant
+        self._controller = HoldingController(plant)
+        self._cycles = iter(cycles)
+        self._host = host
+        self._limp = limp
+        self.cycle = 0
+        self.published = 0
+        self.controlled = 0
+
+    def wait_sync(self, timeout_s: float) -> int | None:
+        assert timeout_s > 0
+        cycle = next(self._cycles, None)
+        self.cycle = self.cycle if cycle is None else cycle
+        return cycle
+
+    def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        assert plant is self._plant
+        self.controlled += 1
+        torque, force = self._controller.command()
+        return (torque * 0, force * 0) if self._limp else (torque, force)
+
+    def publish(self, plant: Plant) -> None:
+        assert plant is self._plant
+        self.published += 1
+
+    def host_state(self) -> int:
+        return self._host[max(since for since in self._host if since <= self.cycle)]
+
+
+def run(nodes: MadeUpNodes, plant: Plant, max_cycles: int = 10**6, alive: bool = True) -> Outcome:
+    return Loop(nodes, plant, Recorder(plant), lambda: alive, lambda _time_s: None, max_cycles).run()
+
+
+@pytest.fixture
+def plant() -> Plant:
+    plan = standing_plan()
+    return Plant(build_model(load_robot("scaler"), plan), plan, 0)
+
+
+def test_ends_a_fixed_rest_after_the_plan_is_complete(plant: Plant) -> None:
+    host = {0: READY, START_CYCLE: CLIMBING, 1300: HOLDING | PLAN_COMPLETE}
+    nodes = MadeUpNodes(plant, list(range(5000)), host)
+    outcome = run(nodes, plant)
+    assert outcome.ending is Ending.COMPLETE
+    assert outcome.cycles == 1300 + REST_CYCLES + 1
+    assert plant.cycle == nodes.controlled == nodes.published == outcome.cycles
+
+
+@pytest.mark.parametrize(
+    ("host", "ending"),
+    [(HOLDING, Ending.STOPPED), (FAULT, Ending.STOPPED), (READY, Ending.NOT_STARTED)],
+)
+def test_ends_when_the_runtime_does_not_climb(plant: Plant, host: int, ending: Ending) -> None:
+    outcome = run(MadeUpNodes(plant, list(range(5000)), {0: host}), plant)
+    assert outcome.ending is ending
+    assert outcome.cycles == START + 1 + REST_CYCLES + 1
+
+
+def test_ends_when_the_climb_takes_too_long(plant: Plant) -> None:
+    outcome = run(MadeUpNodes(plant, list(range(5000)), {0: READY, START_CYCLE: CLIMBING}), plant, max_cycles=1500)
+    assert outcome.ending is Ending.TIMEOUT
+    assert outcome.cycles == 1500 + REST_CYCLES + 1
+
+
+def test_a_repeated_first_sync_is_answered_without_moving_physics(plant: Plant) -> None:
+    host = {0: READY, START_CYCLE: CLIMBING, 1200: HOLDING | PLAN_COMPLETE}
+    nodes = MadeUpNodes(plant, [0, 0, None, 0, *range(1, 3000)], host)
+    outcome = run(nodes, plant)
+    assert plant.cycle == nodes.controlled == outcome.cycles
+    assert nodes.published == outcome.cycles + 2
+
+
+def test_missed_syncs_still_move_physics(plant: Plant) -> None:
+    cycles = [0, 1, 2, 6, 7, *range(8, 3000)]
+    nodes = MadeUpNodes(plant, cycles, {0: READY, START_CYCLE: CLIMBING, 1200: HOLDING | PLAN_COMPLETE})
+    outcome = run(nodes, plant)
+    assert outcome.missed == 3
+    assert plant.cycle == outcome.cycles
+
+
+def test_after_the_runtimes_death_the_nodes_are_watched_on_their_own(plant: Plant) -> None:
+    nodes = MadeUpNodes(plant, [*range(1500), None], {0: READY, START_CYCLE: CLIMBING})
+    outcome = run(nodes, plant, alive=False)
+    assert outcome.ending is Ending.RUNTIME_DIED
+    assert outcome.cycles == 1500
+    assert plant.cycle == 1500 + round(FREE_RUN_S / plant.dt_s)
+    assert outcome.robot_on_wall is True
+
+
+def test_limp_nodes_drop_the_robot(plant: Plant) -> None:
+    class Failing(MadeUpNodes):
+        def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            self._limp = plant.cycle > 1500
+            return super().control(plant)
+
+    outcome = run(Failing(plant, [*range(1500), None], {0: READY, START_CYCLE: CLIMBING}), plant, alive=False)
+    assert outcome.robot_on_wall is False
