@@ -1,4 +1,4 @@
-"""A small plan and the log of a made-up climb of it, with errors put in on purpose so that tests know what must come out."""
+"""A small plan and the log of a made-up climb of it, with errors put in on purpose: tests know what must come out."""
 
 from __future__ import annotations
 
@@ -32,8 +32,21 @@ version: 1
 name: made-up
 robot: scaler
 wall: {slope_deg: 45, friction: 0.6}
+contact: {model: patch, patch_radius_m: 0.02, max_normal_N: 60, spine_shear_N: 5, spine_twist_Nm: 0.05}
+holds:
+  - {name: a, position_m: [0.14, 0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
+  - {name: b, position_m: [0.14, -0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
+  - {name: c, position_m: [-0.14, 0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
+  - {name: d, position_m: [-0.14, -0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
+  - {name: e, position_m: [0.27, 0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
+obstacles:
+  - {name: pillar, position_m: [0.6, 0.0], size_m: [0.06, 0.06, 0.06], yaw_deg: 0}
+start:
+  body: {position_m: [0.0, 0.0, 0.185], rpy_deg: [0, 0, 0]}
+  grasps: {LF: {hold: a, faces: x}, RF: {hold: b, faces: x}, LR: {hold: c, faces: x}, RR: {hold: d, faces: x}}
 goal:
   body: {position_m: [0.05, 0.0, 0.185], rpy_deg: [0, 0, 0], tolerance_m: 0.01, tolerance_deg: 3}
+horizon: {steps: 8, dt_s: 0.4}
 """
 
 

@@ -1,0 +1,100 @@
+"""`crux report`: one HTML page about a plan or a climb."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crux_tools.output import add_json_option, note, print_json
+
+_DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
+or from the robot): pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface margins,
+tracking, grasp forces, timing of the control cycle and the scenario. Needs no network, neither to write nor to read."""
+_EPILOG = """examples:
+  crux report out/plan.mcap -o out/plan.html
+  crux report out/climb.mcap -o out/climb.html --picture out/climb.png"""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a report was written about."""
+
+    file: Path
+    kind: str  # plan or climb
+    bytes: int
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds the parser of `crux report`."""
+    parser = subparsers.add_parser(
+        "report",
+        help="one HTML page about a plan or a climb",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("source", type=Path, metavar="PLAN_OR_LOG", help="a plan or a log (.mcap)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.html", help="the page to write")
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE.png", help="also write one large picture, of the middle of the climb"
+    )
+    add_json_option(parser)
+    parser.set_defaults(func=run)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """All of it or nothing: a broken write leaves an older file as it was."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write_report(source: Path, output: Path, picture: Path | None = None) -> Written:
+    """Writes the page about `source`, and the picture if asked for.
+
+    Raises LogError or a contract's error where `source` is neither plan nor log, OSError where `output` cannot be
+    written.
+    """
+    from crux_tools.report import sections
+    from crux_tools.report.page import page
+    from crux_tools.telemetry import is_log, read_channels, telemetry_of
+    from crux_tools.telemetry.summary import summarise
+
+    channels = read_channels(source)
+    if is_log(channels):
+        log = telemetry_of(source, channels)
+        summary = summarise(log)
+        kind, plan, name = "climb", log.plan, summary.scenario or source.stem
+        content = sections.log_sections(log, summary)
+    else:
+        from crux_contracts.plan_file import read_plan
+
+        log = None
+        plan = read_plan(source)
+        kind, name = "plan", plan.scenario_name
+        content = sections.plan_sections(plan)
+    html = page(f"{kind.capitalize()}: {name}", f"crux report of {source.name}", content).encode()
+    _write(output, html)
+    if picture is not None:
+        from crux_tools.report.showpiece import showpiece
+
+        _write(picture, showpiece(plan, log))
+    return Written(output, kind, len(html))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when the page was written."""
+    written = write_report(options.source, options.output, options.picture)
+    if options.json:
+        print_json({"ok": True, "file": str(written.file), "kind": written.kind, "bytes": written.bytes})
+    else:
+        note(f"report of the {written.kind}: {written.file} ({written.bytes / 1e6:.1f} MB)")
+    return 0

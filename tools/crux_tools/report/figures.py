@@ -1,0 +1,239 @@
+"""The plots of a report as PNG files held in memory."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from matplotlib import pyplot as plt
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from crux_tools.report.margins import measured_margin_n, planned_margin_n
+from crux_tools.report.plan_series import PlanSeries
+from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.summary import body_error_m, body_error_rad, is_realtime, runs
+
+MAX_POINTS = 2500  # a curve needs no more on a page
+DPI = 110
+WIDTH_IN = 10.0
+AXIS_COLOURS = ("#c0392b", "#27864a", "#2465b0")  # x, y, z
+FINGER_COLOURS = ("#2465b0", "#c77700")
+STANCE_COLOUR, AIR_COLOUR = "#35506b", "#f0c36d"
+# limb_reference.phase: stance, unload, open, lift, swing, descend, close, load
+PHASE_NAMES = ("stance", "unload", "open", "lift", "swing", "descend", "close", "load")
+PHASE_COLOURS = (STANCE_COLOUR, "#7d95ad", "#f7e2ae", "#f0c36d", "#e8a33d", "#f0c36d", "#f7e2ae", "#7d95ad")
+NS_PER_US = 1e3
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    plt.close(figure)
+    return buffer.getvalue()
+
+
+def _rows(count: int, height_in: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:
+    figure, axes = plt.subplots(
+        count, 1, sharex=sharex, figsize=(WIDTH_IN, height_in), layout="constrained", squeeze=False
+    )
+    for axis in axes[:, 0]:
+        axis.grid(color="#e4e4e4", linewidth=0.6)
+        axis.set_axisbelow(True)
+    return figure, list(axes[:, 0])
+
+
+def thinned(count: int) -> np.ndarray:
+    """Evenly spaced row indices, at most MAX_POINTS, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
+
+
+def _lane(axis: Axes, lane: int, start: float, width: float, colour: str, text: str = "") -> None:
+    axis.broken_barh([(start, width)], (lane - 0.36, 0.72), facecolors=colour, edgecolor="white", linewidth=0.8)
+    if text:
+        light = colour == STANCE_COLOUR
+        axis.text(
+            start + width / 2, lane, text, ha="center", va="center", fontsize=8, clip_on=True,
+            color="white" if light else "#333333",
+        )  # fmt: skip
+
+
+def _limb_lanes(axis: Axes) -> None:
+    axis.set_yticks(range(len(LIMB_NAMES)), LIMB_NAMES)
+    axis.invert_yaxis()
+    axis.grid(visible=False, axis="y")
+
+
+def gait(series: PlanSeries) -> bytes:
+    """Limbs over plan time: stance with the hold's name, and air."""
+    figure, (axis,) = _rows(1, 2.4)
+    end = series.time_s[-1] + series.dt_s
+    for limb in range(len(LIMB_NAMES)):
+        for first, last in runs(series.hold[:, limb]):
+            start = series.time_s[first]
+            stop = series.time_s[last] if last < len(series.time_s) else end
+            stance = bool(series.stance[first, limb])
+            name = series.hold_name(int(series.hold[first, limb])) if stance else ""
+            _lane(axis, limb, start, stop - start, STANCE_COLOUR if stance else AIR_COLOUR, name)
+    _limb_lanes(axis)
+    axis.set_xlim(series.time_s[0], end)
+    axis.set_xlabel("plan time [s]")
+    return _png(figure)
+
+
+def executed_gait(log: Telemetry) -> bytes:
+    """Limbs over real time as they really moved, with the instants the plan's clock stood still."""
+    figure, (axis,) = _rows(1, 2.8)
+    for limb in range(len(LIMB_NAMES)):
+        phase = log.references["phase"][:, limb]
+        for first, end in runs(phase):
+            stop = log.time_s[min(end, len(log.time_s) - 1)]
+            _lane(axis, limb, log.time_s[first], stop - log.time_s[first], PHASE_COLOURS[int(phase[first]) % 8])
+    waiting = log.state["waiting_for"]
+    for first, end in runs(waiting):
+        if waiting[first]:
+            limb = int(log.state["waiting_limb"][first])
+            lanes = [limb] if limb >= 0 else range(len(LIMB_NAMES))
+            for lane in lanes:
+                axis.plot([log.time_s[first], log.time_s[end - 1]], [lane + 0.43] * 2, color="#c0392b", linewidth=2.5)
+    _limb_lanes(axis)
+    handles: list[Artist] = [Patch(color=PHASE_COLOURS[i], label=PHASE_NAMES[i]) for i in range(5)]
+    handles.append(Line2D([], [], color="#c0392b", linewidth=2.5, label="waits"))
+    figure.legend(handles=handles, ncols=6, fontsize=8, frameon=False, loc="outside upper right")
+    axis.set_xlim(log.time_s[0], log.time_s[-1])
+    axis.set_xlabel("time [s]")
+    return _png(figure)
+
+
+def _components(axis: Axes, time: np.ndarray, values: np.ndarray, style: dict[str, Any], labels: Iterable[str]) -> None:
+    for component, (colour, label) in enumerate(zip(AXIS_COLOURS, labels, strict=True)):
+        axis.plot(time, values[:, component], color=colour, label=label, **style)
+
+
+def _wrench_figure(quantity: str, unit: str, curves: list[tuple[np.ndarray, np.ndarray, dict[str, Any], str]]) -> bytes:
+    figure, axes = _rows(len(LIMB_NAMES), 7.5)
+    for limb, axis in enumerate(axes):
+        for time, values, style, what in curves:
+            _components(axis, time, values[:, limb], style, [f"{quantity}{letter} {what}" for letter in "xyz"])
+        axis.set_ylabel(f"{LIMB_NAMES[limb]} [{unit}]")
+    axes[-1].set_xlabel("time [s]" if len(curves) > 1 else "plan time [s]")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=6, fontsize=8, frameon=False, loc="outside upper right")
+    return _png(figure)
+
+
+def planned_wrenches(series: PlanSeries) -> tuple[bytes, bytes]:
+    """Forces and moments of the plan, constant from knot to knot."""
+    style = {"drawstyle": "steps-post", "linewidth": 1.3}
+    return (
+        _wrench_figure("F", "N", [(series.time_s, series.force_n, style, "")]),
+        _wrench_figure("M", "Nm", [(series.time_s, series.moment_nm, style, "")]),
+    )
+
+
+def measured_wrenches(log: Telemetry) -> tuple[bytes, bytes]:
+    """Forces and moments of every gripper: planned (thin, dashed) and measured."""
+    rows = thinned(len(log.time_s))
+    time, limbs = log.time_s[rows], log.limbs[rows]
+    planned = {"linestyle": "--", "linewidth": 0.9}
+    measured = {"linewidth": 1.1, "alpha": 0.85}
+
+    def figure(quantity: str, unit: str, wanted: str, actual: str) -> bytes:
+        return _wrench_figure(
+            quantity, unit, [(time, limbs[wanted], planned, "planned"), (time, limbs[actual], measured, "measured")]
+        )
+
+    return (
+        figure("F", "N", "force_reference_w_n", "force_w_n"),
+        figure("M", "Nm", "moment_reference_w_nm", "moment_w_nm"),
+    )
+
+
+def _margin_figure(time: np.ndarray, margin: np.ndarray, drawstyle: str, label: str) -> bytes:
+    figure, axes = _rows(len(LIMB_NAMES), 7.0)
+    for limb, axis in enumerate(axes):
+        for finger in range(2):
+            axis.plot(
+                time, margin[:, limb, finger], color=FINGER_COLOURS[finger], drawstyle=drawstyle, linewidth=1.2,
+                label=f"finger {finger + 1}",
+            )  # fmt: skip
+        axis.axhline(0, color="#c0392b", linewidth=1.0)
+        axis.set_ylim(bottom=min(0.0, float(np.nanmin(margin))) - 2 if np.isfinite(margin).any() else -2)
+        axis.set_ylabel(f"{LIMB_NAMES[limb]} [N]")
+    axes[-1].set_xlabel(label)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=2, fontsize=8, frameon=False, loc="outside upper right")
+    return _png(figure)
+
+
+def planned_margins(plan: Any, series: PlanSeries) -> tuple[bytes, float]:
+    """Margin of the limit surface a finger at the knots, and the smallest of all [N]."""
+    margin = planned_margin_n(plan)
+    return _margin_figure(series.time_s, margin, "steps-post", "plan time [s]"), float(np.nanmin(margin))
+
+
+def measured_margins(log: Telemetry) -> tuple[bytes, float]:
+    """Margin of the limit surface a finger from the measured wrenches, and the smallest of those drawn [N]."""
+    rows = thinned(len(log.time_s))
+    margin = measured_margin_n(log, rows)
+    smallest = float(np.nanmin(margin)) if np.isfinite(margin).any() else float("nan")
+    return _margin_figure(log.time_s[rows], margin, "default", "time [s]"), smallest
+
+
+def body_tracking(log: Telemetry) -> bytes:
+    """Position and orientation error of the body against its reference."""
+    figure, axes = _rows(2, 3.6)
+    rows = thinned(len(log.time_s))
+    axes[0].plot(log.time_s[rows], 1e3 * body_error_m(log)[rows], color=AXIS_COLOURS[2], linewidth=1.1)
+    axes[0].set_ylabel("position [mm]")
+    axes[1].plot(log.time_s[rows], np.degrees(body_error_rad(log)[rows]), color=AXIS_COLOURS[0], linewidth=1.1)
+    axes[1].set_ylabel("orientation [deg]")
+    axes[1].set_xlabel("time [s]")
+    for axis in axes:
+        axis.set_ylim(bottom=0)
+    return _png(figure)
+
+
+def grasp_forces(log: Telemetry) -> bytes:
+    """Squeeze of a finger, wanted and measured."""
+    figure, axes = _rows(len(LIMB_NAMES), 6.0)
+    rows = thinned(len(log.time_s))
+    time, limbs = log.time_s[rows], log.limbs[rows]
+    for limb, axis in enumerate(axes):
+        axis.plot(time, limbs["grasp_force_n"][:, limb], color=FINGER_COLOURS[0], linewidth=1.1, label="measured")
+        wanted = limbs["grasp_force_reference_n"][:, limb]
+        axis.plot(time, wanted, color="#333333", linestyle="--", linewidth=0.9, label="wanted")
+        axis.set_ylabel(f"{LIMB_NAMES[limb]} [N]")
+    axes[-1].set_xlabel("time [s]")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, ncols=2, fontsize=8, frameon=False, loc="outside upper right")
+    return _png(figure)
+
+
+def cycle_timing(log: Telemetry) -> bytes | None:
+    """Histograms of computing time and, in real time, of period and lateness; None for a log without timing."""
+    timing = log.timing
+    if len(timing) < 2:
+        return None
+    columns = [("computing [µs]", timing["compute_ns"][1:] / NS_PER_US)]
+    if is_realtime(log):
+        period = np.diff(timing["wall_ns"]) / np.diff(timing["cycle"]) / NS_PER_US
+        columns += [("period [µs]", period), ("late [µs]", timing["late_ns"][1:] / NS_PER_US)]
+    figure, axes = plt.subplots(1, len(columns), figsize=(WIDTH_IN, 2.6), layout="constrained", squeeze=False)
+    for axis, (label, values) in zip(axes[0], columns, strict=True):
+        axis.hist(values, bins=80, color=STANCE_COLOUR)
+        axis.set_yscale("log")
+        axis.set_xlabel(label)
+        axis.grid(color="#e4e4e4", linewidth=0.6)
+        axis.set_axisbelow(True)
+    axes[0][0].set_ylabel("cycles")
+    return _png(figure)

@@ -1,0 +1,101 @@
+"""How far each finger is from slipping, by the limit surface the checker uses.
+
+For a plan the fingers' wrenches are known. A log holds the wrench of the gripper and the squeeze of its actuator; the
+two fingers' shares follow from them: one actuator drives both, so the squeeze is the mean of the two normal forces and
+the wrench's part along the opening axis their difference; the fingers share tangential force and twist equally (4);
+what is left of the moment, across the opening axis, is a couple of tangential forces on the arm between the pads.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from crux_planner.checker.limit_surface import cone_excess
+
+from crux_tools.report.plan_series import PlanSeries, plan_series
+from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.summary import FULL_LOAD, STANCE
+
+_FACES = 4  # +x, -x, +y, -y
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def _surfaces(plan: Any, series: PlanSeries) -> tuple[np.ndarray, np.ndarray]:
+    """Friction and whether spines grip under fingers 1 and 2 at every knot, (K, 4, 2) each."""
+    friction = np.zeros((*series.hold.shape, 2))
+    spines = np.zeros((*series.hold.shape, 2), dtype=bool)
+    for k, knot in enumerate(plan.knots):
+        for index, limb in enumerate(knot.limbs):
+            if series.stance[k, index] and 0 <= limb.hold < len(plan.holds) and 0 <= limb.finger1_face < _FACES:
+                hold = plan.holds[limb.hold]
+                faces = (limb.finger1_face, limb.finger1_face ^ 1)
+                friction[k, index] = [hold.friction[face] for face in faces]
+                spines[k, index] = [bool(hold.spines[face]) for face in faces]
+            elif series.stance[k, index]:
+                friction[k, index] = limb.friction
+                spines[k, index] = True
+    return friction, spines
+
+
+def _margin(
+    plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, friction: np.ndarray, spines: np.ndarray
+) -> np.ndarray:
+    """mu fz - demand [N] of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
+    tangent = np.cross(Z, outward)
+    other_tangent = np.cross(outward, tangent)
+    return np.asarray(
+        -cone_excess(
+            np.stack([(force * tangent).sum(axis=-1), (force * other_tangent).sum(axis=-1)], axis=-1),
+            (moment * outward).sum(axis=-1),
+            (force * outward).sum(axis=-1),
+            friction=friction,
+            patch_k_m=plan.patch_k_m,
+            spine_shear_N=plan.spine_shear_n * spines,
+            spine_twist_Nm=plan.spine_twist_nm * spines,
+        )
+    )
+
+
+def planned_margin_n(plan: Any) -> np.ndarray:
+    """Margin of fingers 1 and 2 of every limb at every knot, (K, 4, 2) [N]; NaN in the air."""
+    series = plan_series(plan)
+    friction, spines = _surfaces(plan, series)
+    axis = series.opening_axis
+    outward = np.stack([axis, -axis], axis=2)
+    margin = _margin(plan, series.finger_force_n, series.finger_moment_nm, outward, friction, spines)
+    return np.where(series.stance[..., None], margin, np.nan)
+
+
+def split_between_fingers(
+    force: np.ndarray, moment: np.ndarray, axis: np.ndarray, half_opening_m: np.ndarray, squeeze_n: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces and moments (..., 2, 3) of fingers 1 (at +axis) and 2 from a gripper's wrench and actuator's squeeze."""
+    along = (force * axis).sum(axis=-1, keepdims=True)
+    tangential = force - along * axis
+    twist = (moment * axis).sum(axis=-1, keepdims=True) * axis
+    couple = np.cross(moment - twist, axis) / (2 * half_opening_m[..., None])
+    first = tangential / 2 + couple + (squeeze_n[..., None] + along / 2) * axis
+    second = tangential / 2 - couple - (squeeze_n[..., None] - along / 2) * axis
+    return np.stack([first, second], axis=-2), np.stack([twist / 2, twist / 2], axis=-2)
+
+
+def measured_margin_n(log: Telemetry, rows: np.ndarray) -> np.ndarray:
+    """Margin of fingers 1 and 2 of every limb in the cycles `rows`, (len(rows), 4, 2) [N]; NaN unless in full stance.
+
+    The faces are those of the plan's knot at the logged plan time.
+    """
+    plan = log.plan
+    series = plan_series(plan)
+    friction, spines = _surfaces(plan, series)
+    knot = np.clip(np.searchsorted(series.time_s, log.state["plan_time_s"][rows] + 1e-9) - 1, 0, len(series.time_s) - 1)
+    limbs = log.limbs[rows]
+    w, x, y, z = np.moveaxis(limbs["gripper_quaternion_w"], -1, 0)
+    axis = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
+    force, moment = split_between_fingers(
+        limbs["force_w_n"], limbs["moment_w_nm"], axis, log.inputs["finger_opening_m"][rows], limbs["grasp_force_n"]
+    )
+    outward = np.stack([axis, -axis], axis=2)
+    margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
+    loaded = (log.references["phase"][rows] == STANCE) & (log.references["load"][rows] > FULL_LOAD)
+    return np.where((loaded & series.stance[knot])[..., None], margin, np.nan)

@@ -1,0 +1,42 @@
+"""One large picture of the robot in the middle of its first swings, as the README shows it."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from crux_tools.bench.start_pose import RobotPose
+from crux_tools.errors import WorkFailed
+from crux_tools.report.pictures import open_stage
+from crux_tools.report.plan_series import plan_series
+from crux_tools.report.renderer import NoGraphicsError
+from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.summary import SWING
+
+SIZE_PX = (1000, 700)
+COLOURS = 256  # a palette keeps the file small without visible loss
+
+
+def showpiece(plan: Any, log: Telemetry | None) -> bytes:
+    """PNG of the middle swing of a climb, or of a plan. Raises WorkFailed where nothing can be rendered or shown."""
+    if plan is None:
+        raise WorkFailed("no picture: no plan was accepted in this log, so there is no wall to show")
+    try:
+        with open_stage(plan, SIZE_PX) as stage:
+            if log is not None:
+                swinging = np.flatnonzero((log.references["phase"] == SWING).any(axis=1))
+                stage.show_cycle(log, int(swinging[len(swinging) // 2]) if len(swinging) else len(log.time_s) - 1)
+            else:
+                swings = plan_series(plan).swings()
+                middle = swings[len(swings) // 2] if swings else None
+                knot = (middle.first + middle.last + 1) // 2 if middle else 0
+                stage.show_pose(RobotPose.of_knot(plan.knots[knot]))
+            image = stage.image()
+    except NoGraphicsError as error:
+        raise WorkFailed(f"no picture: this machine has no OpenGL to render it with ({error})") from error
+    buffer = io.BytesIO()
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()

@@ -1,0 +1,5 @@
+"""Plans and telemetry logs as NumPy arrays, and the figures a climb is judged by."""
+
+from crux_tools.telemetry.reader import Channels, LogError, Telemetry, is_log, read_channels, read_log, telemetry_of
+
+__all__ = ["Channels", "LogError", "Telemetry", "is_log", "read_channels", "read_log", "telemetry_of"]

@@ -1,0 +1,257 @@
+"""Reads a telemetry log as NumPy record arrays, one a channel: fast enough for a whole climb at once.
+
+The log is read as a stream, never by its index, so a log that ends in mid-write (power cut, kill -9) opens as far as it
+was written; what is missing is said in `Telemetry.notes`.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import InvalidMagic, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Footer, Header, Message, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap_ros2.decoder import DecoderFactory
+
+from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+
+N_LIMBS = 4
+PER_LIMB = ("/limb_reference", "/limb_telemetry")
+STATE_TOPIC = "/robot_state"
+PER_CYCLE = (STATE_TOPIC, "/control_input", "/control_output", *PER_LIMB)
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_READ_ERRORS = (McapError, struct.error, ValueError, RuntimeError, UnicodeDecodeError, EOFError)
+
+
+class LogError(Exception):
+    """The file is not a log that can be read; the message says why."""
+
+
+@dataclass
+class _Raw:
+    """What the file holds before decoding: bytes a channel, in the order written."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    payloads: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    times_ns: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
+    notes: list[str] = field(default_factory=list)
+    finished: bool = False
+
+
+@dataclass(frozen=True)
+class Channels:
+    """A file's channels: `tables` of fixed-size messages as record arrays, `messages` of the others as objects."""
+
+    tables: dict[str, np.ndarray]
+    messages: dict[str, list[Any]]
+    times_ns: dict[str, np.ndarray]
+    notes: list[str]
+    finished: bool
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """One climb as it was logged. Row i of every per-cycle table belongs to the same control cycle.
+
+    Field names of the record arrays are those of msgs/lcm; limbs LF, RF, LR, RR.
+    """
+
+    path: Path
+    plan: Any  # a plan_t as decoded from the log, None before the runtime accepted one
+    time_s: np.ndarray  # (n,) log time: cycle * dt
+    state: np.ndarray  # (n,) robot_state
+    inputs: np.ndarray  # (n,) control_input
+    outputs: np.ndarray  # (n,) control_output
+    references: np.ndarray  # (n, 4) limb_reference
+    limbs: np.ndarray  # (n, 4) limb_telemetry
+    timing: np.ndarray  # (m,) cycle_timing, perhaps of other cycles too
+    faults: np.ndarray  # (f,) fault
+    acknowledgements: list[Any]
+    commands: list[Any]
+    notes: list[str]
+    finished: bool
+
+
+def _chunk_records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    at, end = 0, len(data)
+    while at + _RECORD.size <= end:
+        opcode, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if at + length > end:
+            return
+        yield opcode, data[at : at + length]
+        at += length
+
+
+def _take(raw: _Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) -> None:
+    if opcode == Opcode.MESSAGE:
+        channel_id, _, log_time, _ = _MESSAGE.unpack_from(record)
+        if channel_id in raw.channels and wanted(raw.channels[channel_id].topic):
+            raw.payloads[channel_id].append(record[_MESSAGE.size :])
+            raw.times_ns[channel_id].append(log_time)
+    elif opcode == Opcode.SCHEMA:
+        schema = Schema.read(_stream(record))
+        raw.schemas[schema.id] = schema
+    elif opcode == Opcode.CHANNEL:
+        channel = Channel.read(_stream(record))
+        raw.channels[channel.id] = channel
+
+
+def _stream(record: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(record))
+
+
+def _chunk_bytes(chunk: Chunk, raw: _Raw) -> bytes:
+    try:
+        stream, length = get_chunk_data_stream(chunk)
+        data: bytes = stream.read(length)
+    except _READ_ERRORS:
+        if chunk.compression != "lz4":
+            raise
+        # the part of a cut-off chunk that is there
+        data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data))
+        raw.notes.append("the last chunk is cut off")
+        return data
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raw.notes.append("a chunk with a wrong checksum was left out")
+        return b""
+    return data
+
+
+def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
+    raw = _Raw()
+    with path.open("rb") as file:
+        try:
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=path.stat().st_size).records:
+                if isinstance(record, Chunk):
+                    for opcode, data in _chunk_records(_chunk_bytes(record, raw)):
+                        _take(raw, opcode, data, wanted)
+                elif isinstance(record, Schema):
+                    raw.schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    raw.channels[record.id] = record
+                elif isinstance(record, Message) and wanted(raw.channels[record.channel_id].topic):
+                    raw.payloads[record.channel_id].append(record.data)
+                    raw.times_ns[record.channel_id].append(record.log_time)
+                elif isinstance(record, Footer):
+                    raw.finished = True
+                elif isinstance(record, Header) and record.profile != "ros2":
+                    raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
+        except InvalidMagic as error:
+            if not raw.channels:
+                raise LogError(f"{path}: not an MCAP file (it does not begin with the MCAP signature)") from error
+        except _READ_ERRORS:
+            raw.finished = False
+    return raw
+
+
+def _decode(raw: _Raw, path: Path) -> Channels:
+    factory = DecoderFactory()
+    tables: dict[str, np.ndarray] = {}
+    messages: dict[str, list[Any]] = {}
+    times_ns: dict[str, np.ndarray] = {}
+    for channel_id, channel in raw.channels.items():
+        schema = raw.schemas.get(channel.schema_id)
+        payloads = raw.payloads.get(channel_id, [])
+        if schema is None or channel.message_encoding != "cdr":
+            raise LogError(
+                f"{path}: channel {channel.topic} has encoding '{channel.message_encoding}', crux writes 'cdr'"
+            )
+        dtype = fixed_dtype(schema.data.decode())
+        try:
+            if dtype is not None:
+                tables[channel.topic] = decode_table(payloads, dtype)
+            else:
+                decoder = factory.decoder_for(channel.message_encoding, schema)
+                assert decoder is not None
+                messages[channel.topic] = [decoder(payload) for payload in payloads]
+        except (ValueError, struct.error, IndexError, UnicodeDecodeError, MemoryError) as error:
+            raise LogError(f"{path}: channel {channel.topic} does not fit its own definition: {error}") from error
+        times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
+    return Channels(tables, messages, times_ns, list(dict.fromkeys(raw.notes)), raw.finished)
+
+
+def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
+    """The channels of an MCAP file in profile ros2, all or those in `topics`.
+
+    Raises LogError when the file is no such file; a cut-off end only clears `finished`.
+    """
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
+    if not path.exists():
+        raise LogError(f"{path}: no such file")
+    try:
+        return _decode(_read_raw(path, lambda topic: topics is None or topic in topics), path)
+    except PermissionError as error:
+        raise LogError(f"{path}: may not be read (permission denied)") from error
+
+
+def _by_limb(table: np.ndarray, times_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cycles in which all four limbs were logged: (m, 4) records and (m,) times."""
+    rows = [table["limb"] == limb for limb in range(N_LIMBS)]
+    times = times_ns[rows[0]]
+    for row in rows[1:]:
+        times = np.intersect1d(times, times_ns[row])
+    picked = [table[row][np.searchsorted(times_ns[row], times)] for row in rows]
+    return np.stack(picked, axis=1), times
+
+
+def read_log(path: Path) -> Telemetry:
+    """A telemetry log; raises LogError when it is none or holds not one whole control cycle."""
+    return telemetry_of(path, read_channels(path))
+
+
+def is_log(channels: Channels) -> bool:
+    """Whether a file is a telemetry log (and not a plan)."""
+    return STATE_TOPIC in channels.tables
+
+
+def telemetry_of(path: Path, channels: Channels) -> Telemetry:
+    """The telemetry in channels already read; see read_log."""
+    tables, times_ns = dict(channels.tables), dict(channels.times_ns)
+    if not is_log(channels):
+        raise LogError(f"{path}: no channel {STATE_TOPIC} in it: this is not a telemetry log")
+    missing = [topic for topic in PER_CYCLE if topic not in tables]
+    if missing:
+        raise LogError(f"{path}: no channel {', '.join(missing)} in it: the log is cut off before its first cycle")
+    for topic in PER_LIMB:
+        tables[topic], times_ns[topic] = _by_limb(tables[topic], times_ns[topic])
+    common_ns = times_ns[PER_CYCLE[0]]
+    for topic in PER_CYCLE[1:]:
+        common_ns = np.intersect1d(common_ns, times_ns[topic])
+    if len(common_ns) == 0:
+        raise LogError(f"{path}: the log holds not one whole control cycle")
+    aligned = {topic: tables[topic][np.searchsorted(times_ns[topic], common_ns)] for topic in PER_CYCLE}
+    notes = list(channels.notes)
+    if not channels.finished:
+        notes.append("the log was not closed (the runtime was killed or is still writing): read as far as it goes")
+    plans = channels.messages.get("/plan", [])
+    return Telemetry(
+        path=path,
+        plan=plans[-1] if plans else None,
+        time_s=common_ns * 1e-9,
+        state=aligned[STATE_TOPIC],
+        inputs=aligned["/control_input"],
+        outputs=aligned["/control_output"],
+        references=aligned["/limb_reference"],
+        limbs=aligned["/limb_telemetry"],
+        timing=tables.get("/cycle_timing", np.empty(0)),
+        faults=tables.get("/fault", np.empty(0)),
+        acknowledgements=channels.messages.get("/acknowledgement", []),
+        commands=channels.messages.get("/command", []),
+        notes=notes,
+        finished=channels.finished,
+    )
