@@ -42,7 +42,7 @@ COMMANDS: dict[str, Command] = {
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
     "replay": Command("show a logged climb, or check it bit by bit", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
-    "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.bench.bench_command"),
+    "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.benches.command"),
 }
 EPILOG = """a first climb:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap

@@ -1,0 +1,1 @@
+"""`crux bench`: figures of merit that anyone can reproduce with one command."""

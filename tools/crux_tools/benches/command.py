@@ -1,0 +1,52 @@
+"""`crux bench NAME`: each bench is a module with add_arguments(parser) and run(options) -> exit status."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from typing import Any
+
+from crux_tools.output import add_json_option, note
+
+BENCHES = {
+    "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
+}
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds `crux bench` with one sub-command a bench, and `all`."""
+    parser = subparsers.add_parser(
+        "bench",
+        help="reproduce a figure of merit",
+        description="Reproduces a figure of merit; exit status 1 when it is missed.",
+    )
+    names = parser.add_subparsers(dest="bench", metavar="NAME", required=True)
+    for name, (text, module) in BENCHES.items():
+        bench = names.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        importlib.import_module(module).add_arguments(bench)
+        add_json_option(bench)
+        bench.set_defaults(func=run)
+    everything = names.add_parser("all", help="every bench with its defaults", description="Every bench, one by one.")
+    add_json_option(everything)
+    everything.set_defaults(func=run)
+
+
+def _run_one(name: str, options: argparse.Namespace) -> int:
+    return int(importlib.import_module(BENCHES[name][1]).run(options))
+
+
+def _defaults(name: str, as_json: bool) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    importlib.import_module(BENCHES[name][1]).add_arguments(parser)
+    return argparse.Namespace(**vars(parser.parse_args([])), json=as_json)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status of the bench; of `all` the worst."""
+    if options.bench != "all":
+        return _run_one(options.bench, options)
+    worst = 0
+    for name in BENCHES:
+        note(f"bench {name}")
+        worst = max(worst, _run_one(name, _defaults(name, options.json)))
+    return worst

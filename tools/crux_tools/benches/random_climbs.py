@@ -1,0 +1,109 @@
+"""`crux bench climbs`: draws random walls, plans and climbs each one, and counts."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crux_tools.benches.random_walls import random_wall
+from crux_tools.output import note, print_json, progress
+
+PLANNED_SHARE = 0.95  # of the walls; every planned one must be climbed
+
+
+@dataclass(frozen=True)
+class WallResult:
+    """What became of one wall."""
+
+    seed: int
+    plan: dict[str, Any]
+    climb: dict[str, Any]
+
+    @property
+    def planned(self) -> bool:
+        """crux plan wrote a checked plan."""
+        return bool(self.plan.get("ok"))
+
+    @property
+    def climbed(self) -> bool:
+        """The robot reached the goal without slip or fall."""
+        return bool(self.climb.get("ok"))
+
+    @property
+    def remark(self) -> str:
+        """Why not."""
+        return str(self.climb.get("reason") or self.climb.get("error") or self.plan.get("error") or "")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `crux bench climbs`."""
+    parser.add_argument("--count", type=int, default=20, metavar="N", help="walls to draw (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first wall (default: %(default)s)")
+    parser.add_argument("--slope", type=float, default=45.0, metavar="DEG", help="of the walls (default: %(default)s)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("out/bench-climbs"), metavar="DIR", help="for scenarios, plans and logs"
+    )
+
+
+def _crux(*words: str) -> dict[str, Any]:
+    """Runs a command of crux in a process of its own, as a user would."""
+    done = subprocess.run(
+        [sys.executable, "-m", "crux_tools.cli", *words, "--json"], capture_output=True, text=True, check=False
+    )
+    lines = done.stdout.strip().splitlines()
+    try:
+        result = json.loads(lines[-1])
+    except (IndexError, ValueError):
+        result = {"ok": False, "error": f"{words[0]} ended with status {done.returncode}: {done.stderr.strip()[-300:]}"}
+    return result if isinstance(result, dict) else {"ok": False, "error": f"{words[0]} printed no object"}
+
+
+def climb_one(seed: int, slope_deg: float, folder: Path) -> WallResult:
+    """Draws, plans and climbs one wall; its files stay in `folder`."""
+    scenario, plan, log = (folder / f"wall-{seed}{suffix}" for suffix in (".yaml", ".plan.mcap", ".log.mcap"))
+    scenario.write_text(random_wall(seed, slope_deg), encoding="utf-8")
+    planned = _crux("plan", str(scenario), "-o", str(plan))
+    climbed = _crux("climb", str(plan), "-o", str(log), "--seed", str(seed)) if planned.get("ok") else {}
+    return WallResult(seed, planned, climbed)
+
+
+def _cell(value: Any, scale: float = 1.0, digits: int = 1) -> str:
+    return "-" if value is None else f"{scale * float(value):.{digits}f}"
+
+
+def _print_table(results: list[WallResult]) -> None:
+    note(f"{'wall':>5} {'plan s':>7} {'climbed':>8} {'body mm':>8} {'force N':>8} {'slip mm':>8} {'x real':>7}  remark")
+    for result in results:
+        tracking = result.climb.get("tracking", {})
+        climbed = ("yes" if result.climbed else "NO") if result.planned else "-"
+        note(
+            f"{result.seed:>5} {_cell(result.plan.get('seconds')) if result.planned else 'NO':>7} {climbed:>8} "
+            f"{_cell(tracking.get('body_m'), 1e3):>8} {_cell(tracking.get('force_N'), digits=2):>8} "
+            f"{_cell(result.climb.get('largest_slip_m'), 1e3, 2):>8} "
+            f"{_cell(result.climb.get('real_time_factor')):>7}  {result.remark}"
+        )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when 95 % of the walls were planned and every planned one climbed."""
+    options.output.mkdir(parents=True, exist_ok=True)
+    results: list[WallResult] = []
+    with progress("climbing random walls", options.count) as bar:
+        for seed in range(options.seed, options.seed + options.count):
+            results.append(climb_one(seed, options.slope, options.output))
+            bar.at(len(results))
+    planned = sum(result.planned for result in results)
+    climbed = sum(result.climbed for result in results)
+    ok = planned >= PLANNED_SHARE * options.count and climbed == planned
+    if options.json:
+        walls = [{"seed": result.seed, "plan": result.plan, "climb": result.climb} for result in results]
+        print_json({"ok": ok, "count": options.count, "planned": planned, "climbed": climbed, "walls": walls})
+    else:
+        _print_table(results)
+        note(f"{planned} of {options.count} walls planned, {climbed} of {planned} climbed; files in {options.output}")
+    return 0 if ok else 1
