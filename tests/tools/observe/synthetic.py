@@ -142,7 +142,7 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True) -> in
         for cycle, code, limb in story.faults:
             put("/fault", cycle, cycle=cycle, code=code, limb=limb, node=0, value=0.07, limit=0.06)
         if finish:
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
         else:
             file.flush()
     return cycles

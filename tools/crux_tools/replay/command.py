@@ -1,0 +1,82 @@
+"""`crux replay`: a logged climb in figures and in a 3-D view."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from crux_tools.output import add_json_option, note, print_json
+
+DEFAULT_PORT = 8737
+_DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits, tracking, wrench errors, timing - and
+shows it in a 3-D view in the browser: the robot as its joints were measured, the plan as a ghost, the contact forces.
+Logs of a runtime that was killed open too, as far as they go."""
+_EPILOG = """examples:
+  crux replay out/climb.mcap
+  crux replay out/climb.mcap --no-view --json"""
+
+
+def _port(text: str) -> int:
+    port = int(text) if text.isdigit() else -1
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a port: 1 … 65535, or 0 for any free one")
+    return port
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds the parser of `crux replay`."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="show a logged climb",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
+    parser.add_argument("--no-view", action="store_true", help="print the summary and end")
+    parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
+    parser.add_argument(
+        "--port", type=_port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
+    )
+    add_json_option(parser)
+    parser.set_defaults(func=run)
+
+
+def _print_table(table: list[tuple[str, str]]) -> None:
+    width = max(len(key) for key, _ in table)
+    for key, value in table:
+        first, *more = value.split("; ")
+        print(f"{key:<{width}}  {first}")
+        for line in more:
+            print(f"{'':<{width}}  {line}")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when the log could be shown, however the climb went."""
+    from crux_tools.telemetry import read_log
+    from crux_tools.telemetry.summary import summarise
+    from crux_tools.telemetry.wording import rows
+
+    log = read_log(options.log)
+    summary = summarise(log)
+    for remark in summary.notes:
+        note(f"crux replay: {remark}")
+    if options.json:
+        print_json({"ok": True, **summary.to_json()})
+    else:
+        _print_table(rows(summary))
+    if options.no_view:
+        return 0
+    if log.plan is None:
+        note("crux replay: no view: no plan was accepted in this log, so there is no wall to show")
+        return 0
+    from crux_tools.replay.viewer import Viewer
+
+    viewer = Viewer(log, options.host, options.port)
+    note(f"view: {viewer.url} (Ctrl-C ends it)")
+    try:
+        viewer.wait()
+    except KeyboardInterrupt:
+        viewer.close()
+    return 0
