@@ -128,9 +128,8 @@ def caption(log: Telemetry, row: int) -> str:
     waiting = int(state["waiting_for"])
     limb = int(state["waiting_limb"])
     wait = f"waits for {LIMB_NAMES[limb] if limb >= 0 else 'all limbs'} to {name_of(WAIT_NAMES, waiting)}"
-    grasp = ", ".join(
-        f"{name} {force:.0f}" for name, force in zip(LIMB_NAMES, log.limbs["grasp_force_n"][row], strict=True)
-    )
+    forces = zip(LIMB_NAMES, log.limbs["grasp_force_n"][row], strict=True)
+    grasp = ", ".join(f"{name} {force:.0f}" for name, force in forces)
     return "\n\n".join(
         [
             f"**{name_of(STATE_NAMES, int(state['supervisor_state']))}**, plan time {state['plan_time_s']:.2f} s"

@@ -34,9 +34,8 @@ class Viewer:
         self._scene = ReplayScene(self._server, log)
         self._begin_s, self._end_s = float(log.time_s[0]), float(log.time_s[-1])
         gui = self._server.gui
-        self._time = gui.add_slider(
-            "time [s]", self._begin_s, max(self._end_s, self._begin_s + 0.01), 0.01, self._begin_s
-        )
+        end_s = max(self._end_s, self._begin_s + TIME_STEP_S)
+        self._time: Any = gui.add_slider("time [s]", self._begin_s, end_s, TIME_STEP_S, self._begin_s)
         self._play = gui.add_checkbox("play", initial_value=False)
         self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         plan = gui.add_checkbox("plan", initial_value=True)
