@@ -1,0 +1,187 @@
+// What a node believes: only whole, new, finite and sensible frames with its own identifier.
+#include "node_fixture.hpp"
+
+namespace crux::firmware {
+namespace {
+
+const JointCommand kMove{.position_rad = 0.25F, .torque_Nm = 2.0F};
+
+// True when the frame, followed by a Sync, made the joint track.
+bool obeys(Joint& joint, const crux_frame& frame) {
+  joint.hear(frame);
+  joint.sync();
+  joint.tick();
+  return joint.node.state == CRUX_STATE_TRACK;
+}
+
+TEST(Acceptance, TakesAWholeCommandWithItsSync) {
+  Joint joint;
+  EXPECT_TRUE(obeys(joint, frame_of(kMove, 77)));
+  EXPECT_EQ(joint.node.link.counters.commands, 1U);
+  EXPECT_EQ(joint.node.link.counters.syncs, 1U);
+}
+
+TEST(Acceptance, KnownCrcOfASealedFrame) {
+  // Worked out by hand from the definition: an all-zero Sync of counter 0 covers 00 00 00 00 00 00 10 00.
+  crux_frame frame = sync_frame(0, 0);
+  unsigned crc = 0xFFFF;
+  for (const unsigned byte : {0x00U, 0x00U, 0x00U, 0x00U, 0x00U, 0x00U, 0x10U, 0x00U}) {
+    crc ^= byte << 8;
+    for (int i = 0; i < 8; ++i) {
+      crc = ((crc & 0x8000U) != 0U) ? ((crc << 1) ^ 0x1021U) & 0xFFFFU : (crc << 1) & 0xFFFFU;
+    }
+  }
+  EXPECT_EQ(frame.data[0] | (frame.data[1] << 8), static_cast<int>(crc));
+}
+
+TEST(Acceptance, RejectsEveryFlippedBit) {
+  const crux_frame whole = frame_of(kMove, 0);
+  for (int bit = 0; bit < 16 * 8; ++bit) {
+    Joint joint;
+    crux_frame forged = whole;
+    forged.data[bit / 8] = static_cast<std::uint8_t>(forged.data[bit / 8] ^ (1U << (bit % 8)));
+    EXPECT_FALSE(obeys(joint, forged)) << "bit " << bit;
+    EXPECT_EQ(joint.node.link.counters.rejected_crc, 1U) << "bit " << bit;
+  }
+}
+
+TEST(Acceptance, RejectsEveryFlippedBitOfASync) {
+  const crux_frame whole = sync_frame(9, 0);
+  for (int bit = 0; bit < 8 * 8; ++bit) {
+    Joint joint;
+    crux_frame forged = whole;
+    forged.data[bit / 8] = static_cast<std::uint8_t>(forged.data[bit / 8] ^ (1U << (bit % 8)));
+    joint.command(kMove);
+    joint.hear(forged);
+    joint.tick();
+    EXPECT_NE(joint.node.state, CRUX_STATE_TRACK) << "bit " << bit;
+    EXPECT_FALSE(joint.node.guard.answer_due) << "bit " << bit;
+  }
+}
+
+TEST(Acceptance, RejectsAFrameMeantForAnotherNode) {
+  Joint joint;
+  EXPECT_FALSE(obeys(joint, frame_of(kMove, 0, kJoint + 1)));
+  EXPECT_EQ(joint.node.link.counters.rejected_crc, 0U) << "another node's frame is none of our business";
+  crux_frame masquerade = frame_of(kMove, 0, kJoint + 1);
+  masquerade.id = 0x100 + kJoint;
+  EXPECT_FALSE(obeys(joint, masquerade));
+  EXPECT_EQ(joint.node.link.counters.rejected_crc, 1U);
+}
+
+TEST(Acceptance, CounterMayStepOneToTheWindowAndNoFurther) {
+  for (int step = 0; step < 256; ++step) {
+    Joint joint;
+    joint.hear(frame_of(JointCommand{.mode = CRUX_MODE_HOLD}, 200));
+    joint.sync();
+    joint.tick();
+    const bool taken = obeys(joint, frame_of(kMove, static_cast<std::uint8_t>(200 + step)));
+    EXPECT_EQ(taken, step >= 1 && step <= kWatchdogCycles) << "step " << step;
+    EXPECT_EQ(joint.node.link.counters.rejected_counter, taken ? 0U : 1U) << "step " << step;
+  }
+}
+
+TEST(Acceptance, AStaleFrameDoesNotMoveTheCounter) {
+  Joint joint;
+  joint.hear(frame_of(JointCommand{.mode = CRUX_MODE_HOLD}, 100));
+  joint.sync();
+  joint.tick();
+  EXPECT_FALSE(obeys(joint, frame_of(kMove, 40)));
+  EXPECT_TRUE(obeys(joint, frame_of(kMove, 101))) << "the sender's next frame must still fit";
+}
+
+TEST(Acceptance, AnyCounterIsTakenAfterTheWatchdogsTimeOfSilence) {
+  for (const bool long_enough : {false, true}) {
+    Joint joint;
+    joint.run({.mode = CRUX_MODE_HOLD});
+    for (int i = 0; i < kWatchdogCycles - (long_enough ? 0 : 1); ++i) {
+      joint.sync();
+      joint.tick();
+    }
+    EXPECT_EQ(obeys(joint, frame_of(kMove, 150)), long_enough);
+  }
+}
+
+TEST(Acceptance, RejectsWrongLengths) {
+  for (int length = 0; length <= 64; ++length) {
+    Joint joint;
+    crux_frame frame = frame_of(kMove, 0);
+    frame.length = static_cast<std::uint8_t>(length);
+    if (length >= 3) {
+      seal(frame, 0);
+    }
+    EXPECT_EQ(obeys(joint, frame), length == 16) << "length " << length;
+  }
+}
+
+TEST(Acceptance, RejectsWhatIsNoPosition) {
+  for (const float bad : {kNaN, std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()}) {
+    Joint joint;
+    EXPECT_FALSE(obeys(joint, frame_of(JointCommand{.position_rad = bad}, 0)));
+    EXPECT_EQ(joint.node.link.counters.rejected_invalid, 1U);
+    Gripper gripper;
+    gripper.run({.opening_m = bad});
+    EXPECT_NE(gripper.node.state, CRUX_STATE_TRACK);
+    EXPECT_EQ(gripper.node.link.counters.rejected_invalid, 1U);
+  }
+}
+
+TEST(Acceptance, RejectsUnknownModes) {
+  for (unsigned mode = 3; mode < 16; ++mode) {
+    Joint joint;
+    EXPECT_FALSE(obeys(joint, frame_of(JointCommand{.mode = mode}, 0)));
+    Gripper gripper;
+    gripper.run({.mode = mode});
+    EXPECT_EQ(gripper.node.state, CRUX_STATE_BOOT) << "mode " << mode;
+  }
+}
+
+TEST(Acceptance, RejectsCommandsThatWouldLetGo) {
+  Joint joint;
+  EXPECT_FALSE(obeys(joint, frame_of(JointCommand{.kp = 0.0F}, 0)));
+  Gripper gripper;
+  gripper.run({.force_limit_N = 0.0F});
+  EXPECT_NE(gripper.node.state, CRUX_STATE_TRACK);
+}
+
+TEST(Acceptance, ClampsToTheRangeAndSaysSo) {
+  const crux_joint_parameters limits = joint_parameters();
+  Joint joint;
+  for (int i = 0; i < 2000; ++i) {
+    joint.run({.position_rad = 9.0F, .velocity_rad_s = -30.0F});
+    EXPECT_LE(joint.node.setpoint_rad, limits.position_max_rad);
+  }
+  EXPECT_NEAR(joint.node.setpoint_rad, limits.position_max_rad, 1e-5F);
+  EXPECT_NEAR(joint.node.velocity_setpoint_rad_s, -limits.velocity_limit_rad_s, 1e-5F);
+  EXPECT_EQ(joint.node.link.faults, 0x08 | 0x10);
+  joint.run({.position_rad = 1.0F});
+  EXPECT_EQ(joint.node.link.faults, 0) << "the bits last as long as the cause";
+}
+
+TEST(Acceptance, RoundingAtTheLimitIsNoFault) {
+  Joint joint;
+  joint.run({.position_rad = 1.5001F, .velocity_rad_s = 4.001F});
+  EXPECT_EQ(joint.node.link.faults, 0);
+}
+
+TEST(Acceptance, ACommandWaitsForItsSync) {
+  Joint joint;
+  joint.tick();
+  joint.command(kMove);
+  EXPECT_FLOAT_EQ(joint.tick(), 0.0F);
+  EXPECT_EQ(joint.node.state, CRUX_STATE_BOOT);
+  joint.sync();
+  EXPECT_GT(joint.tick(), 2.0F);
+  EXPECT_EQ(joint.node.state, CRUX_STATE_TRACK);
+}
+
+TEST(Acceptance, TheNewestCommandBeforeTheSyncCounts) {
+  Joint joint;
+  joint.command({.position_rad = -1.0F});
+  joint.command({.position_rad = 1.0F});
+  joint.sync();
+  EXPECT_GT(joint.tick(), 0.0F);
+}
+
+}  // namespace
+}  // namespace crux::firmware
