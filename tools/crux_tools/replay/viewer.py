@@ -6,6 +6,7 @@ import contextlib
 import io
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import viser
