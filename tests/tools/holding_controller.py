@@ -27,7 +27,7 @@ class HoldingController:
         plant, robot = self.plant, self.plant.robot
         torque = plant.data.qfrc_bias[robot.joint_dof].copy()
         if not self.carries_body:
-            return torque
+            return np.asarray(torque)
         share = -plant.model.body_subtreemass[robot.body] * plant.model.opt.gravity / 4
         for limb in range(4):
             mujoco.mj_jacSite(
@@ -35,7 +35,7 @@ class HoldingController:
             )
             dofs = robot.joint_dof[6 * limb : 6 * limb + 6]
             torque[6 * limb : 6 * limb + 6] -= self._jacobian[:3, dofs].T @ share
-        return torque
+        return np.asarray(torque)
 
     def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Torques (24,) and finger forces (4,) for the plant as it is."""

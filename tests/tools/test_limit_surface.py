@@ -67,7 +67,7 @@ def share_at_slip(
         mujoco.mj_step(model, data)
         moved = data.qpos - start
         if np.hypot(moved[1], moved[2]) > MOVED_M or abs(moved[3]) > TURNED_RAD:
-            return share
+            return float(share)
     return float("inf")
 
 

@@ -85,7 +85,11 @@ def _origin(error: BaseException) -> str:
 
 def _user_errors() -> tuple[type[BaseException], ...]:
     """Error types of the other rooms that mean wrong input; only those already imported can have been raised."""
-    names = {"crux_contracts.yaml_document": "DocumentError", "crux_tools.telemetry.reader": "LogError"}
+    names = {
+        "crux_contracts.yaml_document": "DocumentError",
+        "crux_contracts.plan_file": "PlanFileError",
+        "crux_tools.telemetry.reader": "LogError",
+    }
     kinds = [getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules]
     return (UsageError, *kinds)
 

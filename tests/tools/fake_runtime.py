@@ -1,0 +1,82 @@
+"""A runtime's LCM side for tests: takes plans and commands, answers as told."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from types import TracebackType
+
+import lcm
+from crux_contracts import channels
+from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
+
+
+class FakeRuntime:
+    """Listens in a thread of its own while the context lasts; `lose` messages are ignored at first."""
+
+    def __init__(self, url: str, refuse_plan: str = "", refuse_commands: str = "", lose: int = 0) -> None:
+        self._url = url
+        self._refuse_plan = refuse_plan
+        self._refuse_commands = refuse_commands
+        self._lose = lose
+        self._pieces: dict[int, bytes] = {}
+        self._stop = threading.Event()
+        self._ready = threading.Event()
+        self.plan: plan_t | None = None
+        self.commands: list[command_t] = []
+
+    def __enter__(self) -> FakeRuntime:
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
+        assert self._ready.wait(5)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _listen(self) -> None:
+        self._lcm = lcm.LCM(self._url)
+        self._lcm.subscribe(channels.CRUX_PLAN_PIECE, self._on_piece)
+        self._lcm.subscribe(channels.CRUX_COMMAND, self._on_command)
+        self._ready.set()
+        while not self._stop.is_set():
+            self._lcm.handle_timeout(20)
+
+    def _loses(self) -> bool:
+        self._lose -= 1
+        return self._lose >= 0
+
+    def _answer(self, subject: int, request_id: int, piece: int = -1, reason: str = "") -> None:
+        answer = acknowledgement_t()
+        answer.subject = subject
+        answer.request_id = request_id
+        answer.piece = piece
+        answer.verdict = acknowledgement_t.REFUSED if reason else acknowledgement_t.ACCEPTED
+        answer.supervisor_state = 1
+        answer.plan_id = self.plan.plan_id if self.plan else ""
+        answer.reason = reason
+        self._lcm.publish(channels.CRUX_ACKNOWLEDGEMENT, answer.encode())
+
+    def _on_piece(self, _channel: str, data: bytes) -> None:
+        if self._loses():
+            return
+        piece = plan_piece_t.decode(data)
+        self._pieces[piece.piece] = bytes(piece.data)
+        self._answer(acknowledgement_t.PLAN_PIECE, piece.transfer_id, piece.piece)
+        if len(self._pieces) < piece.n_pieces:
+            return
+        whole = b"".join(self._pieces[i] for i in range(piece.n_pieces))
+        assert hashlib.sha256(whole).hexdigest() == piece.bytes_sha256
+        if not self._refuse_plan:
+            self.plan = plan_t.decode(whole)
+        self._answer(acknowledgement_t.PLAN, piece.transfer_id, reason=self._refuse_plan)
+
+    def _on_command(self, _channel: str, data: bytes) -> None:
+        if self._loses():
+            return
+        command = command_t.decode(data)
+        self.commands.append(command)
+        self._answer(acknowledgement_t.COMMAND, command.request_id, reason=self._refuse_commands)

@@ -1,0 +1,97 @@
+"""The command line itself: help, exit statuses, errors on one line, fast start."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from crux_contracts.plan_file import write_plan
+from crux_tools.cli import COMMANDS, main
+from hand_plan import standing_plan
+
+HEAVY = ("casadi", "mujoco", "matplotlib", "scipy", "lcm")
+
+
+def crux(*words: str) -> subprocess.CompletedProcess[str]:
+    """The command as a user starts it."""
+    return subprocess.run([sys.executable, "-m", "crux_tools.cli", *words], capture_output=True, text=True, check=False)
+
+
+def test_help_lists_every_command_and_teaches_a_first_climb() -> None:
+    done = crux("--help")
+    assert done.returncode == 0
+    for name in COMMANDS:
+        assert name in done.stdout
+    assert "crux climb out/plan.mcap" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["climb", "upload", "start", "hold", "resume", "clear-fault", "status", "bench"])
+def test_every_command_of_the_bench_has_help(name: str) -> None:
+    done = crux(name, "--help")
+    assert done.returncode == 0
+    assert f"usage: crux {name}" in done.stdout
+
+
+def test_help_and_usage_errors_load_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom crux_tools.cli import main\n"
+        "try:\n    main(['climb', '--help'])\nexcept SystemExit:\n    pass\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize("words", [[], ["fly"], ["climb"], ["climb", "x.mcap", "-o", "y.mcap", "--pace", "slow"]])
+def test_wrong_usage_is_exit_status_two(words: list[str]) -> None:
+    done = crux(*words)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+def _broken_files(folder: Path) -> list[Path]:
+    good = folder / "good.mcap"
+    write_plan(good, standing_plan())
+    data = good.read_bytes()
+    flipped = bytearray(data)
+    flipped[len(data) // 2] ^= 0x10
+    contents = {"empty": b"", "text": b"not a plan\n", "short": data[: len(data) // 2], "flipped": bytes(flipped)}
+    for name, content in contents.items():
+        (folder / f"{name}.mcap").write_bytes(content)
+    return [folder / f"{name}.mcap" for name in contents] + [folder / "missing.mcap", folder]
+
+
+def test_plans_that_are_none_end_with_one_line_and_write_nothing(tmp_path: Path) -> None:
+    log = tmp_path / "out" / "log.mcap"
+    for path in _broken_files(tmp_path):
+        done = crux("climb", str(path), "-o", str(log), "--json")
+        assert done.returncode == 2, (path, done.stderr)
+        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+        answer = json.loads(done.stdout)
+        assert answer["ok"] is False
+        assert str(path) in answer["error"]
+        assert not log.parent.exists()
+
+
+def test_an_unforeseen_error_is_one_line_with_its_place(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def breaks(*_: object) -> int:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setattr("crux_tools.operator_commands.run_status", breaks)
+    assert main(["status"]) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "ZeroDivisionError: by zero (at test_cli.py:" in lines[0]
+
+
+def test_interrupted_by_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("crux_tools.operator_commands.run_status", interrupt)
+    assert main(["status"]) == 130

@@ -1,0 +1,110 @@
+"""Upload and commands over real LCM against a made-up runtime; ports of runs side by side."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+
+import pytest
+from crux_contracts.plan_file import write_plan
+from crux_msgs import command_t, plan_piece_t
+from crux_tools.bench.ports import RunPorts, run_ports
+from crux_tools.cli import main
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.operator_link import OperatorLink
+from fake_runtime import FakeRuntime
+from hand_plan import climbing_plan, standing_plan
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    with run_ports() as ports:
+        yield ports.lcm_url
+
+
+def test_a_plan_of_several_pieces_arrives_whole(url: str) -> None:
+    plan = climbing_plan()
+    plan.scenario_yaml += "#" * (3 * plan_piece_t.MAX_BYTES)
+    with FakeRuntime(url) as runtime, OperatorLink(url) as link:
+        answer = link.upload(plan)
+        assert runtime.plan is not None
+        assert runtime.plan.encode() == plan.encode()
+        assert answer.plan_id == plan.plan_id
+
+
+def test_lost_messages_are_sent_again(url: str) -> None:
+    with FakeRuntime(url, lose=2) as runtime, OperatorLink(url) as link:
+        link.upload(standing_plan())
+        assert runtime.plan is not None
+
+
+def test_a_refused_plan_gives_the_runtimes_reason(url: str) -> None:
+    refusing = FakeRuntime(url, refuse_plan="made for robot x")
+    with refusing, OperatorLink(url) as link, pytest.raises(WorkFailed, match="made for robot x"):
+        link.upload(standing_plan())
+
+
+def test_commands_carry_their_cycle_and_repeatable_ids(url: str) -> None:
+    with FakeRuntime(url) as runtime, OperatorLink(url) as link:
+        link.send(command_t.STATUS)
+        link.send(command_t.START, "some-id", 1000)
+    assert [(c.request_id, c.command, c.at_cycle, c.plan_id) for c in runtime.commands] == [
+        (1, command_t.STATUS, 0, ""),
+        (2, command_t.START, 1000, "some-id"),
+    ]
+
+
+def test_nobody_there(url: str) -> None:
+    with OperatorLink(url) as link:
+        assert link.command(command_t.STATUS, tries=1) is None
+
+
+def test_a_url_that_is_none() -> None:
+    with pytest.raises(UsageError, match="cannot open LCM"):
+        OperatorLink("nonsense://x")
+
+
+def test_commands_of_the_command_line(url: str, capsys: pytest.CaptureFixture[str], tmp_path: object) -> None:
+    plan = standing_plan()
+    path = f"{tmp_path}/plan.mcap"
+    write_plan(path, plan)
+    with FakeRuntime(url) as runtime:
+        for words in (["upload", path], ["status"], ["start"], ["hold"], ["resume"], ["clear-fault"]):
+            assert main([*words, "--lcm", url, "--json"]) == 0
+            answer = json.loads(capsys.readouterr().out)
+            assert answer == {"ok": True, "state": "ready", "plan_id": plan.plan_id}
+        sent = [command.command for command in runtime.commands]
+    assert sent == [
+        command_t.STATUS, command_t.STATUS, command_t.START, command_t.HOLD, command_t.RESUME, command_t.CLEAR_FAULT,
+    ]  # fmt: skip
+
+
+def test_a_refused_command_is_exit_status_one(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeRuntime(url, refuse_commands="not in this state"):
+        assert main(["hold", "--lcm", url, "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["ok"] is False
+    assert "not in this state" in answer["error"]
+
+
+def _bases(count: int) -> list[RunPorts]:
+    """Ports of runs that hold theirs at the same time."""
+    if count == 0:
+        return []
+    with run_ports() as ports:
+        return [ports, *_bases(count - 1)]
+
+
+def test_runs_side_by_side_have_ports_of_their_own() -> None:
+    used = [port for ports in _bases(20) for port in range(ports.base, ports.base + 5)]
+    assert len(set(used)) == len(used)
+
+
+def test_a_port_somebody_else_uses_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", 0))
+        taken = other.getsockname()[1]
+        monkeypatch.setattr("crux_tools.bench.ports.PORTS", range(taken - 3, taken - 2))
+        with pytest.raises(OSError, match="no free UDP ports"), run_ports():
+            pass
