@@ -36,6 +36,15 @@ UdpName parse_udp(std::string_view name) {
 
 }  // namespace
 
+BusStatistics& BusStatistics::operator+=(const BusStatistics& other) noexcept {
+  sent += other.sent;
+  received += other.received;
+  malformed += other.malformed;
+  send_failed += other.send_failed;
+  error_frames += other.error_frames;
+  return *this;
+}
+
 std::unique_ptr<Bus> open_bus(std::string_view name) {
   if (name.starts_with(kSocketCan)) return std::make_unique<SocketCanBus>(name.substr(kSocketCan.size()));
   if (name.starts_with(kUdp)) {

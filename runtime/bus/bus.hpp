@@ -25,6 +25,8 @@ struct BusStatistics {
   std::uint64_t malformed = 0;     ///< datagrams or frames that could not be understood
   std::uint64_t send_failed = 0;   ///< frames the kernel did not take
   std::uint64_t error_frames = 0;  ///< controller and bus errors reported by the driver
+
+  BusStatistics& operator+=(const BusStatistics& other) noexcept;
 };
 
 /// One CAN bus. All calls after opening are free of allocation, exceptions and blocking.

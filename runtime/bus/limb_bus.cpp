@@ -1,17 +1,45 @@
 #include "bus/limb_bus.hpp"
 
+#include <string>
+
+#include "bus/bus.hpp"
 #include "crux_can.h"
 
 namespace crux {
 
+LimbStatistics& LimbStatistics::operator+=(const LimbStatistics& other) noexcept {
+  crc_errors += other.crc_errors;
+  repeated += other.repeated;
+  lost += other.lost;
+  late += other.late;
+  wrong_size += other.wrong_size;
+  unknown += other.unknown;
+  distrusted += other.distrusted;
+  heartbeats += other.heartbeats;
+  identities += other.identities;
+  emergencies += other.emergencies;
+  return *this;
+}
+
 LimbBus::LimbBus(int limb, const RobotDescription& robot) : limb_(limb) {
+  constexpr std::size_t kHashDigits = 8;  // of robot_hash() in Identity.ParameterHash
+  parameter_hash_ = static_cast<std::uint32_t>(std::stoul(robot.sha256.substr(0, kHashDigits), nullptr, 16));
+  if (robot.can.gripper_node != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
+    throw BusError("robot '" + robot.name + "': can.nodes.gripper is " + std::to_string(robot.can.gripper_node) +
+                   ", the CAN database has the gripper at node " + std::to_string(CRUX_CAN_NODE_GRIPPER));
   joint_of_node_.fill(-1);
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
-    const auto node = static_cast<std::uint8_t>(robot.can.joint_nodes[joint]);
-    node_of_joint_[joint] = node;
-    joint_of_node_.at(node) = static_cast<std::int8_t>(joint);
-    kp_[joint] = crux_can_joint_command_kp_nm_rad_encode_clipped(static_cast<float>(robot.servo.position_gain_Nm_rad[joint]));
-    kd_[joint] = crux_can_joint_command_kd_nms_rad_encode_clipped(static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]));
+    const int node = robot.can.joint_nodes[joint];
+    if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
+      throw BusError("robot '" + robot.name + "': can.nodes gives joint " + std::to_string(joint + 1) + " node " +
+                     std::to_string(node) + ", right are the nodes 1 to " + std::to_string(CRUX_CAN_JOINTS) +
+                     ", each once");
+    node_of_joint_[joint] = static_cast<std::uint8_t>(node);
+    joint_of_node_[static_cast<std::size_t>(node)] = static_cast<std::int8_t>(joint);
+    kp_[joint] =
+        crux_can_joint_command_kp_nm_rad_encode_clipped(static_cast<float>(robot.servo.position_gain_Nm_rad[joint]));
+    kd_[joint] =
+        crux_can_joint_command_kd_nms_rad_encode_clipped(static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]));
   }
 }
 
@@ -88,10 +116,17 @@ bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept 
     return false;
   }
   switch (crux_e2e_check(frame.id, frame.data.data(), frame.length, &receivers_[frame.id])) {
-    case CRUX_E2E_OK: break;
-    case CRUX_E2E_LOST: ++statistics_.lost; break;
-    case CRUX_E2E_REPEATED: ++statistics_.repeated; return false;
-    case CRUX_E2E_CORRUPT: ++statistics_.crc_errors; return false;
+    case CRUX_E2E_OK:
+      break;
+    case CRUX_E2E_LOST:
+      ++statistics_.lost;
+      break;
+    case CRUX_E2E_REPEATED:
+      ++statistics_.repeated;
+      return false;
+    case CRUX_E2E_CORRUPT:
+      ++statistics_.crc_errors;
+      return false;
   }
   if ((distrusted_nodes_ >> meaning.node & 1U) != 0 && meaning.kind != FrameKind::kIdentity) {
     ++statistics_.distrusted;
@@ -113,20 +148,32 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
   }
   if (!trusted(frame, meaning)) return false;
   switch (meaning.kind) {
-    case FrameKind::kJointStatus: take_joint_status(frame, meaning.node); return false;
-    case FrameKind::kGripperStatus: take_gripper_status(frame); return false;
-    case FrameKind::kForceTorque: take_force_torque(frame); return false;
-    case FrameKind::kHeartbeat: ++statistics_.heartbeats; return false;
-    case FrameKind::kIdentity: ++statistics_.identities; return take_identity(frame, meaning.node, notice);
+    case FrameKind::kJointStatus:
+      take_joint_status(frame, meaning.node);
+      return false;
+    case FrameKind::kGripperStatus:
+      take_gripper_status(frame);
+      return false;
+    case FrameKind::kForceTorque:
+      take_force_torque(frame);
+      return false;
+    case FrameKind::kHeartbeat:
+      ++statistics_.heartbeats;
+      return false;
+    case FrameKind::kIdentity:
+      ++statistics_.identities;
+      return take_identity(frame, meaning.node, notice);
     case FrameKind::kEmergency: {
       ++statistics_.emergencies;
       crux_can_joint_emergency_t emergency{};  // the gripper's has the same layout
       crux_can_joint_emergency_unpack(&emergency, frame.data.data(), frame.length);
-      notice = {NodeNotice::Kind::kEmergency, static_cast<std::int8_t>(limb_), meaning.node, emergency.cause, emergency.detail};
+      notice = {NodeNotice::Kind::kEmergency, static_cast<std::int8_t>(limb_), meaning.node, emergency.cause,
+                emergency.detail};
       return true;
     }
     case FrameKind::kUnknown:
-    case FrameKind::kFromHost: break;
+    case FrameKind::kFromHost:
+      break;
   }
   return false;
 }
@@ -183,16 +230,31 @@ void LimbBus::take_force_torque(const Frame& frame) noexcept {
 bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept {
   crux_can_joint_identity_t identity{};  // the gripper's has the same layout
   crux_can_joint_identity_unpack(&identity, frame.data.data(), frame.length);
-  const bool right_protocol = identity.protocol == CRUX_CAN_PROTOCOL_VERSION;
-  const bool right_place = identity.node_id == node && identity.limb == limb_;
-  if (right_protocol && right_place) {
+  notice = {
+      .limb = static_cast<std::int8_t>(limb_), .node = node, .cause = identity.limb, .detail = identity.parameter_hash};
+  if (identity.protocol != CRUX_CAN_PROTOCOL_VERSION) {
+    notice.kind = NodeNotice::Kind::kWrongProtocol;
+    notice.cause = identity.protocol;
+  } else if (identity.node_id != node || identity.limb != limb_) {
+    notice.kind = NodeNotice::Kind::kWrongPlace;
+  } else if (identity.parameter_hash != parameter_hash_) {
+    notice.kind = NodeNotice::Kind::kWrongParameters;
+  } else {
     distrusted_nodes_ &= ~(1U << node);
     return false;
   }
   distrusted_nodes_ |= 1U << node;
-  notice = {right_protocol ? NodeNotice::Kind::kWrongPlace : NodeNotice::Kind::kWrongProtocol, static_cast<std::int8_t>(limb_),
-            node, right_protocol ? identity.limb : identity.protocol, 0};
   return true;
+}
+
+std::vector<int> LimbBus::silent_nodes() const {
+  std::vector<int> nodes;
+  for (int node = 1; node <= static_cast<int>(CRUX_CAN_NODES); ++node) {
+    const bool force_torque_missing =
+        node == static_cast<int>(CRUX_CAN_NODE_GRIPPER) && (answered_ >> kForceTorqueBit & 1U) == 0;
+    if ((answered_ >> node & 1U) == 0 || force_torque_missing) nodes.push_back(node);
+  }
+  return nodes;
 }
 
 void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {

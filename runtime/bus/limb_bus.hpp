@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "bus/frame.hpp"
 #include "bus/frame_kind.hpp"
@@ -23,20 +24,22 @@ struct LimbStatistics {
   std::uint64_t late = 0;        ///< statuses that echo another cycle than the awaited one
   std::uint64_t wrong_size = 0;  ///< payload length or frame type other than the CAN database says
   std::uint64_t unknown = 0;     ///< identifiers outside the CAN database
-  std::uint64_t distrusted = 0;  ///< frames of a node that speaks another protocol
+  std::uint64_t distrusted = 0;  ///< frames of a node that is not what it should be
   std::uint64_t heartbeats = 0;
   std::uint64_t identities = 0;
   std::uint64_t emergencies = 0;
+
+  LimbStatistics& operator+=(const LimbStatistics& other) noexcept;
 };
 
 /// Something a node said that an operator should read.
 struct NodeNotice {
-  enum class Kind : std::uint8_t { kEmergency, kWrongProtocol, kWrongPlace };
+  enum class Kind : std::uint8_t { kEmergency, kWrongProtocol, kWrongPlace, kWrongParameters };
   Kind kind = Kind::kEmergency;
   std::int8_t limb = 0;
   std::uint8_t node = 0;
-  std::uint8_t cause = 0;      ///< of the emergency; the protocol spoken; the limb the node believes in
-  std::uint32_t detail = 0;    ///< of the emergency
+  std::uint8_t cause = 0;    ///< of the emergency; the protocol spoken; the limb the node believes in
+  std::uint32_t detail = 0;  ///< of the emergency; the hash of the robot description the node was made for
 };
 
 /// HostHeartbeat's two numbers.
@@ -48,6 +51,7 @@ struct HostHeartbeat {
 class LimbBus {
  public:
   /// @param limb 0..3 in the order LF, RF, LR, RR
+  /// @throws BusError when the robot's node numbers are not those of the CAN database
   LimbBus(int limb, const RobotDescription& robot);
 
   /// The frames of one cycle in sending order: heartbeat if given, joint commands, gripper command, Sync. From here on
@@ -63,6 +67,9 @@ class LimbBus {
 
   /// All seven nodes and the F/T sensor have answered the awaited cycle.
   [[nodiscard]] bool complete() const noexcept { return answered_ == kAllAnswered; }
+
+  /// Nodes that have not answered the awaited cycle; for messages, it allocates.
+  [[nodiscard]] std::vector<int> silent_nodes() const;
 
   /// Writes the newest values of this limb and whether they answer the awaited cycle.
   void fill(crux_msgs::control_input_t& input) const noexcept;
@@ -103,6 +110,7 @@ class LimbBus {
   std::array<std::uint8_t, CRUX_CAN_JOINTS> node_of_joint_{};
   std::array<std::int8_t, CRUX_CAN_NODES + 1> joint_of_node_{};
   std::array<std::uint16_t, CRUX_CAN_JOINTS> kp_{}, kd_{};
+  std::uint32_t parameter_hash_ = 0;  ///< what nodes made for this robot description say
 
   std::array<Frame, kMaxFrames> frames_{};
   std::size_t n_frames_ = 0;

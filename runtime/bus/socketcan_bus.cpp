@@ -17,7 +17,8 @@ std::size_t to_kernel(const Frame& frame, canfd_frame& out) noexcept {
   out.can_id = frame.id | (frame.extended ? CAN_EFF_FLAG : 0U) | (frame.remote ? CAN_RTR_FLAG : 0U);
   out.len = frame.length;
   if (frame.fd)
-    out.flags = static_cast<std::uint8_t>((frame.bit_rate_switch ? CANFD_BRS : 0) | (frame.error_state ? CANFD_ESI : 0));
+    out.flags =
+        static_cast<std::uint8_t>((frame.bit_rate_switch ? CANFD_BRS : 0) | (frame.error_state ? CANFD_ESI : 0));
   std::ranges::copy(frame.payload(), out.data);
   return frame.fd ? CANFD_MTU : CAN_MTU;
 }
@@ -44,19 +45,22 @@ SocketCanBus::SocketCanBus(std::string_view interface) {
   socket_ = Descriptor(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (socket_.get() < 0) {
     if (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT)
-      throw BusError(name + ": this kernel has no SocketCAN (load the modules 'can' and 'can_raw', or use udp:GROUP:PORT)");
+      throw BusError(name +
+                     ": this kernel has no SocketCAN (load the modules 'can' and 'can_raw', or use udp:GROUP:PORT)");
     throw BusError(name + ": no socket: " + std::strerror(errno));
   }
   const int fd = socket_.get();
   ifreq request{};
   if (interface.empty() || interface.size() >= sizeof request.ifr_name)
-    throw BusError(name + ": an interface name has 1 to " + std::to_string(sizeof request.ifr_name - 1) + " characters");
+    throw BusError(name + ": an interface name has 1 to " + std::to_string(sizeof request.ifr_name - 1) +
+                   " characters");
   interface.copy(request.ifr_name, sizeof request.ifr_name - 1);
   if (::ioctl(fd, SIOCGIFINDEX, &request) != 0)
     throw BusError(name + ": no such interface ('ip link show type can' lists them): " + std::strerror(errno));
   const int index = request.ifr_ifindex;
   if (::ioctl(fd, SIOCGIFMTU, &request) != 0 || request.ifr_mtu < static_cast<int>(CANFD_MTU))
-    throw BusError(name + ": the interface does not carry CAN FD ('ip link set " + std::string(interface) + " type can ... fd on')");
+    throw BusError(name + ": the interface does not carry CAN FD ('ip link set " + std::string(interface) +
+                   " type can ... fd on')");
   const int on = 1;
   if (::setsockopt(fd, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on) != 0)
     throw BusError(name + ": the kernel does not do CAN FD: " + std::strerror(errno));

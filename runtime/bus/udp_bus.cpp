@@ -26,7 +26,8 @@ UdpBus::UdpBus(std::string_view group, std::uint16_t port) {
   group_.sin_port = htons(port);
   if (::inet_pton(AF_INET, std::string(group).c_str(), &group_.sin_addr) != 1 ||
       !IN_MULTICAST(ntohl(group_.sin_addr.s_addr)))
-    throw BusError(name + ": '" + std::string(group) + "' is not an IPv4 multicast address (224.0.0.0 .. 239.255.255.255)");
+    throw BusError(name + ": '" + std::string(group) +
+                   "' is not an IPv4 multicast address (224.0.0.0 .. 239.255.255.255)");
 
   socket_ = Descriptor(::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (socket_.get() < 0) throw BusError(name + ": no socket: " + std::strerror(errno));
@@ -42,8 +43,10 @@ UdpBus::UdpBus(std::string_view group, std::uint16_t port) {
   if (::bind(fd, reinterpret_cast<const sockaddr*>(&group_), sizeof group_) != 0)
     throw BusError(name + ": cannot bind: " + std::strerror(errno));
   const ip_mreqn membership{.imr_multiaddr = group_.sin_addr, .imr_address = {INADDR_ANY}, .imr_ifindex = 0};
-  set_option(fd, IPPROTO_IP, IP_ADD_MEMBERSHIP, membership,
-             name + ": cannot join the group (a route for 224.0.0.0/4 is needed, for example 'ip route add 224.0.0.0/4 dev lo')");
+  set_option(
+      fd, IPPROTO_IP, IP_ADD_MEMBERSHIP, membership,
+      name +
+          ": cannot join the group (a route for 224.0.0.0/4 is needed, for example 'ip route add 224.0.0.0/4 dev lo')");
 
   for (std::size_t i = 0; i < kBatch; ++i) {
     parts_[i].iov_base = buffers_[i].data();

@@ -12,8 +12,8 @@
 
 namespace crux {
 
-/// A CAN bus made of multicast datagrams, the same on the wire as python-can's `udp_multicast`. For benches and tests: it
-/// has neither arbitration nor bit timing, and a sender hears its own frames.
+/// A CAN bus made of multicast datagrams, the same on the wire as python-can's `udp_multicast`. For benches and tests:
+/// it has neither arbitration nor bit timing, and a sender hears its own frames.
 class UdpBus final : public Bus {
  public:
   /// @param group IPv4 multicast address, @param port UDP port 1..65535

@@ -42,7 +42,8 @@ class Packer {
 
 using Bytes = std::span<const std::uint8_t>;
 
-/// A msgpack scalar; nil, floats and negative numbers are monostate: fine for `timestamp` and `channel`, wrong elsewhere.
+/// A msgpack scalar; nil, floats and negative numbers are monostate: fine for `timestamp` and `channel`, wrong
+/// elsewhere.
 using Scalar = std::variant<std::monostate, bool, std::uint64_t, std::string_view, Bytes>;
 
 class Unpacker {
@@ -81,15 +82,24 @@ class Unpacker {
     if ((type & 0xe0) == kFixString) return string(type & 0x1f);
     if (type >= 0xe0) return Scalar();  // negative fixint
     switch (type) {
-      case kNil: return Scalar();
-      case kFalse: return Scalar(false);
-      case kTrue: return Scalar(true);
-      case kUint8: return number(1);
-      case kUint16: return number(2);
-      case kUint32: return number(4);
-      case kUint64: return number(8);
-      case kFloat32: return skip(4);
-      case kFloat64: return skip(8);
+      case kNil:
+        return Scalar();
+      case kFalse:
+        return Scalar(false);
+      case kTrue:
+        return Scalar(true);
+      case kUint8:
+        return number(1);
+      case kUint16:
+        return number(2);
+      case kUint32:
+        return number(4);
+      case kUint64:
+        return number(8);
+      case kFloat32:
+        return skip(4);
+      case kFloat64:
+        return skip(8);
       case kString8: {
         const auto n = big_endian(1);
         return n ? string(*n) : std::nullopt;
@@ -111,9 +121,7 @@ class Unpacker {
     const auto value = big_endian(n);
     return value ? std::optional(Scalar(*value)) : std::nullopt;
   }
-  std::optional<Scalar> skip(std::size_t n) {
-    return take(n) ? std::optional(Scalar()) : std::nullopt;
-  }
+  std::optional<Scalar> skip(std::size_t n) { return take(n) ? std::optional(Scalar()) : std::nullopt; }
   std::optional<Scalar> string(std::size_t n) {
     const auto taken = take(n);
     if (!taken) return std::nullopt;

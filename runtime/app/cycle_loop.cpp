@@ -1,0 +1,277 @@
+#include "app/cycle_loop.hpp"
+
+#include <time.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+#include "crux_msgs/channels.hpp"
+
+namespace crux {
+namespace {
+
+using namespace std::chrono_literals;
+using crux_msgs::command_t;
+using crux_msgs::robot_state_t;
+using std::chrono::nanoseconds;
+
+constexpr auto kWakeUpPeriod = 50ms;
+constexpr auto kServePeriod = 5ms;  // requests of operators while the nodes are silent
+constexpr auto kSilenceReport = 5s;
+constexpr auto kStopPatience = 100ms;  // pace bus: for answers after a stop has been asked for
+constexpr auto kFullLogPause = 100us;
+constexpr double kHeartbeatRate_Hz = 10.0;
+constexpr int kHoldCycles = 10;               // HOLD is sent so often before the program ends: frames may be lost
+constexpr std::uint8_t kPlanComplete = 0x10;  // in HostHeartbeat.HostState, beside the supervisor state
+constexpr const char* kClimbing = "the robot is climbing; hold it first";
+
+std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
+
+PerLimb<LimbBus> make_limbs(const RobotDescription& robot) {
+  return {LimbBus(0, robot), LimbBus(1, robot), LimbBus(2, robot), LimbBus(3, robot)};
+}
+
+}  // namespace
+
+CycleLoop::CycleLoop(const RobotDescription& robot, PerLimb<std::unique_ptr<Bus>> buses, RuntimeExchange& exchange,
+                     SpscRing<CycleRecord>& records, const CycleOptions& options)
+    : robot_(robot),
+      buses_(std::move(buses)),
+      limbs_(make_limbs(robot)),
+      exchange_(exchange),
+      records_(records),
+      options_(options),
+      period_(std::llround(1e9 / robot.can.rate_Hz)),
+      heartbeat_cycles_(std::max<std::int64_t>(1, std::llround(robot.can.rate_Hz / kHeartbeatRate_Hz))),
+      snapshot_cycles_(std::max<std::int64_t>(
+          1, std::llround(robot.can.rate_Hz / crux_msgs::channel_info(crux_msgs::Channel::kRobotState).rate_Hz))),
+      core_(robot),
+      desk_(exchange.requests, exchange.answers),
+      hold_cycles_(kHoldCycles) {}
+
+const char* CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
+  return core_.exchange_plan(plan) ? nullptr : kClimbing;
+}
+
+CycleReport CycleLoop::run() {
+  if (wake_nodes()) {
+    if (options_.pace == Pace::kBus)
+      run_by_bus();
+    else
+      run_by_clock();
+  }
+  push_events(cycle_time_ns(logged_cycle_));
+  desk_.close(static_cast<std::int8_t>(core_.state()), events_);
+  push_events(cycle_time_ns(logged_cycle_));
+  report_.cycles = cycle_;
+  return report_;
+}
+
+/// Repeats Sync(0) until every node has answered; false when a stop was asked for first.
+bool CycleLoop::wake_nodes() {
+  Clock::time_point next_sync = Clock::now();
+  Clock::time_point next_report = next_sync + kSilenceReport;
+  while (!stop_asked()) {
+    const Clock::time_point now = Clock::now();
+    if (now >= next_sync) {
+      for (int l = 0; l < kLimbs; ++l) buses_[l]->send(limbs_[l].pack_wake_up());
+      next_sync = now + kWakeUpPeriod;
+    }
+    if (now >= next_report) {
+      print_silent_nodes();
+      next_report = Clock::time_point::max();
+    }
+    wait_readable(buses_, std::min<nanoseconds>(next_sync - now, kServePeriod));
+    receive();
+    desk_.serve_before_first_cycle(*this, events_);
+    push_events(0);
+    if (all_answered()) return true;
+  }
+  return false;
+}
+
+void CycleLoop::print_silent_nodes() const {
+  std::string silent;
+  for (const LimbBus& limb : limbs_) {
+    for (const int node : limb.silent_nodes())
+      silent += (silent.empty() ? "" : ", ") + robot_.limbs[static_cast<std::size_t>(&limb - limbs_.data())].name +
+                " " + std::to_string(node);
+  }
+  std::fprintf(stderr, "crux-runtime: still waiting for these nodes to answer: %s\n", silent.c_str());
+}
+
+void CycleLoop::run_by_bus() {
+  while (!done()) {
+    CycleRecord* record = next_record();
+    compute(*record);
+    send(*record);
+    const bool answered = collect_answers();
+    // A half-answered cycle at the very end depends on when the stop came: it does not belong into the log.
+    if (!answered && stop_asked()) return;
+    report_.unanswered += answered ? 0 : 1;
+    push(*record);
+  }
+}
+
+void CycleLoop::run_by_clock() {
+  Clock::time_point next = Clock::now() + period_;
+  while (!done()) {
+    const std::int64_t before_ns = now_ns();
+    const nanoseconds since_boot = next.time_since_epoch();
+    const timespec at{.tv_sec = since_boot.count() / 1'000'000'000, .tv_nsec = since_boot.count() % 1'000'000'000};
+    while (::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, nullptr) != 0 && !stop_asked()) {
+    }
+    const Clock::time_point now = Clock::now();
+    late_ns_ = std::max<std::int64_t>(0, nanoseconds(now - next).count());
+    wait_ns_ = now.time_since_epoch().count() - before_ns;
+    if (now - next > period_) {
+      ++report_.missed_deadlines;
+      next = now;  // what is lost is lost: no burst of cycles to catch up
+    }
+    next += period_;
+    receive();
+    CycleRecord* record = next_record();
+    compute(*record);
+    send(*record);
+    push(*record);
+  }
+}
+
+/// The operator's command of this cycle; once a stop is asked for it is HOLD.
+std::int8_t CycleLoop::operator_command() noexcept {
+  if (desk_.shutdown()) exchange_.stop.store(true, std::memory_order_release);
+  if (stop_asked()) {
+    --hold_cycles_;
+    return command_t::HOLD;
+  }
+  return desk_.begin_cycle(cycle_, static_cast<std::int8_t>(core_.state()), *this, events_);
+}
+
+void CycleLoop::compute(CycleRecord& record) noexcept {
+  const std::int64_t begin_ns = now_ns();
+  ++cycle_;
+  record.has_cycle = true;
+  record.log_time_ns = cycle_time_ns(cycle_);
+  record.input.cycle = cycle_;
+  record.input.dt_s = 1.0 / robot_.can.rate_Hz;
+  for (const LimbBus& limb : limbs_) limb.fill(record.input);
+  record.input.operator_command = operator_command();
+  core_.step(record.input, record.result);
+
+  const CycleResult& result = record.result;
+  const std::int8_t state = result.state.supervisor_state;
+  desk_.end_cycle(state, result.command_verdict == CommandVerdict::kRefused ? result.command_refusal : nullptr,
+                  events_);
+  exchange_.supervisor_state.store(state, std::memory_order_relaxed);
+  if (result.has_fault) {
+    if (crux_msgs::fault_t* slot = exchange_.faults.back()) {
+      *slot = result.fault;
+      exchange_.faults.push();
+    }
+  }
+  record.timing.cycle = cycle_;
+  record.timing.wall_ns = begin_ns;
+  record.timing.wait_ns = wait_ns_;
+  record.timing.late_ns = late_ns_;
+  record.timing.compute_ns = now_ns() - begin_ns;
+}
+
+void CycleLoop::send(CycleRecord& record) noexcept {
+  const std::int64_t begin_ns = now_ns();
+  const robot_state_t& state = record.result.state;
+  const auto host_state =
+      static_cast<std::uint8_t>(state.supervisor_state | (state.plan_complete != 0 ? kPlanComplete : 0));
+  const HostHeartbeat heartbeat{host_state, static_cast<std::uint32_t>(cycle_time_ns(cycle_) / 1'000'000)};
+  const bool due = cycle_ % heartbeat_cycles_ == 0 || host_state != host_state_;
+  host_state_ = host_state;
+  const auto cycle = static_cast<std::uint32_t>(cycle_);
+  for (int l = 0; l < kLimbs; ++l)
+    buses_[l]->send(limbs_[l].pack_cycle(record.result.output, cycle, due ? &heartbeat : nullptr));
+  record.timing.send_ns = now_ns() - begin_ns;
+}
+
+void CycleLoop::receive() noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    for (std::size_t n = frames_.size(); n == frames_.size();) {
+      n = buses_[l]->receive(frames_);
+      for (std::size_t i = 0; i < n; ++i) {
+        NodeNotice notice;
+        if (!limbs_[l].take(frames_[i], notice)) continue;
+        if (NodeNotice* slot = exchange_.notices.back()) {
+          *slot = notice;
+          exchange_.notices.push();
+        }
+      }
+    }
+  }
+}
+
+bool CycleLoop::all_answered() const noexcept {
+  return std::ranges::all_of(limbs_, [](const LimbBus& limb) { return limb.complete(); });
+}
+
+/// Waits until every node has answered the cycle; false after the guard time, or soon after a stop was asked for.
+bool CycleLoop::collect_answers() noexcept {
+  const Clock::time_point begin = Clock::now();
+  Clock::time_point end = begin + options_.guard_time;
+  bool answered = false;
+  for (bool stopping = false;;) {
+    receive();
+    answered = all_answered();
+    const Clock::time_point now = Clock::now();
+    if (!stopping && stop_asked()) {
+      stopping = true;
+      end = std::min(end, now + kStopPatience);
+    }
+    if (answered || now >= end) break;
+    wait_readable(buses_, std::min<nanoseconds>(end - now, kStopPatience / 4));
+  }
+  wait_ns_ = nanoseconds(Clock::now() - begin).count();
+  return answered;
+}
+
+/// A place for the next cycle. In lockstep nothing is lost by waiting for one; in real time the cycle goes unlogged.
+CycleRecord* CycleLoop::next_record() noexcept {
+  CycleRecord* record = records_.back();
+  if (options_.pace == Pace::kClock) return record != nullptr ? record : &spare_;
+  for (; record == nullptr; record = records_.back()) {
+    const timespec pause{.tv_sec = 0, .tv_nsec = nanoseconds(kFullLogPause).count()};
+    ::nanosleep(&pause, nullptr);
+  }
+  return record;
+}
+
+void CycleLoop::push(CycleRecord& record) noexcept {
+  publish(record);
+  if (&record == &spare_) {
+    ++report_.dropped_records;
+    return;
+  }
+  events_.move_to(record.events);
+  logged_cycle_ = cycle_;
+  records_.push();
+}
+
+void CycleLoop::push_events(std::int64_t log_time_ns) noexcept {
+  if (events_.empty()) return;
+  CycleRecord* record = records_.back();
+  if (record == nullptr) return;  // they stay for the next call
+  record->has_cycle = false;
+  record->log_time_ns = log_time_ns;
+  events_.move_to(record->events);
+  records_.push();
+}
+
+void CycleLoop::publish(const CycleRecord& record) noexcept {
+  if (cycle_ % snapshot_cycles_ != 0) return;
+  Snapshot& snapshot = exchange_.snapshot.slot();
+  snapshot.state = record.result.state;
+  std::ranges::copy(record.result.reference, snapshot.reference.begin());
+  std::ranges::copy(record.result.telemetry, snapshot.telemetry.begin());
+  snapshot.timing = record.timing;
+  exchange_.snapshot.publish();
+}
+
+}  // namespace crux

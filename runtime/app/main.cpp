@@ -1,0 +1,142 @@
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "app/cycle_loop.hpp"
+#include "app/options.hpp"
+#include "app/realtime.hpp"
+#include "lcm/operator_server.hpp"
+#include "telemetry/log_writer.hpp"
+
+namespace {
+
+using namespace crux;
+
+constexpr int kDone = 0, kFailed = 1, kWrongUsage = 2;
+constexpr std::size_t kLogQueue = 1024;  // cycles: two seconds in real time
+
+std::atomic<bool>* g_stop = nullptr;  // what a signal handler can reach
+
+void on_signal(int) { g_stop->store(true, std::memory_order_release); }
+
+/// Signals go to this thread alone: its waits are the ones to be cut short.
+void handle_signals(std::atomic<bool>& stop) {
+  g_stop = &stop;
+  struct sigaction action{};
+  action.sa_handler = on_signal;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+class SignalsBlocked {
+ public:
+  SignalsBlocked() {
+    sigset_t signals;
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &signals, &before_);
+  }
+  ~SignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  SignalsBlocked(const SignalsBlocked&) = delete;
+  SignalsBlocked& operator=(const SignalsBlocked&) = delete;
+
+ private:
+  sigset_t before_{};
+};
+
+/// A thread that is told to end, and joined, when the scope ends.
+class Worker {
+ public:
+  template <class Task>
+  explicit Worker(Task& task) : thread_([this, &task] { task.run(ended_); }) {}
+  ~Worker() {
+    ended_.store(true, std::memory_order_release);
+    thread_.join();
+  }
+  Worker(const Worker&) = delete;
+  Worker& operator=(const Worker&) = delete;
+
+ private:
+  std::atomic<bool> ended_{false};
+  std::thread thread_;
+};
+
+std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
+  if (options.log.empty()) return nullptr;
+  auto log = std::make_unique<McapLog>(options.log);
+  log->write_metadata("crux", {{"version", CRUX_VERSION},
+                               {"robot", robot.name},
+                               {"robot_sha256", robot.sha256},
+                               {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"}});
+  log->flush();
+  return log;
+}
+
+void print_report(const CycleReport& report, const CycleLoop& loop) {
+  const auto line = [](const char* what, std::uint64_t n) {
+    if (n > 0) std::fprintf(stderr, "crux-runtime: %llu %s\n", static_cast<unsigned long long>(n), what);
+  };
+  line("cycles not answered by all nodes within the guard time", static_cast<std::uint64_t>(report.unanswered));
+  line("cycles began more than a period late", static_cast<std::uint64_t>(report.missed_deadlines));
+  line("cycles are missing in the log, its queue was full", static_cast<std::uint64_t>(report.dropped_records));
+  LimbStatistics limbs;
+  BusStatistics buses;
+  for (const LimbBus& limb : loop.limbs()) limbs += limb.statistics();
+  for (const auto& bus : loop.buses()) buses += bus->statistics();
+  line("frames with a wrong CRC", limbs.crc_errors);
+  line("frames repeated", limbs.repeated);
+  line("frames lost", limbs.lost);
+  line("frames of the wrong size", limbs.wrong_size);
+  line("frames with unknown identifiers", limbs.unknown);
+  line("frames of nodes that are not listened to", limbs.distrusted);
+  line("malformed frames or datagrams", buses.malformed);
+  line("error frames of CAN controllers", buses.error_frames);
+  line("frames that could not be sent", buses.send_failed);
+}
+
+int run(const Options& options) {
+  const Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
+  if (!loaded) throw OptionError(loaded.reason());
+  const RobotDescription& robot = loaded.value();
+  PerLimb<std::unique_ptr<Bus>> buses;
+  for (std::size_t l = 0; l < buses.size(); ++l) buses[l] = open_bus(options.buses[l]);
+
+  RuntimeExchange exchange;
+  SpscRing<CycleRecord> records(kLogQueue);
+  OperatorServer server(options.lcm_url, robot, exchange);
+  LogWriter log_writer(records, open_log(options, robot));
+  const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
+  handle_signals(exchange.stop);
+  CycleReport report;
+  {
+    auto blocked = std::make_unique<SignalsBlocked>();  // the workers inherit it
+    const Worker log_worker(log_writer);
+    const Worker server_worker(server);
+    blocked.reset();
+    if (options.cycle.pace == Pace::kClock) {
+      if (const std::string refused = become_realtime(); !refused.empty())
+        std::fprintf(stderr, "crux-runtime: not in real time: %s\n", refused.c_str());
+    }
+    report = loop->run();
+  }
+  print_report(report, *loop);
+  return log_writer.error().empty() ? kDone : kFailed;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    const Options options = parse_options({argv + 1, static_cast<std::size_t>(std::max(argc - 1, 0))});
+    if (options.help) return std::fputs(usage(), stdout), kDone;
+    if (options.version) return std::puts("crux-runtime " CRUX_VERSION), kDone;
+    return run(options);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "crux-runtime: %s\n", error.what());
+    return kWrongUsage;
+  }
+}

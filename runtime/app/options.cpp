@@ -1,0 +1,103 @@
+#include "app/options.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <string_view>
+
+#include "bus/bus.hpp"
+
+namespace crux {
+namespace {
+
+constexpr std::array<std::string_view, kLimbs> kLimbNames = {"LF", "RF", "LR", "RR"};
+constexpr std::string_view kDefaultBusBase = "udp:239.74.163.2:43113";
+constexpr double kMaxGuardTime_s = 3600.0;
+
+void set_bus(Options& options, const std::string& value) {
+  const std::size_t equals = value.find('=');
+  const auto limb = std::ranges::find(kLimbNames, std::string_view(value).substr(0, equals));
+  if (equals == std::string::npos || limb == kLimbNames.end())
+    throw OptionError("--bus '" + value +
+                      "': right is LIMB=NAME with LIMB one of LF, RF, LR, RR, for example LF=socketcan:can0");
+  options.buses[static_cast<std::size_t>(limb - kLimbNames.begin())] = value.substr(equals + 1);
+}
+
+Pace parse_pace(const std::string& value) {
+  if (value == "bus") return Pace::kBus;
+  if (value == "clock") return Pace::kClock;
+  throw OptionError("--pace '" + value + "': right is bus (lockstep) or clock (real time)");
+}
+
+std::chrono::nanoseconds parse_guard_time(const std::string& value) {
+  double seconds = 0.0;
+  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), seconds);
+  if (error != std::errc{} || end != value.data() + value.size() || !(seconds > 0.0) || seconds > kMaxGuardTime_s)
+    throw OptionError("--guard-time '" + value + "': right is a number of seconds above 0, at most 3600");
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds));
+}
+
+void complete_buses(Options& options) {
+  const auto missing = std::ranges::find(options.buses, std::string());
+  if (missing == options.buses.end()) return;
+  if (std::ranges::all_of(options.buses, [](const std::string& bus) { return bus.empty(); })) {
+    options.buses = consecutive_udp_buses(kDefaultBusBase);
+    return;
+  }
+  throw OptionError("--bus: limb " +
+                    std::string(kLimbNames[static_cast<std::size_t>(missing - options.buses.begin())]) +
+                    " has no bus; give all four or none");
+}
+
+}  // namespace
+
+Options parse_options(std::span<const char* const> arguments) {
+  Options options;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::string name = arguments[i];
+    if (name == "--help" || name == "-h") {
+      options.help = true;
+      return options;
+    }
+    if (name == "--version") {
+      options.version = true;
+      return options;
+    }
+    constexpr std::array<std::string_view, 7> kNames = {"--robot", "--bus", "--bus-base",  "--pace",
+                                                        "--lcm",   "--log", "--guard-time"};
+    if (std::ranges::find(kNames, name) == kNames.end())
+      throw OptionError("unknown option '" + name + "'; --help lists them");
+    if (++i == arguments.size()) throw OptionError(name + " needs a value; --help tells which");
+    const std::string value = arguments[i];
+    if (name == "--robot") options.robot = value;
+    if (name == "--bus") set_bus(options, value);
+    if (name == "--bus-base") options.buses = consecutive_udp_buses(value);
+    if (name == "--pace") options.cycle.pace = parse_pace(value);
+    if (name == "--lcm") options.lcm_url = value;
+    if (name == "--log") options.log = value;
+    if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
+  }
+  complete_buses(options);
+  return options;
+}
+
+const char* usage() {
+  return R"(crux-runtime: controls the robot. Reads the nodes over four CAN buses, takes plans and commands over LCM.
+
+usage: crux-runtime [options]
+  --robot DIR       folder with robot.yaml and the URDF it names       (msgs/robots/scaler)
+  --bus LIMB=NAME   the bus of LF, RF, LR or RR; four times            NAME: socketcan:can0 or udp:GROUP:PORT
+  --bus-base NAME   four UDP buses on consecutive ports                (udp:239.74.163.2:43113)
+  --pace PACE       clock: real time; bus: lockstep, a cycle follows
+                    when all nodes have answered the one before        (clock)
+  --guard-time S    pace bus: how long to wait for an answer           (1)
+  --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
+  --log FILE        every cycle as MCAP                                (none)
+  --version         prints the version
+  --help            prints this
+
+SIGINT and SIGTERM: the robot is told to hold, the log is finished, exit 0.
+exit status: 0 ended when asked to; 1 the log could not be written; 2 wrong usage, robot description, bus or LCM
+)";
+}
+
+}  // namespace crux

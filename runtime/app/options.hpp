@@ -1,0 +1,35 @@
+// The command line of crux-runtime.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include "app/cycle_loop.hpp"
+
+namespace crux {
+
+/// A wrong command line; the message says which option, which value and what would be right.
+class OptionError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+struct Options {
+  bool help = false;
+  bool version = false;
+  std::string robot = "msgs/robots/scaler";  ///< folder with robot.yaml
+  std::array<std::string, kLimbs> buses;     ///< by limb, in the order LF, RF, LR, RR
+  std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
+  std::string log;  ///< empty: none
+  CycleOptions cycle{Pace::kClock, std::chrono::seconds(1)};
+};
+
+/// @throws OptionError
+Options parse_options(std::span<const char* const> arguments);
+
+const char* usage();
+
+}  // namespace crux

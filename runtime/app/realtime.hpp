@@ -1,0 +1,12 @@
+// What a thread needs from the operating system to keep a period.
+#pragma once
+
+#include <string>
+
+namespace crux {
+
+/// Locks memory, touches the stack and asks for SCHED_FIFO. Empty when all was granted, else what was not; the caller
+/// goes on without.
+std::string become_realtime();
+
+}  // namespace crux

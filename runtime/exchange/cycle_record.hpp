@@ -1,0 +1,22 @@
+// One entry of the log's queue: a whole control cycle with the events that took effect in it.
+#pragma once
+
+#include <cstdint>
+
+#include "core/control_core.hpp"
+#include "crux_msgs/control_input_t.hpp"
+#include "crux_msgs/cycle_timing_t.hpp"
+#include "exchange/operator_exchange.hpp"
+
+namespace crux {
+
+struct CycleRecord {
+  std::int64_t log_time_ns = 0;  ///< cycle · dt
+  bool has_cycle = false;        ///< false: events only, outside any cycle
+  EventList events;
+  crux_msgs::control_input_t input{};
+  CycleResult result;
+  crux_msgs::cycle_timing_t timing{};
+};
+
+}  // namespace crux

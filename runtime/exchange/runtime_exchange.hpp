@@ -1,0 +1,39 @@
+// Everything the real-time thread shares with the other threads but the log.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+
+#include "bus/limb_bus.hpp"
+#include "core/geometry.hpp"
+#include "crux_msgs/cycle_timing_t.hpp"
+#include "crux_msgs/fault_t.hpp"
+#include "crux_msgs/limb_reference_t.hpp"
+#include "crux_msgs/limb_telemetry_t.hpp"
+#include "crux_msgs/robot_state_t.hpp"
+#include "exchange/latest_value.hpp"
+#include "exchange/operator_exchange.hpp"
+#include "exchange/spsc_ring.hpp"
+
+namespace crux {
+
+/// What goes out over LCM a few times a second.
+struct Snapshot {
+  crux_msgs::robot_state_t state;
+  PerLimb<crux_msgs::limb_reference_t> reference;
+  PerLimb<crux_msgs::limb_telemetry_t> telemetry;
+  crux_msgs::cycle_timing_t timing;
+};
+
+struct RuntimeExchange {
+  SpscRing<Request> requests{16};
+  SpscRing<Answer> answers{64};
+  SpscRing<crux_msgs::fault_t> faults{64};
+  SpscRing<NodeNotice> notices{64};
+  LatestValue<Snapshot> snapshot;
+  std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
+  std::atomic<bool> stop{false};  ///< asks the real-time thread to hold and end
+};
+
+}  // namespace crux

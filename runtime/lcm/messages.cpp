@@ -1,0 +1,101 @@
+#include "lcm/messages.hpp"
+
+#include <bit>
+#include <cinttypes>
+#include <cstdio>
+#include <string>
+
+#include "crux_can.h"
+#include "crux_msgs/faults.hpp"
+
+namespace crux {
+namespace {
+
+const char* cause_name(std::uint8_t cause) {
+  switch (cause) {
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_COMMAND_TIMEOUT_CHOICE:
+      return "no valid command in time, holding";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_E2_E_CRC_CHOICE:
+      return "damaged command (CRC)";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_E2_E_COUNTER_CHOICE:
+      return "commands out of sequence";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_POSITION_LIMIT_CHOICE:
+      return "commanded beyond the position limit";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_VELOCITY_LIMIT_CHOICE:
+      return "commanded beyond the velocity limit";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_OVER_TEMPERATURE_CHOICE:
+      return "too hot";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_BUS_OFF_CHOICE:
+      return "bus off";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_INVALID_COMMAND_CHOICE:
+      return "invalid command";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_SENSOR_CHOICE:
+      return "sensor lost";
+    default:
+      return "unknown cause";
+  }
+}
+
+/// "LF node 3: ", without a node "LF: ", without a limb "".
+std::string place(const RobotDescription& robot, int limb, int node) {
+  if (limb < 0 || limb >= kLimbs) return "";
+  const std::string& name = robot.limbs[static_cast<std::size_t>(limb)].name;
+  return node > 0 ? name + " node " + std::to_string(node) + ": " : name + ": ";
+}
+
+std::string with_numbers(std::string text, double value, double limit) {
+  const auto replace_last = [&text](const std::string& word, double number) {
+    const std::size_t at = text.rfind(word);
+    if (at == std::string::npos) return;
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.6g", number);
+    text.replace(at, word.size(), digits);
+  };
+  replace_last("limit", limit);  // "(limit: limit)": the second one is the number
+  replace_last("value", value);
+  return text;
+}
+
+}  // namespace
+
+void print_fault(const RobotDescription& robot, const crux_msgs::fault_t& fault) {
+  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(fault.code);
+  const std::string text =
+      info != nullptr ? with_numbers(std::string(info->text), fault.value, fault.limit) : "unknown fault";
+  std::fprintf(stderr, "crux-runtime: cycle %" PRId64 ": %s%s\n", fault.cycle,
+               place(robot, fault.limb, fault.node).c_str(), text.c_str());
+}
+
+void print_notice(const RobotDescription& robot, const NodeNotice& notice) {
+  const std::string where = place(robot, notice.limb, notice.node);
+  switch (notice.kind) {
+    case NodeNotice::Kind::kEmergency:
+      if (notice.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) return;
+      std::fprintf(stderr, "crux-runtime: %semergency: %s (detail %" PRIu32 ")\n", where.c_str(),
+                   cause_name(notice.cause), notice.detail);
+      return;
+    case NodeNotice::Kind::kWrongProtocol:
+      std::fprintf(stderr,
+                   "crux-runtime: %sspeaks CAN protocol %u, this runtime speaks %u; the node is not listened to\n",
+                   where.c_str(), notice.cause, CRUX_CAN_PROTOCOL_VERSION);
+      return;
+    case NodeNotice::Kind::kWrongPlace:
+      std::fprintf(stderr, "crux-runtime: %sthe node takes itself for another one (limb %u); it is not listened to\n",
+                   where.c_str(), notice.cause);
+      return;
+    case NodeNotice::Kind::kWrongParameters:
+      std::fprintf(stderr,
+                   "crux-runtime: %sthe node was made for another robot description (%08" PRIx32
+                   "); it is not listened to\n",
+                   where.c_str(), notice.detail);
+      return;
+  }
+}
+
+void print_malformed(crux_msgs::Channel channel, unsigned bytes, std::uint64_t count) {
+  if (!std::has_single_bit(count)) return;
+  std::fprintf(stderr, "crux-runtime: LCM %s: %u bytes that are no such message, ignored (%" PRIu64 " so far)\n",
+               crux_msgs::channel_info(channel).name, bytes, count);
+}
+
+}  // namespace crux

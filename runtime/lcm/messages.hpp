@@ -1,0 +1,21 @@
+// One line on standard error for what an operator at the machine should read.
+#pragma once
+
+#include <cstdint>
+
+#include "bus/limb_bus.hpp"
+#include "core/robot_description.hpp"
+#include "crux_msgs/channels.hpp"
+#include "crux_msgs/fault_t.hpp"
+
+namespace crux {
+
+void print_fault(const RobotDescription& robot, const crux_msgs::fault_t& fault);
+
+/// A node that says it has restarted is no news.
+void print_notice(const RobotDescription& robot, const NodeNotice& notice);
+
+/// `count`: how many there have been; only the 1st, 2nd, 4th, 8th .. are told of, a flood fills no disk.
+void print_malformed(crux_msgs::Channel channel, unsigned bytes, std::uint64_t count);
+
+}  // namespace crux

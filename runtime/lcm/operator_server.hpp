@@ -1,0 +1,99 @@
+// The runtime's face to its operators: plans and commands in, acknowledgements, state and faults out. Runs in a thread
+// of its own; whatever comes in over LCM is taken for hostile until it has been checked.
+#pragma once
+
+#include <chrono>
+#include <lcm/lcm-cpp.hpp>
+#include <map>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include "core/robot_description.hpp"
+#include "crux_msgs/acknowledgement_t.hpp"
+#include "crux_msgs/channels.hpp"
+#include "crux_msgs/command_t.hpp"
+#include "crux_msgs/plan_t.hpp"
+#include "exchange/runtime_exchange.hpp"
+#include "lcm/plan_assembly.hpp"
+
+namespace crux {
+
+/// LCM cannot be opened; the message names the URL.
+class LcmError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+class OperatorServer {
+ public:
+  /// @throws LcmError
+  OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange);
+
+  /// Serves until `ended` is set, then sends what is left to send.
+  void run(const std::atomic<bool>& ended);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  /// A request the real-time thread has not answered yet.
+  struct Pending {
+    crux_msgs::acknowledgement_t acknowledgement;
+    std::optional<crux_msgs::plan_t> plan;
+    bool scheduled = false;
+  };
+  /// The last plan's verdict, for pieces that are sent again because its acknowledgement was lost.
+  struct PlanVerdict {
+    std::int64_t transfer_id = 0;
+    Clock::time_point at;
+    std::optional<crux_msgs::acknowledgement_t> acknowledgement;  ///< none while it is being decided
+  };
+  struct LastCommand {
+    std::vector<std::uint8_t> bytes;
+    Clock::time_point at;
+    std::optional<crux_msgs::acknowledgement_t> acknowledgement;
+  };
+
+  void on_piece(const lcm::ReceiveBuffer* buffer, const std::string& channel);
+  void on_command(const lcm::ReceiveBuffer* buffer, const std::string& channel);
+
+  bool repeated_after_verdict(const crux_msgs::plan_piece_t& piece);
+  void judge_plan(const std::string& plan_id);
+  std::string plan_defect(const std::string& plan_id, crux_msgs::plan_t& plan,
+                          std::unique_ptr<const PreparedPlan>& prepared);
+  bool repeated(std::span<const std::uint8_t> bytes, std::int8_t command);
+  std::string command_defect(const crux_msgs::command_t& command) const;
+
+  /// Hands a request to the real-time thread; false when it has too many already.
+  bool submit(Request request, std::optional<Pending> pending);
+  void answer_at_once(const crux_msgs::acknowledgement_t& acknowledgement, std::optional<crux_msgs::command_t> command);
+  void refuse_plan(crux_msgs::acknowledgement_t acknowledgement, const std::string& reason);
+  crux_msgs::acknowledgement_t new_acknowledgement(std::int8_t subject, std::int64_t request_id,
+                                                   const std::string& plan_id) const;
+  void acknowledge(const crux_msgs::acknowledgement_t& acknowledgement);
+
+  void drain_answers();
+  void drain_faults();
+  void drain_notices();
+  void publish_snapshot();
+
+  template <class Message>
+  void publish(crux_msgs::Channel channel, const Message& message) {
+    lcm_.publish(crux_msgs::channel_info(channel).name, &message);
+  }
+
+  lcm::LCM lcm_;
+  const RobotDescription& robot_;
+  RuntimeExchange& exchange_;
+  PlanAssembly assembly_;
+  PlanVerdict plan_verdict_;
+  LastCommand last_command_;
+  std::string loaded_plan_id_;
+  std::map<std::uint32_t, Pending> pending_;
+  std::uint32_t next_ticket_ = 1;
+  std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
+  Clock::time_point next_snapshot_ = Clock::now();
+};
+
+}  // namespace crux

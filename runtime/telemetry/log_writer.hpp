@@ -1,0 +1,40 @@
+// The thread that turns cycle records into telemetry.mcap.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "exchange/cycle_record.hpp"
+#include "exchange/spsc_ring.hpp"
+#include "telemetry/mcap_log.hpp"
+
+namespace crux {
+
+class LogWriter {
+ public:
+  /// @param log where to write; without one the records are only taken and freed
+  LogWriter(SpscRing<CycleRecord>& records, std::unique_ptr<McapLog> log) : records_(records), log_(std::move(log)) {}
+
+  /// Writes until `ended` is set and the queue is empty, then ends the file. After the first error it goes on taking
+  /// records, so that nobody waits for it.
+  void run(const std::atomic<bool>& ended);
+
+  /// What went wrong, empty when all is well. To be read when run() has returned.
+  [[nodiscard]] const std::string& error() const noexcept { return error_; }
+
+ private:
+  static constexpr std::chrono::milliseconds kFlushPeriod{500};
+  static constexpr std::chrono::milliseconds kIdle{2};
+
+  void write(CycleRecord& record);
+  void write_event(LoggedEvent& event, std::int64_t log_time_ns);
+  void fail(const LogError& error);
+
+  SpscRing<CycleRecord>& records_;
+  std::unique_ptr<McapLog> log_;
+  std::string error_;
+};
+
+}  // namespace crux

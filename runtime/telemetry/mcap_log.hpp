@@ -1,0 +1,65 @@
+// telemetry.mcap: messages as CDR with ros2msg schemas, one MCAP channel a logged channel of msgs/channels.yaml.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "crux_msgs/cdr.hpp"
+#include "crux_msgs/channels.hpp"
+
+struct McapWriter;
+
+namespace crux {
+
+/// A log that cannot be written; the message names the file and the reason.
+class LogError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+using Metadata = std::vector<std::pair<std::string, std::string>>;
+
+class McapLog {
+ public:
+  /// Creates the file with all schemas and channels.
+  /// @throws LogError
+  explicit McapLog(const std::string& path);
+
+  template <class Message>
+  void write(crux_msgs::Channel channel, std::int64_t log_time_ns, const Message& message) {
+    const std::size_t size = crux_msgs::cdr_size(message);
+    if (buffer_.size() < size) buffer_.resize(size);
+    write_bytes(channel, log_time_ns, crux_msgs::encode_cdr(message, buffer_));
+  }
+
+  /// @throws LogError as all below
+  void write_metadata(const std::string& name, const Metadata& metadata);
+
+  /// Makes what was written so far safe from a kill of this program.
+  void flush();
+
+  /// Ends the file. A log that is destroyed without it stays readable up to the last flush.
+  void close();
+
+ private:
+  struct Deleter {
+    void operator()(McapWriter* writer) const noexcept;
+  };
+
+  void write_bytes(crux_msgs::Channel channel, std::int64_t log_time_ns, std::size_t size);
+  std::int32_t checked(std::int32_t result);
+
+  std::string path_;
+  std::unique_ptr<McapWriter, Deleter> writer_;
+  std::array<std::uint16_t, crux_msgs::kChannels.size()> ids_{};
+  std::array<std::uint32_t, crux_msgs::kChannels.size()> sequences_{};
+  std::vector<std::uint8_t> buffer_;
+};
+
+}  // namespace crux
