@@ -55,6 +55,10 @@ class Stream {
   }
 
  protected:
+  /// A zero at the end and nowhere else: LCM could not carry another one.
+  static bool is_text(std::span<const std::uint8_t> bytes) {
+    return std::ranges::find(bytes, std::uint8_t{0}) - bytes.begin() + 1 == std::ssize(bytes);
+  }
   static std::size_t padding(std::size_t position, std::size_t alignment) {
     return (alignment - position % alignment) % alignment;
   }
@@ -146,7 +150,7 @@ class Reader : public Stream<Reader> {
   }
   void string(std::string& text) {
     const std::size_t n = length();
-    if (!good_ || n == 0 || left() < n || in_[position_ + n - 1] != 0) {
+    if (!good_ || left() < n || !is_text(in_.subspan(position_, n))) {
       good_ = false;
       return;
     }
@@ -156,13 +160,18 @@ class Reader : public Stream<Reader> {
   template <class T, class Length>
   void sequence(std::vector<T>& items, Length expected) {
     const std::size_t n = length();
-    // An element takes a byte at least: a damaged length cannot make the vector larger than the message.
     if (!good_ || n > left() || !std::cmp_equal(n, expected)) {
       good_ = false;
       return;
     }
-    items.resize(n);
-    elements(items.data(), n);
+    items.clear();
+    if constexpr (std::is_arithmetic_v<T>) {
+      items.resize(n);
+      elements(items.data(), n);
+    } else {
+      // One by one: memory grows no faster than bytes are used up.
+      for (std::size_t i = 0; i < n && good_; ++i) value(items.emplace_back());
+    }
   }
   [[nodiscard]] bool finish() const { return good_ && left() == 0; }
 
@@ -199,7 +208,7 @@ class LcmReader : public Stream<LcmReader> {
   void string(std::string& text) {
     std::int32_t n = 0;
     bytes(&n, sizeof n, sizeof n);
-    if (!good_ || n < 1 || std::cmp_greater(n, in_.size()) || in_[static_cast<std::size_t>(n) - 1] != 0) {
+    if (!good_ || n < 1 || std::cmp_greater(n, in_.size()) || !is_text(in_.first(static_cast<std::size_t>(n)))) {
       good_ = false;
       return;
     }
@@ -208,7 +217,8 @@ class LcmReader : public Stream<LcmReader> {
   }
   template <class T, class Length>
   void sequence(std::vector<T>& items, Length n) {
-    // An element takes a byte at least, and elements are read one by one: memory grows no faster than bytes are used up.
+    // An element takes a byte at least, and elements are read one by one: memory grows no faster than bytes are used
+    // up.
     if (!good_ || std::cmp_less(n, 0) || std::cmp_greater(n, in_.size())) {
       good_ = false;
       return;

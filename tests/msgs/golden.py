@@ -1,0 +1,226 @@
+"""Makes the golden vectors in msgs/golden. `python tests/msgs/golden.py` writes them anew: a deliberate act, for the
+vectors are what programs of different versions and languages agree on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import crux_msgs
+import numpy as np
+from crux_contracts import LIMB_NAMES, can_codec, cdr
+from crux_contracts.interpolation import PlanReference
+from crux_msgs import limb_knot_t, plan_knot_t, plan_t
+from crux_msgs.tables import MEMBERS
+
+FOLDER = Path(__file__).resolve().parents[2] / "msgs" / "golden"
+SHARES = (0.0, 0.13, 0.3, 0.53, 0.57, 0.8, 1.0)
+DIGITS = 12
+
+_INTEGERS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64}
+_DOUBLES = (0.1, -2.5, 0.0, -0.0, 1e-300, -1.7976931348623157e308, 3.141592653589793)
+_TEXTS = ("", "crux", "Wand 45° · π", "a much longer text that crosses an alignment")
+
+
+def _values(kind: str, numbers: Iterator[int]) -> Any:
+    """The next value of a primitive type: small numbers and the ends of the range in turn."""
+    n = next(numbers)
+    if kind in _INTEGERS:
+        top = 2 ** (_INTEGERS[kind] - 1)
+        return (n % 100, -(n % 100), top - 1, -top)[n % 4]
+    if kind == "double":
+        return _DOUBLES[n % len(_DOUBLES)] if n % 2 else n / 8
+    return _TEXTS[n % len(_TEXTS)]
+
+
+def _fill(type_name: str, numbers: Iterator[int], length: int) -> dict[str, Any]:
+    """Fields of a message; every sequence has `length` elements. Bytes are given as hex."""
+    fields: dict[str, Any] = {}
+    lengths = {dimension for _, _, dimension in MEMBERS[type_name] if isinstance(dimension, str)}
+    for name, kind, dimension in MEMBERS[type_name]:
+        if name in lengths:
+            fields[name] = length
+        elif kind == "byte":
+            fields[name] = bytes(next(numbers) % 256 for _ in range(length)).hex()
+        elif dimension is None:
+            fields[name] = _values(kind, numbers)
+        else:
+            count = dimension if isinstance(dimension, int) else length
+            fields[name] = [
+                _fill(kind, numbers, length) if kind in MEMBERS else _values(kind, numbers) for _ in range(count)
+            ]
+    return fields
+
+
+def message_from(type_name: str, fields: dict[str, Any]) -> Any:
+    """A crux_msgs message from its fields."""
+    message = getattr(crux_msgs, type_name)()
+    for name, kind, dimension in MEMBERS[type_name]:
+        value = fields[name]
+        if kind == "byte":
+            value = bytes.fromhex(value)
+        elif kind in MEMBERS:
+            value = [message_from(kind, item) for item in value] if dimension is not None else message_from(kind, value)
+        setattr(message, name, value)
+    return message
+
+
+def messages() -> list[dict[str, Any]]:
+    """Every type with sequences of three, and those with sequences once more with empty ones."""
+    vectors = []
+    for type_name, members in MEMBERS.items():
+        has_sequence = any(isinstance(dimension, str) for _, _, dimension in members)
+        for length in (3, 0) if has_sequence else (3,):
+            fields = _fill(type_name, iter(range(10**6)), length)
+            message = message_from(type_name, fields)
+            vectors.append(
+                {"type": type_name, "fields": fields, "lcm": message.encode().hex(), "cdr": cdr.encode(message).hex()}
+            )
+    return vectors
+
+
+def can_frames() -> list[dict[str, Any]]:
+    """Every kind of frame: zero, the ends of every signal's range, and something in between."""
+    vectors = []
+    for message in can_codec.database().messages:
+        name, node = message.name, None
+        if name.startswith("Joint"):
+            name, node = f"Joint{name[6:]}", int(name[5])
+        for index, share in enumerate((0.0, 1.0, 0.3)):
+            values = {}
+            for signal in message.signals:
+                if signal.name in ("Crc", "Counter"):
+                    continue
+                if signal.is_float:
+                    values[signal.name] = (0.0, -1.5707963705062866, 0.0010000000474974513)[index]
+                    continue
+                low = -(1 << (signal.length - 1)) if signal.is_signed else 0
+                high = low + (1 << signal.length) - 1
+                raw = 0 if index == 0 else round(low + share * (high - low))
+                values[signal.name] = float(signal.raw_to_scaled(raw, decode_choices=False))
+            counter = (0, 255, 87)[index]
+            frame = can_codec.encode(name, values, counter, node)
+            vectors.append(
+                {
+                    "message": name,
+                    "node": node,
+                    "identifier": frame.identifier,
+                    "counter": counter,
+                    "signals": values,
+                    "data": frame.data.hex(),
+                }
+            )
+    return vectors
+
+
+def sample_plan(swings: dict[str, tuple[int, int]] | None = None, knots: int = 13, dt_s: float = 2.0) -> plan_t:
+    """A plan that scaler can reach: limbs swing between the knots given (first and last in the air), one hold on by
+    0.06 m; the body moves and tilts a little. Its wrenches are made up, not in equilibrium."""
+    moving = {"LF": (2, 4), "RR": (8, 9)} if swings is None else swings
+    plan = plan_t()
+    plan.format = plan_t.FORMAT
+    plan.scenario_name, plan.scenario_yaml, plan.robot_name, plan.method = "sample", "version: 1\n", "scaler", "by hand"
+    plan.dt_s = dt_s
+    plan.gravity_w_m_s2 = [-6.93, 0.0, -6.93]
+    plan.patch_k_m, plan.max_normal_n, plan.goal_tolerance_m, plan.goal_tolerance_rad = 0.0133, 60.0, 0.01, 0.05
+    corners = {"LF": (0.14, 0.36), "RF": (0.14, -0.36), "LR": (-0.14, 0.36), "RR": (-0.14, -0.36)}
+    for limb, (x, y) in corners.items():
+        for step in (0.0, 0.06):
+            hold = crux_msgs.hold_t()
+            hold.name = f"{limb}{step:g}"
+            hold.graspable, hold.position_w_m, hold.size_m = 1, [x + step, y, 0.0], [0.04, 0.04, 0.05]
+            hold.friction, hold.spines = [2.2] * 5, [1] * 5
+            plan.holds.append(hold)
+    plan.n_holds = len(plan.holds)
+    for k in range(knots):
+        share = k / (knots - 1)
+        knot = plan_knot_t()
+        knot.time_s = k * dt_s
+        knot.body_position_w_m = [0.04 * share * share, 0.01 * np.sin(7 * share), 0.185 + 0.005 * np.cos(5 * share)]
+        knot.body_rpy_rad = [0.02 * np.sin(4 * share), -0.03 * share, 0.02 * np.cos(9 * share) - 0.02]
+        knot.limbs = [_limb_knot(i, name, corners[name], k, moving.get(name)) for i, name in enumerate(LIMB_NAMES)]
+        plan.knots.append(knot)
+    plan.n_knots = knots
+    return plan
+
+
+def _limb_knot(index: int, name: str, corner: tuple[float, float], k: int, swing: tuple[int, int] | None) -> limb_knot_t:
+    limb = limb_knot_t()
+    first, last = swing or (10**6, 10**6)
+    yaw = 0.1 * (index - 1.5)
+    advanced = k > last
+    limb.phase = limb_knot_t.AIR if first <= k <= last else limb_knot_t.STANCE
+    limb.gripper_position_w_m = [corner[0] + 0.06 * advanced, corner[1], 0.035]
+    limb.gripper_yaw_w_rad = yaw + 0.2 * advanced
+    limb.finger_separation_m = 0.04
+    if limb.phase == limb_knot_t.AIR:
+        limb.hold, limb.finger1_face = -1, limb_knot_t.FACE_NONE
+        if k > first:  # at its first knot in the air the gripper still stands in its old grasp pose
+            progress = (k - first) / (last + 1 - first)
+            limb.gripper_position_w_m = [corner[0] + 0.06 * progress, corner[1] + 0.01, 0.09]
+            limb.gripper_yaw_w_rad = yaw + 0.2 * progress
+            limb.finger_separation_m = 0.09 - 0.01 * progress
+        return limb
+    limb.hold, limb.finger1_face, limb.friction = 2 * index + advanced, limb_knot_t.FACE_PLUS_X, 2.2
+    axis = np.array([np.cos(limb.gripper_yaw_w_rad), np.sin(limb.gripper_yaw_w_rad), 0.0])
+    shear = np.array([3.0 + index, -1.0 + 0.3 * k, 4.0 - 0.2 * k])
+    normal = 15.0 + index + 0.5 * k
+    limb.finger_force_w_n = [*(normal * axis + shear), *(-(normal - 2) * axis + shear)]
+    limb.finger_moment_w_nm = [*(0.02 * (k + 1) * axis), *(0.01 * index * axis)]
+    return limb
+
+
+def interpolation() -> dict[str, Any]:
+    """The sample plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
+    plan = sample_plan()
+    reference = PlanReference(plan)
+    samples = []
+    for k in range(reference.intervals):
+        for u in SHARES:
+            position, rpy = reference.body((k + u) * plan.dt_s)
+            limbs = []
+            for limb in range(len(LIMB_NAMES)):
+                gripper = reference.limb(limb, k, u)
+                limbs.append(
+                    {
+                        "gripper_position_w_m": _rounded(gripper.position_w_m),
+                        "gripper_yaw_w_rad": _rounded(gripper.yaw_w_rad),
+                        "finger_opening_m": _rounded(gripper.opening_m),
+                        "wrench_w": _rounded(reference.wrench(limb, k, u)),
+                        "load": _rounded(reference.load(limb, k, u)),
+                    }
+                )
+            samples.append(
+                {
+                    "k": k,
+                    "u": u,
+                    "body_position_w_m": _rounded(position),
+                    "body_rpy_rad": _rounded(rpy),
+                    "limbs": limbs,
+                }
+            )
+    return {"plan_lcm": plan.encode().hex(), "samples": samples}
+
+
+def _rounded(values: Any) -> Any:
+    numbers = np.asarray(values, dtype=float)
+    texts = [float(f"{number:.{DIGITS}g}") for number in numbers.ravel()]
+    return texts if numbers.ndim else texts[0]
+
+
+VECTORS = {"messages.json": messages, "can_frames.json": can_frames, "interpolation.json": interpolation}
+
+
+def as_text(vectors: Any) -> str:
+    """One vector a line, so that a change shows as a change of lines."""
+    if isinstance(vectors, list):
+        return "[\n" + ",\n".join(json.dumps(item, ensure_ascii=False) for item in vectors) + "\n]\n"
+    lines = ",\n".join(json.dumps(item) for item in vectors["samples"])
+    return f'{{"plan_lcm": "{vectors["plan_lcm"]}",\n"samples": [\n{lines}\n]}}\n'
+
+
+if __name__ == "__main__":
+    for file_name, make in VECTORS.items():
+        (FOLDER / file_name).write_text(as_text(make()), encoding="utf-8")
