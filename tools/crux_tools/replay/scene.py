@@ -115,6 +115,15 @@ class ReplayScene:
         for name, force in (("measured", limbs["force_w_n"]), ("planned", limbs["force_reference_w_n"])):
             self._arrows[name].points = np.stack([at, at + FORCE_SCALE_M_PER_N * force], axis=1).astype(np.float32)
 
+    def drawn(self) -> dict[str, np.ndarray]:
+        """Where body and plan are drawn and how long the force arrows are, frame W [m]."""
+        frame = next(frame for body, frame in self._frames if body == self._robot.body)
+        places = {"body": frame.position, "plan body": self._ghost_body.position}
+        for kind, arrows in self._arrows.items():
+            for limb, (tail, tip) in zip(LIMB_NAMES, arrows.points, strict=True):
+                places[f"{kind} force {limb}"] = tip - tail
+        return places
+
     def show_plan(self, visible: bool) -> None:
         """Shows or hides what the plan asked for."""
         for part in (self._ghost_body, *self._ghost_grippers, self._arrows["planned"]):

@@ -32,7 +32,7 @@ class Viewer:
         with _quiet():
             self._server = viser.ViserServer(host=host, port=port, label="crux", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
-        self._scene = ReplayScene(self._server, log)
+        self.scene = ReplayScene(self._server, log)
         self._begin_s, self._end_s = float(log.time_s[0]), float(log.time_s[-1])
         gui = self._server.gui
         end_s = max(self._end_s, self._begin_s + TIME_STEP_S)
@@ -45,7 +45,7 @@ class Viewer:
         self._stop = threading.Event()
         self._drawing = threading.Lock()  # the player and the slider's own thread both draw
         self._time.on_update(lambda _: self._show())
-        plan.on_update(lambda _: self._scene.show_plan(plan.value))
+        plan.on_update(lambda _: self.scene.show_plan(plan.value))
         self._show()
         self._player = threading.Thread(target=self._run, name="replay", daemon=True)
         self._player.start()
@@ -59,10 +59,14 @@ class Viewer:
         """The row of the log that is shown at a time of the slider."""
         return int(np.clip(np.searchsorted(self._log.time_s, time_s, side="right") - 1, 0, len(self._log.time_s) - 1))
 
+    def show_at(self, time_s: float) -> None:
+        """Moves the slider, and with it the view, to a time of the log."""
+        self._time.value = time_s
+
     def _show(self) -> None:
         row = self.row_at(self._time.value)
         with self._drawing, self._server.atomic():
-            self._scene.show(row)
+            self.scene.show(row)
         self._text.content = caption(self._log, row)
 
     def _run(self) -> None:
@@ -73,7 +77,7 @@ class Viewer:
                 at = self._time.value + (now - last) * float(self._speed.value)
                 if at >= self._end_s:
                     at = self._begin_s
-                self._time.value = at  # its own update shows the row
+                self.show_at(at)
             last = now
 
     def wait(self) -> None:

@@ -79,7 +79,7 @@ def _limb_knot(index: int, knot: int) -> limb_knot_t:
     return limb
 
 
-def synthetic_plan() -> plan_t:
+def made_up_plan() -> plan_t:
     """LF goes from hold a to hold e while the others stay and the body rises by 5 cm."""
     plan = plan_t()
     plan.format = plan.FORMAT
@@ -121,7 +121,7 @@ class Story:
 def write_log(path: Path, story: Story | None = None, finish: bool = True) -> int:
     """Writes the log; returns the number of control cycles. finish=False leaves it as a killed runtime does."""
     story = story or Story()
-    plan = synthetic_plan()
+    plan = made_up_plan()
     with path.open("wb") as file:
         # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
         writer = Writer(file, chunk_size=200_000, compression=CompressionType.LZ4)

@@ -1,0 +1,32 @@
+"""Logs of the made-up climb, written once a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from made_up_climb import Story, write_log
+
+
+@pytest.fixture(scope="session")
+def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole log."""
+    path = tmp_path_factory.mktemp("logs") / "climb.mcap"
+    write_log(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def faulty_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log in real time with a fault in it."""
+    path = tmp_path_factory.mktemp("logs") / "faulty.mcap"
+    write_log(path, Story(faults=((200, 7, -1),), late_ns=30_000))
+    return path
+
+
+@pytest.fixture(scope="session")
+def killed_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a killed runtime leaves behind: chunks, no summary, no end."""
+    path = tmp_path_factory.mktemp("logs") / "killed.mcap"
+    write_log(path, finish=False)
+    return path

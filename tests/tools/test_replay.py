@@ -1,0 +1,111 @@
+"""`crux replay`: the summary on the terminal and the 3-D view's server."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_tools import cli
+from crux_tools.replay.viewer import Viewer
+from crux_tools.telemetry import read_log
+from crux_tools.telemetry.summary import summarise
+from made_up_climb import CYCLE_S, Story
+
+
+def test_the_summary_in_words(log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["replay", str(log_path), "--no-view"]) == 0
+    printed, errors = capsys.readouterr()
+    for words in ("plan completed, HOLDING", "CLIMBING 0.50 …", "LF to open: 1 times", "largest 5.00 mm", "LF 1.00 N"):
+        assert words in printed
+    assert errors == ""
+
+
+def test_the_summary_as_json(faulty_log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["replay", str(faulty_log_path), "--no-view", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["ok"] is True
+    assert result["cycles"] == summarise(read_log(faulty_log_path)).cycles
+    assert result["faults"][0]["name"] == "body_error"
+    assert result["timing"]["realtime"] is True
+
+
+def test_a_killed_log_is_replayed_with_a_word_of_warning(
+    killed_log_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["replay", str(killed_log_path), "--no-view"]) == 0
+    printed, errors = capsys.readouterr()
+    assert "CLIMBING at plan time" in printed
+    assert "the log was not closed" in errors
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(500)])
+def test_no_log_is_refused_in_one_line(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    assert cli.main(["replay", str(path), "--no-view"]) == 2
+    printed, errors = capsys.readouterr()
+    assert printed == ""
+    assert errors.count("\n") == 1
+    assert str(path) in errors
+
+
+@pytest.mark.parametrize("port", ["-1", "65536", "http"])
+def test_a_wrong_port_is_named(port: str, log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["replay", str(log_path), "--port", port])
+    assert stopped.value.code == 2
+    assert f"'{port}' is not a port" in capsys.readouterr().err
+
+
+def test_the_view_answers_plays_and_closes(log_path: Path) -> None:
+    log = read_log(log_path)
+    viewer = Viewer(log, "127.0.0.1", 0)
+    try:
+        with urllib.request.urlopen(viewer.url, timeout=5) as answer:
+            assert answer.status == 200
+            assert b"<html" in answer.read(2000)
+    finally:
+        viewer.close()
+    port = int(viewer.url.rsplit(":", 1)[1])
+    with socket.socket() as again:
+        again.bind(("127.0.0.1", port))
+
+
+def test_the_view_shows_what_was_measured(log_path: Path) -> None:
+    log = read_log(log_path)
+    viewer = Viewer(log, "127.0.0.1", 0)
+    try:
+        story = Story()
+        assert viewer.row_at(-1) == 0
+        assert viewer.row_at(1e9) == len(log.time_s) - 1
+        row = viewer.row_at((story.ready_cycles + 40) * CYCLE_S + 0.001)
+        assert row == story.ready_cycles + 40
+        viewer.show_at(float(log.time_s[row]))
+        drawn = viewer.scene.drawn()
+        np.testing.assert_allclose(drawn["body"], log.state["body_position_w_m"][row], atol=1e-6)
+        np.testing.assert_allclose(drawn["plan body"], log.state["body_reference_position_w_m"][row], atol=1e-6)
+        arrow = drawn["measured force RF"]
+        assert np.linalg.norm(arrow) == pytest.approx(0.004 * np.linalg.norm(log.limbs["force_w_n"][row, 1]), rel=1e-4)
+    finally:
+        viewer.close()
+
+
+def test_the_command_serves_until_interrupted(log_path: Path) -> None:
+    command = [sys.executable, "-m", "crux_tools.cli", "replay", str(log_path), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        url = line.split()[1]
+        with urllib.request.urlopen(url, timeout=5) as answer:
+            assert answer.status == 200
+        process.send_signal(2)
+        printed, errors = process.communicate(timeout=20)
+        assert process.returncode == 0
+        assert "plan completed" in printed
+        assert "Traceback" not in errors
