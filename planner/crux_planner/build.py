@@ -1,0 +1,253 @@
+"""From a scenario and a robot description to the numbers of P1.
+
+Everything is expressed in the heading frame: W turned about its z so that the body starts with yaw 0. `result.py`
+turns the plan back. What the scenario's author must mend is a ScenarioError; what the wall does not allow, an
+InfeasibleError.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import BodyPose, Hold, Scenario
+
+from crux_planner.arrays import Array
+from crux_planner.contacts import PAIR_NAMES, Contact, GripperShape, opening_for, pad_height, yaws_in_range
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.mass import composite_inertia
+from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
+from crux_planner.search.swing import SwingLimits
+from crux_planner.terms.obstacles import Cuboids
+from crux_planner.workspace import WorkspaceRange, acceptance_boxes
+
+PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
+FRICTION_MARGIN = 0.1  # share of the limit surface left unused
+
+
+def build_problem(scenario: Scenario, robot: Robot) -> Problem:
+    """P1 of a scenario. Raises ScenarioError and InfeasibleError."""
+    if scenario.contact.model != "patch":
+        raise wrong(
+            scenario, "contact.model", scenario.contact.model, "expected patch: the planner plans two-finger grasps"
+        )
+    if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
+        most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
+        raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
+    heading = scenario.start.body.rpy_rad[2]
+    body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, robot.body.max_speed_m_s, robot.body.max_rate_rad_s)
+    start, goal = _pose(scenario.start.body, heading), _pose(scenario.goal.body, heading)
+    _check_body(scenario, body, start, goal)
+    clearance = scenario.planner.margins.get("clearance_m", robot.grasp.swing_clearance_m)
+    shape = GripperShape(
+        *robot.gripper.opening_m,
+        robot.gripper.open_opening_m,
+        robot.gripper.pad_radius_m,
+        robot.gripper.finger_height_m,
+    )
+    limits = SwingLimits(
+        scenario.horizon.dt_s,
+        robot.grasp.approach_speed_m_s,
+        robot.grasp.yaw_rate_rad_s,
+        clearance,
+        PASSING_CLEARANCE_M,
+        robot.grasp.max_swing_height_m,
+    )
+    cuboids = _cuboids(scenario, heading)
+    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits)
+    begin = _start_contacts(scenario, contacts, unusable)
+    boxes = acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            robot.grasp.pad_height_m,
+            robot.grasp.pad_height_m[1] + robot.gripper.pad_radius_m + robot.grasp.swing_clearance_m,
+            robot.grasp.max_swing_height_m,
+            robot.body.max_tilt_rad,
+            robot.grasp.gripper_yaw_rad,
+        ),
+    )
+    contact = scenario.contact
+    low, high = robot.grasp.gripper_yaw_rad
+    final_yaw = float(goal.rpy_rad[2])
+    usable = [
+        i
+        for i, c in enumerate(contacts)
+        if low + max(final_yaw, 0.0) <= c.yaw_rad <= high + min(final_yaw, 0.0) or i in begin
+    ]
+    return Problem(
+        steps=scenario.horizon.steps,
+        dt_s=scenario.horizon.dt_s,
+        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        mass_kg=robot.total_mass_kg,
+        inertia_b=_start_inertia(robot, start, [contacts[i] for i in begin]),
+        patch=Patch(
+            contact.patch_k_m,
+            contact.max_normal_N,
+            contact.spine_shear_N,
+            contact.spine_twist_Nm,
+        ),
+        cuboids=cuboids,
+        hold_names=[hold.name for hold in scenario.holds],
+        contacts=contacts,
+        limb_contacts=[usable] * 4,
+        start_contacts=(begin[0], begin[1], begin[2], begin[3]),
+        start=start,
+        goal=Goal(
+            goal,
+            scenario.goal.tolerance_m,
+            scenario.goal.tolerance_rad,
+            _goal_grasps(scenario, unusable),
+        ),
+        boxes=boxes,
+        gripper_yaw_rad=robot.grasp.gripper_yaw_rad,
+        body=body,
+        shape=shape,
+        swing=limits,
+        weights=_weights(scenario),
+        friction_share=1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN),
+        heading_rad=heading,
+    )
+
+
+def _pose(body: BodyPose, heading: float) -> Pose:
+    position = rotation_z(-heading) @ np.array(body.position_m)
+    rpy = np.array(body.rpy_rad) - np.array([0.0, 0.0, heading])
+    rpy[2] = math.remainder(rpy[2], 2 * math.pi)
+    return Pose(position, rpy)
+
+
+def _check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) -> None:
+    """Bounds (7) of the start and the goal pose."""
+    low, high = body.height_m
+    tilt_deg = math.degrees(body.max_tilt_rad)
+    if not low - 1e-9 <= start.position_m[2] <= high + 1e-9:
+        raise wrong(scenario, "start.body.position_m[2]", f"{start.position_m[2]:g}", f"expected {low:g}..{high:g} m")
+    if np.abs(start.rpy_rad[:2]).max() > body.max_tilt_rad + 1e-9:
+        shown = "{:g}, {:g}".format(*np.degrees(start.rpy_rad[:2]))
+        raise wrong(scenario, "start.body.rpy_deg", shown, f"expected roll and pitch within {tilt_deg:.1f} degrees")
+    reserve = scenario.goal.tolerance_m
+    if not low - reserve <= goal.position_m[2] <= high + reserve:
+        raise InfeasibleError(
+            "goal bounds",
+            f"goal.body.position_m[2]: the body can be {low:g}..{high:g} m above the wall, not {goal.position_m[2]:g}",
+        )
+    if np.abs(goal.rpy_rad[:2]).max() > body.max_tilt_rad + scenario.goal.tolerance_rad:
+        raise InfeasibleError(
+            "goal bounds",
+            f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
+        )
+
+
+def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
+    parts = scenario.cuboids
+    if not parts:
+        return Cuboids(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+    foot = np.array([c.position_m for c in parts]) @ rotation_z(-heading)[:2, :2].T
+    return Cuboids(foot, np.array([c.size_m for c in parts]) / 2, np.array([c.yaw_rad - heading for c in parts]))
+
+
+def _contacts(
+    scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> tuple[list[Contact], dict[tuple[int, int], str]]:
+    """All grasps the wall offers, and why a (hold, pair) offers none."""
+    contacts: list[Contact] = []
+    unusable: dict[tuple[int, int], str] = {}
+    contact, yaw_range = scenario.contact, robot.grasp.gripper_yaw_rad
+    palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
+    for index, hold in enumerate(scenario.holds):
+        height = pad_height(hold.size_m[2], robot.grasp.pad_height_m, contact.patch_radius_m, palm)
+        for pair in (0, 1):
+            half = hold.size_m[pair] / 2
+            if height is None:
+                unusable[index, pair] = f"it is {hold.size_m[2]:g} m high, too low or too high for the gripper's pads"
+                continue
+            if hold.size_m[1 - pair] < 2 * contact.patch_radius_m:
+                unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
+                continue
+            if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
+                room = shape.largest_opening - shape.pad_radius
+                unusable[index, pair] = (
+                    f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * room:g} m"
+                )
+                continue
+            centre = np.array([*cuboids.foot_w_m[index], height])
+            normal = cuboids.yaw_rad[index] + pair * np.pi / 2
+            axis = np.array([np.cos(normal), np.sin(normal), 0.0])
+            opening = opening_for(centre, axis, index, half, cuboids, shape, limits.clearance_m)
+            if opening is None:
+                unusable[index, pair] = f"its neighbours leave the fingers no room to open ({limits.clearance_m:g} m)"
+                continue
+            for yaw, swapped in yaws_in_range(normal, yaw_range):
+                contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
+    return contacts, unusable
+
+
+def _contact(
+    scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
+) -> Contact:
+    spiny = hold.spines[2 * pair] and hold.spines[2 * pair + 1]
+    return Contact(
+        hold=index,
+        pair=pair,
+        finger1_face=2 * pair + int(swapped),
+        yaw_rad=yaw,
+        centre_w_m=centre,
+        separation_m=hold.size_m[pair],
+        friction=min(hold.friction[2 * pair], hold.friction[2 * pair + 1]),
+        spine_shear_N=scenario.contact.spine_shear_N * spiny,
+        spine_twist_Nm=scenario.contact.spine_twist_Nm * spiny,
+        open_m=opening,
+    )
+
+
+def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
+    chosen = []
+    for limb in LIMBS:
+        grasp = scenario.start.grasps[limb]
+        hold, pair = scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces)
+        found = [i for i, c in enumerate(contacts) if (c.hold, c.pair) == (hold, pair)]
+        if not found:
+            raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
+        chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))
+    return chosen
+
+
+def _goal_grasps(scenario: Scenario, unusable: dict[tuple[int, int], str]) -> dict[int, tuple[int, int]]:
+    wanted = {}
+    for limb, grasp in scenario.goal.grasps.items():
+        key = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
+        if key in unusable:
+            raise InfeasibleError(
+                "goal grasp",
+                f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
+            )
+        wanted[LIMBS.index(limb)] = key
+    return wanted
+
+
+def _start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
+    """Inertia about the body's origin in the posture of the start."""
+    rotation = rotation_from_rpy(start.rpy_rad)
+    positions: dict[str, float] = {}
+    for limb, grasp in zip(robot.limbs, grasps, strict=True):
+        place = rotation.T @ (grasp.centre_w_m - start.position_m)
+        q, _ = inverse(limb, place, rotation.T @ rotation_z(grasp.yaw_rad))
+        positions.update(zip(limb.joint_names, q, strict=True))
+        positions.update(dict.fromkeys(limb.finger_joints, grasp.separation_m / 2))
+    return composite_inertia(robot, positions)
+
+
+def _weights(scenario: Scenario) -> Weights:
+    given, usual = scenario.planner.weights, Weights()
+    return Weights(
+        position=given.get("body", usual.position),
+        orientation=given.get("body", usual.orientation),
+        velocity=usual.velocity,
+        wrench=given.get("wrench", usual.wrench),
+        lift=-given["lift"] if "lift" in given else usual.lift,
+        opening=-given["opening"] if "opening" in given else usual.opening,
+        switching=given.get("switching", usual.switching),
+    )

@@ -1,0 +1,116 @@
+"""`crux plan SCENARIO -o PLAN.mcap`: plans, checks, and writes only what passes the check."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from crux_planner.result import PlanResult
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+EPILOG = """exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
+and where), 2 the scenario or the usage is wrong"""
+
+
+def add_plan_parser(subparsers: Any) -> None:
+    """Add `plan` to the subcommands of crux."""
+    parser = subparsers.add_parser(
+        "plan",
+        help="plan a climb for a scenario",
+        description="Plan a climb, check it independently and write it; a plan that fails the check is not written.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a scenario file (YAML)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PLAN.mcap", help="where the plan goes")
+    parser.add_argument("--method", default=None, metavar="M", help="how to plan; default: the scenario's, else auto")
+    parser.add_argument("--time-limit", type=_positive, default=None, metavar="S", help="seconds the search may take")
+    parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
+    parser.set_defaults(func=run_plan)
+
+
+def run_plan(args: argparse.Namespace) -> int:
+    """Run the command; returns the exit status."""
+    from crux_contracts.plan_file import PlanFileError, write_plan
+    from crux_contracts.robot import load_robot
+    from crux_contracts.scenario import load_scenario
+    from crux_contracts.yaml_document import DocumentError
+
+    from crux_planner.errors import InfeasibleError
+
+    try:
+        scenario = load_scenario(args.scenario)
+        robot = load_robot(scenario.robot)
+        with _progress() as report:
+            from crux_planner.planning import plan
+
+            result = plan(
+                scenario,
+                robot,
+                method=args.method or scenario.planner.method,
+                time_limit_s=args.time_limit,
+                progress=report,
+            )
+        write_plan(args.output, result.plan)
+    except InfeasibleError as error:
+        return _fail(
+            args, f"{args.scenario}: infeasible ({error.constraint}): {error}", FAILED, constraint=error.constraint
+        )
+    except (DocumentError, PlanFileError) as error:
+        return _fail(args, str(error), USAGE)
+    except OSError as error:
+        return _fail(args, f"{error.filename or args.scenario}: {error.strerror or error}", USAGE)
+    if args.json:
+        print(json.dumps({**result.to_json(), "plan": str(args.output), "plan_id": result.plan.plan_id}))
+    else:
+        _show(result, args.output)
+    return DONE
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of seconds above 0")
+    return value
+
+
+def _fail(args: argparse.Namespace, message: str, status: int, **more: str) -> int:
+    for line in message.splitlines():
+        print(f"crux plan: {line}", file=sys.stderr)
+    if args.json:
+        print(json.dumps({"ok": False, "error": message, **more}))
+    return status
+
+
+def _show(result: PlanResult, output: Path) -> None:
+    print(f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}")
+    margin = result.check.friction_margin_N
+    parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
+    print(
+        f"planned and checked in {result.seconds:.2f} s ({parts}), {result.iterations} iterations, "
+        f"cost {result.cost:.3f}"
+    )
+    if margin is not None:
+        print(f"least margin of the limit surface {margin:.2f} N")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None] | None]:
+    """A progress bar on standard error where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("planning", total=1.0)
+        yield lambda what, share: bar.update(task, completed=share, description=f"planning: {what}")

@@ -1,0 +1,24 @@
+"""Why a plan cannot be made."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crux_contracts.scenario import Scenario, ScenarioError
+
+
+class InfeasibleError(Exception):
+    """The scenario is well formed, but some constraint cannot be met; str() says which one and where."""
+
+    def __init__(self, constraint: str, message: str) -> None:
+        super().__init__(message)
+        self.constraint = constraint
+
+
+def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioError:
+    """The error for a scenario whose author must mend `key`."""
+    from crux_contracts.scenario import ScenarioError
+    from crux_contracts.yaml_document import Problem
+
+    return ScenarioError(scenario.path, [Problem(key, value, expected)])

@@ -1,0 +1,184 @@
+"""Planning a climb: contact search, schedule, quasi-static body path, exact NLP, independent check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.build import build_problem
+from crux_planner.checker import CheckReport, check_plan
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.nlp import Solution, solve
+from crux_planner.problem import LIMBS, Problem
+from crux_planner.reasons import check_start, explain
+from crux_planner.result import PlanResult, plan_message
+from crux_planner.search.balance import Balance
+from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
+from crux_planner.search.schedule import Schedule, lay_out
+from crux_planner.search.stances import Move, Reach, search
+from crux_planner.search.ways import Ways
+
+METHODS = ("auto",)
+TIME_LIMIT_S = 60.0
+ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
+
+Progress = Callable[[str, float], None]
+"""Called with what begins now and the share of the work behind, 0..1."""
+
+
+def plan(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    method: str = "auto",
+    time_limit_s: float | None = None,
+    progress: Progress | None = None,
+) -> PlanResult:
+    """Plan a climb and check it.
+
+    Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
+    """
+    if method not in METHODS:
+        raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
+    work = _Work(progress or (lambda _what, _share: None))
+    deadline = work.began + (time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S)
+    with work.part("problem", 0.0):
+        problem = build_problem(scenario, robot)
+        check_start(scenario, problem, Balance(problem, problem.friction_share))
+        reach, ways = Reach(problem), Ways(problem)
+    failure: InfeasibleError | None = None
+    for at_once in (1, 2):  # two limbs at a time only where one at a time does not do
+        balance = Balance(problem, problem.friction_share)
+        for _ in range(ATTEMPTS):
+            with work.part("contacts", 0.1):
+                moves, seen = search(problem, balance, reach, ways, at_once=at_once, deadline=deadline)
+            if moves is None:
+                failure = failure or explain(problem, balance, reach, ways, seen, at_once)
+                break
+            attempt = _realise(scenario, robot, problem, balance, reach, ways, moves, work)
+            if isinstance(attempt, PlanResult):
+                attempt.method, attempt.seconds = method, time.monotonic() - work.began
+                return attempt
+            failure, culprit = attempt
+            if culprit is None or time.monotonic() > deadline:
+                break
+            ways.forbid(*culprit)
+        ways.allow_all()
+    assert failure is not None
+    raise failure
+
+
+@dataclass
+class _Work:
+    """Says what is being done and keeps the time of each part."""
+
+    report: Progress
+    began: float = field(default_factory=time.monotonic)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def part(self, name: str, share: float) -> Iterator[None]:
+        self.report(name, share)
+        since = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
+
+
+Culprit = tuple[int, int] | None
+"""The move (contact to contact) that a failed attempt should do without; None where no other sequence would help."""
+
+
+def _realise(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    balance: Balance,
+    reach: Reach,
+    ways: Ways,
+    moves: list[Move],
+    work: _Work,
+) -> PlanResult | tuple[InfeasibleError, Culprit]:
+    """A checked plan for a sequence of moves, or why there is none."""
+    with work.part("body", 0.4):
+        moves = smooth_events(problem, balance, reach, moves)
+        try:
+            schedule = lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+        except InfeasibleError as too_short:
+            return too_short, None
+        path = knot_path(problem, balance, schedule)
+    if path is None:
+        error = InfeasibleError(
+            "body", f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
+        )
+        return error, _longest(problem, moves)
+    with work.part("nlp", 0.5):
+        solution = solve(problem, schedule, path, problem.friction_share)
+    if not solution.solved:
+        return InfeasibleError(
+            "dynamics", f"the exact problem has no solution for the gait {_gait(schedule)} ({solution.status})"
+        ), _longest(problem, moves)
+    with work.part("check", 0.8):
+        message = plan_message(scenario, robot, problem, schedule, solution)
+        report = check_plan(message, robot)
+    if not report.ok:
+        return _refused(report), _blamed(report, schedule, problem)
+    return _result(message, report, schedule, solution, work)
+
+
+def _result(message: Any, report: CheckReport, schedule: Schedule, solution: Solution, work: _Work) -> PlanResult:
+    return PlanResult(
+        ok=True,
+        plan=message,
+        check=report,
+        cost=solution.cost,
+        iterations=solution.iterations,
+        gait=schedule.gait,
+        position_residual_m=solution.position_residual_m,
+        force_residual_N=solution.force_residual_N,
+        timing=work.seconds,
+    )
+
+
+def _gait(schedule: Schedule) -> str:
+    return ", ".join(schedule.gait) or "without a step"
+
+
+def _refused(report: CheckReport) -> InfeasibleError:
+    first = max(report.violations, key=lambda v: v.amount)
+    who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
+    when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
+    return InfeasibleError(
+        first.constraint,
+        f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
+        f"{first.amount:.3g} {first.unit} {first.detail}".rstrip(),
+    )
+
+
+def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> Culprit:
+    """The move during which the check found the worst violation of a limb; else the longest."""
+    for violation in sorted(report.violations, key=lambda v: -v.amount):
+        if violation.limb is None or violation.time_s is None:
+            continue
+        limb, k = LIMBS.index(violation.limb), int(violation.time_s / problem.dt_s)
+        before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
+        after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
+        if before and after and before[-1] != after[0]:
+            return before[-1], after[0]
+    return _longest(problem, schedule.moves)
+
+
+def _longest(problem: Problem, moves: list[Move]) -> Culprit:
+    """The move over the greatest distance."""
+    pairs = [(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs]
+    contacts = problem.contacts
+    if not pairs:
+        return None
+    return max(pairs, key=lambda p: float(abs(contacts[p[1]].centre_w_m - contacts[p[0]].centre_w_m).sum()))

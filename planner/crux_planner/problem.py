@@ -1,0 +1,110 @@
+"""P1 of one scenario in numbers: everything the search and the NLP need, SI units, limbs LF, RF, LR, RR.
+
+`w` in names is the heading frame, W turned about its z so that the body starts with yaw 0 (see build.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from crux_planner.arrays import Array
+from crux_planner.contacts import Contact, GripperShape
+from crux_planner.search.swing import SwingLimits
+from crux_planner.terms.obstacles import Cuboids
+from crux_planner.workspace import AcceptanceBoxes
+
+LIMBS = ("LF", "RF", "LR", "RR")
+_GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Contact data of (2) and (3)."""
+
+    k_m: float  # of (2)
+    max_normal_N: float
+    spine_shear_N: float
+    spine_twist_Nm: float
+
+
+@dataclass(frozen=True)
+class BodyBounds:
+    """Bounds (7) of the body."""
+
+    height_m: tuple[float, float]
+    max_tilt_rad: float
+    max_speed_m_s: float
+    max_rate_rad_s: float
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of J, equation (6), per knot."""
+
+    position: float = 1.0  # Q, on (r - r_goal)^2 [1/m^2]
+    orientation: float = 1.0  # Q, on theta^2 [1/rad^2]
+    velocity: float = 10.0  # Q, on body velocity and rate
+    wrench: float = 1e-4  # R, on finger forces^2 [1/N^2] and (twist/k)^2
+    lift: float = -0.02  # zeta, on the height of grippers in the air [1/m]
+    opening: float = -0.02  # xi, on their finger separation [1/m]
+    switching: float = 0.3  # S, on changes of contact
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Body pose in W."""
+
+    position_m: Array
+    rpy_rad: Array
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where the climb ends; `grasps` maps a limb's index to (hold, pair)."""
+
+    body: Pose
+    tolerance_m: float
+    tolerance_rad: float
+    grasps: dict[int, tuple[int, int]]
+
+    @property
+    def position_room_m(self) -> float:
+        """Half edge of the cube around the goal that lies well inside its tolerance."""
+        return _GOAL_SHARE * self.tolerance_m / 3**0.5
+
+    @property
+    def rotation_room_rad(self) -> float:
+        """The same for roll, pitch and yaw."""
+        return _GOAL_SHARE * self.tolerance_rad / 3**0.5
+
+
+@dataclass(frozen=True)
+class Problem:
+    """P1 of one scenario."""
+
+    steps: int  # N
+    dt_s: float
+    gravity_w: Array
+    mass_kg: float
+    inertia_b: Array
+    patch: Patch
+    cuboids: Cuboids  # holds first, then obstacles
+    hold_names: list[str]
+    contacts: list[Contact]
+    limb_contacts: list[list[int]]  # per limb, the contacts within its range of yaw
+    start_contacts: tuple[int, int, int, int]
+    start: Pose
+    goal: Goal
+    boxes: AcceptanceBoxes
+    gripper_yaw_rad: tuple[float, float]  # relative to the body
+    body: BodyBounds
+    shape: GripperShape
+    swing: SwingLimits
+    weights: Weights
+    friction_share: float  # of the limit surface that a plan may use
+    heading_rad: float  # of this frame in W
+
+    @property
+    def weight_N(self) -> Array:
+        """M g in W."""
+        return self.mass_kg * self.gravity_w

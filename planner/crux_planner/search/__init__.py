@@ -1,0 +1,1 @@
+"""The contact block: which limb moves when to which hold, over which way, and where the body is meanwhile."""

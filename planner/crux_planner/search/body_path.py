@@ -1,0 +1,118 @@
+"""Where the body is and what the grippers carry, for a given sequence of moves: convex programs on static balance.
+
+Level body: with contacts fixed, balance (8), limit surface (2)+(3) at the margin and reach (9a) are linear, so the best
+body path is one sparse QP: first over the events of the sequence (each lift-off and touch-down), which tells how long
+the body needs between them, then over all knots of the schedule, which starts the NLP.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from crux_planner.arrays import Array, Indices
+from crux_planner.problem import Problem
+from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
+from crux_planner.search.schedule import Schedule
+from crux_planner.search.sparse_qp import SparseQp
+from crux_planner.search.stances import REACH_RESERVE_M, Move, Reach
+from crux_planner.terms.reach import body_positions, turned_half
+
+SPEED_SHARE = 0.95  # of the body's largest speed
+_COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
+
+
+def smooth_events(problem: Problem, balance: Balance, reach: Reach, moves: list[Move]) -> list[Move]:
+    """The same moves with all body positions at lift-off and touch-down chosen together: short way, low wrenches."""
+    if not moves:
+        return moves
+    qp = SparseQp()
+    path: list[Indices] = []
+    for move in moves:
+        for stance in (move.before, move.after):
+            bounds = reach.of(stance)
+            assert bounds is not None
+            path.append(_position(qp, balance, *bounds, move.support)[0])
+    fixed = [problem.start.position_m, problem.goal.body.position_m]
+    one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
+    qp.squares(path[0][:, None], one, fixed[0], 1.0)
+    qp.squares(path[-1][:, None], one, fixed[1], 1.0)
+    for a, b in pairwise(path):
+        qp.squares(np.column_stack([a, b]), two, np.zeros(3), 1.0)
+    solution = qp.solve()
+    if solution is None:  # at the very edge of what the search allowed: keep what it found
+        return moves
+    at = [solution[index] for index in path]
+    return [Move(m.before, m.after, m.limbs, at[2 * i], at[2 * i + 1]) for i, m in enumerate(moves)]
+
+
+@dataclass(frozen=True)
+class BodyPath:
+    """Positions (N + 1, 3) and per knot 0..N-1 the wrenches of the limbs in stance, limb -> (s1, s2, m, F, n)."""
+
+    positions: Array
+    wrenches: list[dict[int, Array]]
+
+
+def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPath | None:
+    """The best quasi-static path over the knots of a schedule, None where there is none."""
+    qp = SparseQp()
+    turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
+    half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M / 2
+    lows, highs = body_positions(schedule.poses[..., :3], problem.boxes.centre_b_m, half)
+    low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, 3)
+    low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
+    high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
+    low[:2], high[:2] = problem.start.position_m, problem.start.position_m  # at rest in knot 0: knot 1 is the same
+    room = problem.goal.position_room_m
+    low[-1] = np.maximum(low[-1], problem.goal.body.position_m - room)
+    high[-1] = np.minimum(high[-1], problem.goal.body.position_m + room)
+    if (low > high).any():
+        return None
+    path: list[Indices] = []
+    grips: list[dict[int, Indices]] = []
+    for k in range(problem.steps):
+        on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
+        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()))
+        path.append(position)
+        grips.append(dict(zip(on, wrenches, strict=True)))
+    path.append(qp.variables(low[-1], high[-1]))
+    _add_cost(qp, problem, path)
+    solution = qp.solve()
+    if solution is None:
+        return None
+    return BodyPath(solution[np.array(path)], [{limb: solution[i] for limb, i in grip.items()} for grip in grips])
+
+
+def _add_cost(qp: SparseQp, problem: Problem, path: list[Indices]) -> None:
+    weights, goal, dt = problem.weights, problem.goal.body.position_m, problem.dt_s
+    step = SPEED_SHARE * problem.body.max_speed_m_s * dt
+    difference = np.hstack([-np.eye(3), np.eye(3)])
+    for position in path:
+        qp.squares(position[:, None], np.ones((3, 1)), goal, weights.position)
+    for a, b in pairwise(path):
+        both = np.concatenate([a, b])
+        qp.squares(np.column_stack([a, b]), np.tile([-1.0, 1.0], (3, 1)), np.zeros(3), weights.velocity / dt**2)
+        qp.below(np.vstack([difference, -difference]), both, np.full(6, step))
+
+
+def _position(
+    qp: SparseQp, balance: Balance, low: Array, high: Array, support: tuple[int, ...]
+) -> tuple[Indices, list[Indices]]:
+    """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
+    position = qp.variables(low, high)
+    bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
+    wrenches = []
+    for contact in support:
+        index = qp.variables(np.concatenate([-bound[:4], [0.0]]), bound)
+        rows, right = balance.limit_rows(contact)
+        qp.below(rows, index, right)
+        qp.squares(index[:, None], np.append(balance.effort, 1.0)[:, None], np.zeros(WRENCH), _COMFORT)
+        wrenches.append(index)
+    maps = np.concatenate([balance.maps[c] for c in support], axis=1)
+    columns = np.concatenate([*[w[:4] for w in wrenches], position])
+    moment = np.vstack([np.zeros((3, 3)), -balance.weight_moment])
+    qp.equal(np.hstack([maps, moment]), columns, np.concatenate([-balance.problem.weight_N, np.zeros(3)]))
+    return position, wrenches

@@ -1,0 +1,105 @@
+"""When each move happens: the sequence laid out over the N knots, and every gripper's pose at every knot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.errors import InfeasibleError
+from crux_planner.problem import LIMBS, Problem
+from crux_planner.search.stances import Move
+from crux_planner.search.ways import Ways
+
+LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Contacts and gripper poses at the knots 0..N.
+
+    `contacts[k][limb]` is a contact's index, None in the air. `poses` (N + 1, 4, 5) holds x, y, z, yaw, opening (pad
+    face to gripper centre); at the first knot in the air a gripper still stands in its old grasp.
+    """
+
+    moves: list[Move]
+    contacts: list[list[int | None]]
+    poses: Array
+
+    @property
+    def gait(self) -> list[str]:
+        """The limbs in the order in which they let go."""
+        return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]
+
+
+def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:
+    """Least knots of the stance before each move, and after the last (n + 1,), and of each move (n,)."""
+    stances, swings = [], []
+    body, margin = problem.start.position_m, 1  # the body rests in the first interval
+    for move in moves:
+        stances.append(max(1, margin + _knots(move.lift_off - body, body_step_m)))
+        swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
+        swings.append(max(swing, _knots(move.touch_down - move.lift_off, body_step_m)))
+        body, margin = move.touch_down, 0
+    stances.append(max(2, margin + 1 + _knots(problem.goal.body.position_m - body, body_step_m)))
+    return np.array(stances), np.array(swings, dtype=int)
+
+
+def lay_out(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> Schedule:
+    """The schedule of a sequence of moves. Raises InfeasibleError when the horizon is too short for it."""
+    stances, swings = least_durations(problem, ways, moves, body_step_m)
+    spare = problem.steps - int(stances.sum() + swings.sum())
+    if spare < 0:
+        raise InfeasibleError(
+            "horizon",
+            f"horizon.steps: the climb needs {problem.steps - spare} steps of {problem.dt_s:g} s, the horizon has "
+            f"{problem.steps}; allow at least {problem.steps - spare}",
+        )
+    while spare > 0:
+        shortest = int(np.argmin(stances))
+        if stances[shortest] < LONGEST_STANCE or not len(swings):
+            stances[shortest] += 1
+        elif swings.min() < 2 * LONGEST_STANCE:
+            swings[int(np.argmin(swings))] += 1
+        else:
+            stances[shortest] += 1
+        spare -= 1
+    return _knots_of(problem, ways, moves, stances, swings)
+
+
+def _knots_of(problem: Problem, ways: Ways, moves: list[Move], stances: Array, swings: Array) -> Schedule:
+    total = problem.steps + 1
+    contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
+    poses = np.zeros((total, 4, 5))
+    for limb in range(4):
+        current, k = problem.start_contacts[limb], 0
+        for i, duration in enumerate(stances):
+            until = k + int(duration) if i < len(moves) else total
+            _stand(problem, contacts, poses, limb, current, k, until)
+            k = until
+            if i == len(moves):
+                break
+            move, until = moves[i], k + int(swings[i])
+            if limb in move.limbs:
+                swing = ways.swing(current, move.after[limb])
+                assert swing is not None
+                poses[k:until, limb] = swing.poses(until - k)[:-1]
+                current = move.after[limb]
+            else:
+                _stand(problem, contacts, poses, limb, current, k, until)
+            k = until
+    return Schedule(moves, contacts, poses)
+
+
+def _stand(
+    problem: Problem, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
+) -> None:
+    grasp = problem.contacts[contact]
+    poses[first:end, limb] = [*grasp.centre_w_m, grasp.yaw_rad, grasp.separation_m / 2]
+    for k in range(first, end):
+        contacts[k][limb] = contact
+
+
+def _knots(way: Array, step_m: float) -> int:
+    return int(np.ceil(float(np.abs(way).max()) / step_m - 1e-6))

@@ -1,0 +1,196 @@
+"""Which limb moves to which hold: A* over stances (one contact per limb), by the number of knots the climb takes."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.problem import Problem
+from crux_planner.search.balance import Balance
+from crux_planner.search.ways import Ways
+from crux_planner.terms.reach import body_positions, turned_half
+
+Stance = tuple[int, int, int, int]
+
+UNREACHABLE = 1e6
+REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
+STANCE_KNOTS = 1.0  # between two moves
+MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
+
+
+@dataclass(frozen=True)
+class Move:
+    """From `before` to `after` the limbs `limbs` go to new contacts; the body lifts off and touches down in balance."""
+
+    before: Stance
+    after: Stance
+    limbs: tuple[int, ...]
+    lift_off: Array
+    touch_down: Array
+
+    @property
+    def support(self) -> tuple[int, ...]:
+        """Contacts of the limbs that stay."""
+        return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)
+
+
+@dataclass
+class SearchReport:
+    """What the search saw, for the error message when it finds nothing."""
+
+    expanded: int = 0
+    timed_out: bool = False
+    nearest: Stance | None = None  # the stance with the least cost to go
+    nearest_cost: float = np.inf
+    lifts_without_balance: Counter[int] = field(default_factory=Counter)  # per limb, from the nearest stance
+
+
+class Reach:
+    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box."""
+
+    def __init__(self, problem: Problem) -> None:
+        turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
+        half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
+        centres = np.stack([c.centre_w_m for c in problem.contacts])
+        bounds = [body_positions(centres, centre, half) for centre in problem.boxes.centre_b_m]
+        self.low, self.high = (np.stack([b[i] for b in bounds]) for i in (0, 1))  # (4, C, 3)
+        self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])
+        self.high[..., 2] = np.minimum(self.high[..., 2], problem.body.height_m[1])
+
+    def of(self, stance: Stance) -> tuple[Array, Array] | None:
+        """Bounds of the body position for all four limbs, None where they leave nothing."""
+        index = (np.arange(4), list(stance))
+        low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
+        return (low, high) if (low <= high + 1e-9).all() else None
+
+
+def goal_contacts(problem: Problem, reach: Reach) -> list[list[int]]:
+    """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose."""
+    position, tolerance = problem.goal.body.position_m, problem.goal.position_room_m
+    result = []
+    for limb, usable in enumerate(problem.limb_contacts):
+        wanted = problem.goal.grasps.get(limb)
+        ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
+        near = [
+            c
+            for c in ends
+            if (reach.low[limb, c] <= position + tolerance).all()
+            and (reach.high[limb, c] >= position - tolerance).all()
+        ]
+        result.append(near)
+    return result
+
+
+def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, float]]:
+    """Per limb and contact, the least knots to the goal were it alone: an exact shortest path, admissible for all."""
+    tables = []
+    for limb, ends in enumerate(goal_contacts(problem, reach)):
+        usable = problem.limb_contacts[limb]
+        low, high = reach.low[limb], reach.high[limb]
+        cost: dict[int, float] = {}
+        queue = [(0.0, c) for c in ends]
+        while queue:
+            done, c = heapq.heappop(queue)
+            if c in cost:
+                continue
+            cost[c] = done
+            for other in usable:
+                meet = (np.maximum(low[c], low[other]) <= np.minimum(high[c], high[other]) + 1e-9).all()
+                if other not in cost and meet and ways.swing(other, c) is not None:
+                    heapq.heappush(queue, (done + _move_cost(ways, [(other, c)]), other))
+        tables.append(cost)
+    return tables
+
+
+def search(
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, at_once: int, deadline: float
+) -> tuple[list[Move] | None, SearchReport]:
+    """The quickest sequence of moves to the goal, `at_once` limbs (1 or 2) at a time, and what the search saw."""
+    report = SearchReport()
+    to_go = costs_to_go(problem, reach, ways)
+    goal = problem.goal.body.position_m
+    groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
+
+    def estimate(stance: Stance) -> float:
+        return sum(to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / at_once
+
+    counter = itertools.count()
+    start: Stance = problem.start_contacts
+    best = {start: 0.0}
+    parent: dict[Stance, Move] = {}
+    open_list = [(estimate(start), next(counter), 0.0, start, problem.start.position_m)]
+    while open_list and not report.timed_out:
+        _, _, cost, stance, body = heapq.heappop(open_list)
+        if cost > best[stance] + 1e-9:
+            continue
+        ahead = estimate(stance)
+        if ahead < report.nearest_cost:
+            report.nearest, report.nearest_cost = stance, ahead
+            report.lifts_without_balance.clear()
+        if ahead < 1e-9 and _ends_well(problem, balance, reach, stance):
+            return _trace(parent, stance), report
+        report.expanded += 1
+        report.timed_out = time.monotonic() > deadline
+        bounds = reach.of(stance)
+        if bounds is None:
+            continue
+        for limbs in groups:
+            support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
+            lift_off = balance.position(support, *bounds, body)
+            if lift_off is None:
+                if stance == report.nearest:
+                    report.lifts_without_balance.update(limbs)
+                continue
+            for ends in itertools.product(*[problem.limb_contacts[limb] for limb in limbs]):
+                after = _after(stance, limbs, ends)
+                moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
+                if estimate(after) >= UNREACHABLE or not ways.free(moves, support):
+                    continue
+                new_cost = cost + _move_cost(ways, moves)
+                if new_cost >= best.get(after, np.inf) - 1e-9:
+                    continue
+                landing = reach.of(after)
+                if landing is None:
+                    continue
+                touch_down = balance.position(support, *landing, np.clip(goal, *landing))
+                if touch_down is None:
+                    continue
+                best[after] = new_cost
+                parent[after] = Move(stance, after, limbs, lift_off, touch_down)
+                heapq.heappush(open_list, (new_cost + estimate(after), next(counter), new_cost, after, touch_down))
+    return None, report
+
+
+def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
+    changed = list(stance)
+    for limb, end in zip(limbs, ends, strict=True):
+        changed[limb] = end
+    return (changed[0], changed[1], changed[2], changed[3])
+
+
+def _move_cost(ways: Ways, moves: list[tuple[int, int]]) -> float:
+    return max(ways.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
+
+
+def _ends_well(problem: Problem, balance: Balance, reach: Reach, stance: Stance) -> bool:
+    """Whether the goal's body pose is in reach and in balance on a stance."""
+    bounds = reach.of(stance)
+    if bounds is None:
+        return False
+    goal, tolerance = problem.goal.body.position_m, problem.goal.position_room_m
+    low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
+    return bool((low <= high).all()) and balance.position(stance, low, high, goal) is not None
+
+
+def _trace(parent: dict[Stance, Move], stance: Stance) -> list[Move]:
+    moves = []
+    while stance in parent:
+        moves.append(parent[stance])
+        stance = moves[-1].before
+    return moves[::-1]

@@ -1,0 +1,187 @@
+"""The way of a gripper from one grasp to the next: straight up, across above (or around) everything, straight down.
+
+Equation (14) is kept over the whole way as msgs/PLAN.md reads it between knots, not only at the knots: lifting and
+lowering run along the gripped faces with the fingers open, and everything in between is a polyline of one height.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.contacts import Contact, GripperShape
+from crux_planner.terms.obstacles import Cuboids
+
+STEP_SHARE = 0.95  # of the distance a knot's duration allows: room for rounding
+HEIGHT_RESERVE_M = 0.002
+_SAMPLE_M = 0.01
+
+
+@dataclass(frozen=True)
+class SwingLimits:
+    """What bounds a swing."""
+
+    dt_s: float
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    clearance_m: float  # of the middle of a finger to cuboids
+    body_clearance_m: float  # of palms and fingers among grippers and beside tall cuboids
+    max_height_m: float  # of a pad above the wall
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A way from one contact to another; `stations` are (x, y, z, yaw, opening) at the corners of the way.
+
+    Station 0 is above the old grasp, the last one above the new grasp. `legs` are the least numbers of intervals
+    between stations, `rise` and `fall` those of the vertical ways.
+    """
+
+    start: Contact
+    end: Contact
+    stations: Array
+    legs: tuple[int, ...]
+    rise: int
+    fall: int
+
+    @property
+    def intervals(self) -> int:
+        """Least number of knot intervals from the first knot in the air to touch-down."""
+        return self.rise + sum(self.legs) + self.fall
+
+    def poses(self, intervals: int) -> Array:
+        """(intervals + 1, 5) poses at knots, from the old grasp (fingers closed on it) to the new one."""
+        legs = list(self.legs)
+        for _ in range(intervals - self.intervals):  # spare time goes to the leg with the longest steps
+            steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
+            legs[int(np.argmax(steps))] += 1
+        first, last = _closed(self.start), _closed(self.end)
+        ways = [_line(_open(self.start), self.stations[0], self.rise)]
+        ways += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
+        ways += [_line(self.stations[-1], _open(self.end), self.fall)]
+        poses: Array = np.vstack([first, *[way[1:] for way in ways[:-1]], ways[-1][1:-1], last])
+        return poses
+
+
+def plan_swing(
+    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> Swing | None:
+    """The shortest way found from `start` to `end`, or None where tall cuboids leave none."""
+    for corners in _candidate_ways(start, end, cuboids, shape, limits):
+        way = _stations(start, end, corners)
+        height = _clear_height(start, end, way, cuboids, shape, limits)
+        if height is None:
+            continue
+        way[:, 2] = max(height, start.centre_w_m[2], end.centre_w_m[2])
+        reach = STEP_SHARE * limits.speed_m_s * limits.dt_s
+        turn = STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
+        steps = np.abs(np.diff(way, axis=0))
+        legs = [max(1, int(np.ceil(np.linalg.norm(s[:3]) / reach)), int(np.ceil(s[3] / turn))) for s in steps]
+        rise = max(1, int(np.ceil((way[0, 2] - start.centre_w_m[2]) / reach)))
+        fall = max(1, int(np.ceil((way[-1, 2] - end.centre_w_m[2]) / reach)))
+        return Swing(start, end, way, tuple(legs), rise, fall)
+    return None
+
+
+def column_gap(points: Array, cuboids: Cuboids) -> Array:
+    """Least plan-view distance (V,) of points (..., 3) to each cuboid."""
+    gaps: Array = cuboids.plan_distance(points).reshape(-1, len(cuboids.yaw_rad)).min(axis=0)
+    return gaps
+
+
+def footprint(pose: Array, half_length: float) -> Array:
+    """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4)."""
+    along = np.linspace(-half_length, half_length, 9)
+    axis = np.stack([np.cos(pose[..., 3]), np.sin(pose[..., 3]), np.zeros(pose.shape[:-1])], axis=-1)
+    points: Array = pose[..., None, :3] + along[:, None] * axis[..., None, :]
+    return points
+
+
+def gripper_gap(a: Array, b: Array) -> float:
+    """Least plan-view distance between the centre lines of gripper footprints (..., 9, 3)."""
+    first, second = a.reshape(-1, 3)[:, :2], b.reshape(-1, 3)[:, :2]
+    return float(np.linalg.norm(first[:, None] - second[None], axis=-1).min())
+
+
+def contact_pose(contact: Contact) -> Array:
+    """(x, y, z, yaw) of a grasp."""
+    return np.append(contact.centre_w_m, contact.yaw_rad)
+
+
+def _clear_height(
+    start: Contact, end: Contact, way: Array, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> float | None:
+    """Height at which the polyline passes over all it must pass over; None where a cuboid is too tall for that."""
+    samples = _dense(way)
+    fingers = np.concatenate(
+        [footprint(samples[i], samples[i, 4] + shape.pad_radius)[[0, -1]] for i in range(len(samples))]
+    )
+    columns = np.stack([footprint(s, shape.half_length(s[4])) for s in samples])
+    under = column_gap(fingers, cuboids) < limits.clearance_m
+    beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
+    top = cuboids.top_m
+    under[[start.hold, end.hold]] = True
+    height = (top[under] + limits.clearance_m).max(initial=0.0)
+    # What the palm passes over, or stands beside, must be lower than the palm.
+    height = max(height, (top[beside] + limits.body_clearance_m - shape.finger_height).max(initial=0.0))
+    return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
+
+
+def _candidate_ways(
+    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> list[list[Array]]:
+    """The straight way, and ways around each cuboid that it meets and cannot pass over, shortest first."""
+    a, b = start.centre_w_m[:2], end.centre_w_m[:2]
+    ways: list[list[Array]] = [[]]
+    tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
+    line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
+    arm = shape.half_length(shape.open_opening) + limits.clearance_m
+    for v in tall:
+        if cuboids.plan_distance(line)[:, v].min() > arm:
+            continue
+        c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])
+        for signs in itertools.product((-1, 1), repeat=2):
+            corner = (cuboids.half_m[v, :2] + arm) * signs
+            ways.append(
+                [cuboids.foot_w_m[v] + np.array([c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]])]
+            )
+    return sorted(ways, key=lambda corners: _length([a, *corners, b]))
+
+
+def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:
+    """Stations (x, y, 0, yaw, opening) above the old grasp, at the corners, above the new grasp."""
+    plan = np.array([start.centre_w_m[:2], *corners, end.centre_w_m[:2]])
+    lengths = np.linalg.norm(np.diff(plan, axis=0), axis=1)
+    share = np.concatenate([[0.0], np.cumsum(lengths)]) / max(lengths.sum(), 1e-9)
+    share[-1] = 1.0
+    yaw = start.yaw_rad + share * (end.yaw_rad - start.yaw_rad)
+    opening = start.open_m + share * (end.open_m - start.open_m)
+    return np.column_stack([plan, np.zeros(len(plan)), yaw, opening])
+
+
+def _dense(way: Array) -> Array:
+    """The polyline sampled every centimetre (and every twentieth of a radian)."""
+    pieces = []
+    for a, b in itertools.pairwise(way):
+        n = int(np.ceil(max(np.linalg.norm(b[:3] - a[:3]) / _SAMPLE_M, abs(b[3] - a[3]) / 0.05, 1.0)))
+        pieces.append(_line(a, b, n))
+    return np.vstack(pieces)
+
+
+def _closed(contact: Contact) -> Array:
+    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.separation_m / 2])
+
+
+def _open(contact: Contact) -> Array:
+    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.open_m])
+
+
+def _line(a: Array, b: Array, intervals: int) -> Array:
+    return a + np.linspace(0.0, 1.0, intervals + 1)[:, None] * (b - a)
+
+
+def _length(points: list[Array]) -> float:
+    return float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())

@@ -1,0 +1,83 @@
+"""Which swings exist and which of them other grippers leave free; everything computed once and kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.problem import Problem
+from crux_planner.search.swing import Swing, contact_pose, footprint, gripper_gap, plan_swing
+
+
+class Ways:
+    """The swings of one problem; contacts are indices into `problem.contacts`."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.forbidden: set[tuple[int, int]] = set()
+        self._swings: dict[tuple[int, int], Swing | None] = {}
+        self._columns: dict[tuple[int, int], Array] = {}
+        self._gaps: dict[tuple[int, int, int], bool] = {}
+        shape = problem.shape
+        poses = np.stack([contact_pose(c) for c in problem.contacts])
+        self._standing = footprint(
+            poses, shape.half_length(max(c.separation_m / 2 for c in problem.contacts)) - shape.pad_radius
+        )
+        self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m
+
+    def swing(self, start: int, end: int) -> Swing | None:
+        """The way from one contact to another, None where there is none."""
+        key = (start, end)
+        if key not in self._swings:
+            a, b = self.problem.contacts[start], self.problem.contacts[end]
+            ok = start != end and key not in self.forbidden
+            self._swings[key] = (
+                plan_swing(a, b, self.problem.cuboids, self.problem.shape, self.problem.swing) if ok else None
+            )
+        return self._swings[key]
+
+    def intervals(self, start: int, end: int) -> int:
+        """Least knot intervals of an existing way."""
+        swing = self.swing(start, end)
+        assert swing is not None
+        return swing.intervals
+
+    def free(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
+        """Whether all `moves` exist, end on different free holds, and keep clear of the grippers on `support`."""
+        contacts = self.problem.contacts
+        holds = [contacts[c].hold for c in support] + [contacts[end].hold for _, end in moves]
+        if len(set(holds)) < len(holds):
+            return False
+        if any(self.swing(*move) is None for move in moves):
+            return False
+        if not all(self._clear(move, c) for move in moves for c in support):
+            return False
+        if len(moves) == 2:  # two grippers in the air at once keep clear wherever each of them is
+            return gripper_gap(self._column(moves[0]), self._column(moves[1])) >= self._touching
+        return True
+
+    def forbid(self, start: int, end: int) -> None:
+        """Never use this way again."""
+        self.forbidden.add((start, end))
+        self._swings.pop((start, end), None)
+
+    def allow_all(self) -> None:
+        """Forget what was forbidden."""
+        for key in self.forbidden:
+            self._swings.pop(key, None)
+        self.forbidden.clear()
+
+    def _clear(self, move: tuple[int, int], standing: int) -> bool:
+        key = (*move, standing)
+        if key not in self._gaps:
+            self._gaps[key] = gripper_gap(self._column(move), self._standing[standing]) >= self._touching
+        return self._gaps[key]
+
+    def _column(self, move: tuple[int, int]) -> Array:
+        """Footprint of a gripper all along a swing."""
+        if move not in self._columns:
+            swing, shape = self.swing(*move), self.problem.shape
+            assert swing is not None
+            poses = swing.poses(max(3 * swing.intervals, 12))
+            self._columns[move] = footprint(poses, shape.half_length(float(poses[:, 4].max())) - shape.pad_radius)
+        return self._columns[move]

@@ -1,0 +1,37 @@
+"""Equation (6): J = |x - x_g|_Q^2 + |u|_R^2 + zeta' x + xi' (p_1 - p_2) + |z_next - z|_S^2, summed over the knots."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from crux_planner.problem import Problem
+from crux_planner.search.schedule import Schedule
+
+
+def body_cost(x: Any, problem: Problem) -> Any:
+    """|x - x_g|_Q^2 of one knot's body state (casadi)."""
+    weights, goal = problem.weights, problem.goal.body
+    return (
+        weights.position * ca.sumsqr(x[0:3] - goal.position_m)
+        + weights.orientation * ca.sumsqr(x[3:6] - goal.rpy_rad)
+        + weights.velocity * ca.sumsqr(x[6:12])
+    )
+
+
+def wrench_cost(q: Any, problem: Problem) -> Any:
+    """|u|_R^2 of one gripper's two fingers, twists counted as forces at k (casadi)."""
+    shear, twist = q[0] ** 2 + q[1] ** 2, (q[2] / problem.patch.k_m) ** 2
+    return problem.weights.wrench * (2 * shear + 2 * twist + q[3] ** 2 + q[4] ** 2)
+
+
+def schedule_cost(schedule: Schedule, problem: Problem) -> float:
+    """What contacts alone decide: zeta (height of grippers in the air), xi (their opening) and S (contact changes)."""
+    weights = problem.weights
+    air = np.array([[c is None for c in knot] for knot in schedule.contacts])
+    lifted = float(schedule.poses[..., 2][air].sum())
+    opened = float(2 * schedule.poses[..., 4][air].sum())
+    changes = int(np.abs(np.diff(air.astype(int), axis=0)).sum())
+    return weights.lift * lifted + weights.opening * opened + weights.switching * changes
