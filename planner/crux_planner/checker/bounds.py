@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from crux_contracts.robot import Robot
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
@@ -24,7 +25,8 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
     findings.add_series("body_speed", speed - robot.body.max_speed_m_s, times, "m/s", tolerance=tolerances.SPEED_M_S)
     rate = np.abs(plan.body_rate).max(axis=1)
     findings.add_series("body_rate", rate - robot.body.max_rate_rad_s, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
-    findings.add("normal_force_bound", plan.max_normal_N - robot.gripper.max_finger_force_N, "N", tolerance=1e-9)
+    above = plan.max_normal_N - robot.gripper.max_finger_force_N
+    findings.add("normal_force_bound", above, "N", tolerance=tolerances.MATCH_REL, detail="above the gripper's")
 
     for limb in range(4):
         opening = 0.5 * plan.separation[:, limb]
@@ -41,8 +43,8 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
         yaw = plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2]
         low, high = robot.grasp.gripper_yaw_rad
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", tolerance=angle, limb=limb)
-        above = plan.gripper_position[:, limb, 2] - robot.grasp.max_swing_height_m
-        findings.add_series("swing_height", above, times, "m", tolerance=length, limb=limb)
+        height = plan.gripper_position[:, limb, 2] - robot.grasp.max_swing_height_m
+        findings.add_series("swing_height", height, times, "m", tolerance=length, limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
         findings.add_series(
             "swing_speed",

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Robot
+
 from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
 from crux_planner.checker.contact import check_contact
@@ -14,8 +15,10 @@ from crux_planner.checker.dynamics import check_dynamics
 from crux_planner.checker.equilibrium import check_between_knots, tumble_margin
 from crux_planner.checker.identity import check_identity
 from crux_planner.checker.kinematics import check_kinematics
+from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
+from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
 from crux_planner.checker.sampling import sample
@@ -61,7 +64,8 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     start = np.stack([motion.q_rad[0] for motion in motions])
     inertia = model.inertia_about_body_origin(start, samples.opening[0])
     check_dynamics(plan, model.mass_kg, inertia, findings)
-    pad_radius_m = robot.gripper.pad_radius_m
-    check_clearance(
-        samples, plan.cuboids, model, motions, pad_radius_m=pad_radius_m, point_model=point, findings=findings
-    )
+    pads = robot.gripper.pad_radius_m
+    limbs = [limb_parts(samples, limb, i, motions[i], pads) for i, limb in enumerate(model.limbs)]
+    body = body_parts(samples, model.body)
+    check_clearance(samples, plan.cuboids, limbs, body, point_model=point, findings=findings)
+    check_limb_clearance(samples, limbs, findings)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from crux_contracts.robot import Robot
+from numpy.typing import NDArray
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.scene import Scene
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -172,12 +173,12 @@ def occupancy(plan: PlanArrays) -> NDArray[np.int_]:
     """Hold whose faces a limb's fingers are at during [k, k + 1), -1 for none, (K, 4): in stance, at the first air knot
     (still standing in the old grasp) and at the last (closing on the new one).
     """
-    held = np.where(plan.stance, plan.hold, -1)
+    held = plan.gripped_hold.copy()
     for swing in swings(plan):
         if swing.first > 0:
-            held[swing.first, swing.limb] = plan.hold[swing.first - 1, swing.limb]
+            held[swing.first, swing.limb] = plan.gripped_hold[swing.first - 1, swing.limb]
         if swing.last < plan.n_knots - 1 and swing.last > swing.first:
-            held[swing.last, swing.limb] = plan.hold[swing.last + 1, swing.limb]
+            held[swing.last, swing.limb] = plan.gripped_hold[swing.last + 1, swing.limb]
     return held
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, body_rate_matrix, rotation_from_rpy
 from crux_planner.checker.plan_arrays import PlanArrays

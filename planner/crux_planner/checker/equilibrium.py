@@ -12,6 +12,7 @@ grasp force controller sets it from the demand.
 from __future__ import annotations
 
 import numpy as np
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.limit_surface import FingerLoads, cone_excess

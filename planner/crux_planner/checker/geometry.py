@@ -119,3 +119,35 @@ def box_to_box(centre: Array, rotation: Array, half_a: Array, half_b: Array) -> 
     gap = np.abs((axes @ centre[..., None])[..., 0]) - reach_a - reach_b
     gap[..., 6:] = np.where(usable, gap[..., 6:], -np.inf)
     return np.asarray(gap.max(axis=-1))
+
+
+def segment_to_segment(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """Least distance (...) between segments a0-a1 and b0-b1, all (..., 3).
+
+    The squared distance is a convex quadratic of the two parameters: its minimum over the unit square is the inner
+    stationary point if that lies in the square, else the least over the four edges.
+    """
+    u, v, w = a1 - a0, b1 - b0, a0 - b0
+    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    determinant = uu * vv - uv * uv
+    safe = determinant > 1e-12 * np.maximum(uu * vv, 1e-12)
+    scale = np.where(safe, determinant, 1.0)
+    s, t = (uv * vw - vv * uw) / scale, (uu * vw - uv * uw) / scale
+    inner = safe & (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
+
+    def distance(s: Array, t: Array) -> Array:
+        return np.asarray(np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1))
+
+    def ratio(top: Array, bottom: Array) -> Array:
+        return np.clip(top / np.where(bottom > 0.0, bottom, 1.0), 0.0, 1.0)
+
+    zero, one = np.zeros_like(uu), np.ones_like(uu)
+    edges = [
+        distance(zero, ratio(vw, vv)),
+        distance(one, ratio(vw + uv, vv)),
+        distance(ratio(-uw, uu), zero),
+        distance(ratio(uv - uw, uu), one),
+    ]
+    least = np.minimum.reduce(edges)
+    return np.where(inner, np.minimum(least, distance(s, t)), least)

@@ -9,15 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+
 from crux_planner.checker.geometry import Array, rotation_vector
 from crux_planner.checker.limb_model import Limb
-from numpy.typing import NDArray
 
 SEED_POSTURES = 1024
 ITERATIONS = 30
 MAX_STEP_RAD = 0.4
 CONVERGED_M = 1e-7
-ROTATION_LENGTH_M = 0.1
+ROTATION_LENGTH_M = 1.0
 """Weighs an orientation error [rad] against a position error [m]."""
 
 
@@ -104,7 +105,7 @@ def _descend(limb: Limb, start: Array, position: Array, rotation: Array) -> tupl
             break
         jacobian = (limb.jacobian(state) * weight[:, None])[moving]
         error, active = error[moving], active[moving]
-        damping = 0.1 * (error * error).sum(axis=1)[:, None, None] + 1e-12
+        damping = 0.01 * (error * error).sum(axis=1)[:, None, None] + 1e-12
         normal = jacobian @ jacobian.swapaxes(1, 2) + damping * np.eye(6)
         step = (jacobian.swapaxes(1, 2) @ np.linalg.solve(normal, error[..., None]))[..., 0]
         size = np.abs(step).max(axis=1, keepdims=True)

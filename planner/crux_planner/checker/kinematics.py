@@ -7,12 +7,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+
 from crux_planner.checker import inverse_kinematics, tolerances
 from crux_planner.checker.geometry import Array, rotation_about_z
 from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.checker.report import Findings, JointLoad
 from crux_planner.checker.sampling import Samples
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)

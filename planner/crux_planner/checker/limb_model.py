@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from crux_contracts.robot import Robot
+
 from crux_planner.checker.geometry import Array, rotation_about_axis, rotation_from_rpy
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays

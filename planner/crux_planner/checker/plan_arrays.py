@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from crux_planner.checker.geometry import Array, rotation_about_z
 from crux_planner.checker.report import Findings
-from numpy.typing import NDArray
 
 STANCE, AIR = 0, 1
 FACE_NONE, FACE_WALL = -1, 4
@@ -104,6 +105,11 @@ class PlanArrays:
         """(K, 4): in stance on a hold that exists, by faces that exist."""
         exists = (self.hold >= 0) & (self.hold < len(self.cuboids.names))
         return np.asarray(self.stance & exists & (self.finger1_face >= 0) & (self.finger1_face < 4))
+
+    @property
+    def gripped_hold(self) -> NDArray[np.int_]:
+        """(K, 4): the hold where `gripped`, -1 elsewhere."""
+        return np.where(self.gripped, self.hold, -1)
 
     @property
     def on_wall(self) -> NDArray[np.bool_]:

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+
 from crux_planner.checker.contact import Swing, swings
 from crux_planner.checker.geometry import Array, rotation_from_rpy
 from crux_planner.checker.plan_arrays import PlanArrays
-from numpy.typing import NDArray
 
 STANCE_SAMPLES = 12
 SWING_SAMPLES = 40
@@ -90,7 +91,7 @@ def sample_at(plan: PlanArrays, interval: NDArray[np.int_], share: Array) -> Sam
     body = pchip(plan.dt_s, pose, k, u)
     position, yaw = plan.gripper_position[k].copy(), plan.gripper_yaw[k].copy()
     opening = 0.5 * plan.separation[k]
-    own = np.where(plan.stance[k], plan.hold[k], -1)
+    own = plan.gripped_hold[k]
     force, moment = _blend(plan, k, u)
     load = plan.stance[k].astype(float)
     for swing in swings(plan):
@@ -143,10 +144,10 @@ def _swing(
     opening[rows, limb] = np.where(closing & ~lifting, closed, gap)
     if first > 0:
         still = rows[lifting & (ur < 0.5)]
-        own[still, limb] = plan.hold[first - 1, limb]
+        own[still, limb] = plan.gripped_hold[first - 1, limb]
     if last < plan.n_knots - 1:
         near = rows[closing & (ur >= 0.6)]
-        own[near, limb] = plan.hold[last + 1, limb]
+        own[near, limb] = plan.gripped_hold[last + 1, limb]
 
 
 def _blend(plan: PlanArrays, k: NDArray[np.int_], u: Array) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, rotation_from_rpy, rotation_vector
 from crux_planner.checker.plan_arrays import PlanArrays

@@ -1,0 +1,143 @@
+"""`crux check PLAN.mcap`: what the checker says, as tables or as one JSON object."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from crux_contracts.yaml_document import DocumentError
+
+from crux_planner.checker.report import CheckReport, JointLoad, Violation
+
+OK, VIOLATED, UNREADABLE = 0, 1, 2
+SHOWN_VIOLATIONS = 20
+SHOWN_TIGHTEST = 8
+
+EPILOG = """what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
+joint speeds and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them
+
+exit status: 0 the plan passes, 1 it violates a constraint, 2 the file cannot be read"""
+
+
+def add_check_parser(subparsers: Any) -> None:
+    """Add `check` to the subcommands of crux."""
+    parser = subparsers.add_parser(
+        "check",
+        help="check a plan independently of the planner",
+        description="Check a plan against every constraint, independently of the planner that made it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+    parser.add_argument("--json", action="store_true", help="print the report as one JSON object on standard output")
+    parser.set_defaults(func=run_check)
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Run the command; returns the exit status."""
+    from crux_contracts.plan_file import PlanFileError, read_plan
+    from crux_contracts.robot import load_robot, robot_names
+
+    from crux_planner.checker.check import check_plan
+
+    try:
+        plan = read_plan(args.plan)
+        if plan.robot_name not in robot_names():
+            known = ", ".join(robot_names())
+            return _unreadable(args, f"{args.plan}: robot_name: {plan.robot_name!r}: expected one of {known}")
+        robot = load_robot(plan.robot_name)
+    except (PlanFileError, DocumentError) as error:
+        return _unreadable(args, str(error))
+    report = check_plan(plan, robot)
+    if args.json:
+        print(json.dumps(report.to_json()))
+    else:
+        title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {plan.n_knots} knots of {plan.dt_s:g} s"
+        show(title, report)
+    return OK if report.ok else VIOLATED
+
+
+def _unreadable(args: argparse.Namespace, message: str) -> int:
+    print(f"crux check: {message}", file=sys.stderr)
+    if args.json:
+        print(json.dumps({"ok": False, "error": message}))
+    return UNREADABLE
+
+
+def show(title: str, report: CheckReport) -> None:
+    """Print a report for people, on standard output."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False)
+    console.print(escape(title), soft_wrap=True)
+    if report.violations:
+        count = len(report.violations)
+        console.print(f"[bold red]fails[/]: {count} violation{'s' if count > 1 else ''}")
+        console.print(_table("violations", report.violations[:SHOWN_VIOLATIONS]))
+        if count > SHOWN_VIOLATIONS:
+            console.print(f"and {count - SHOWN_VIOLATIONS} more; --json lists all")
+    else:
+        console.print("[bold green]passes[/] every constraint")
+        limits = [entry for entry in report.worst if entry.amount < 0.0]
+        console.print(_table("closest to their limits (negative: slack)", limits[:SHOWN_TIGHTEST]))
+    if report.joints:
+        console.print(_joint_table(report.joints))
+    if report.friction_margin_N is not None:
+        console.print(f"least margin of the limit surface {report.friction_margin_N:.2f} N")
+    if report.tumble_margin_m is not None:
+        console.print(f"least tumble stability margin {report.tumble_margin_m:.3f} m")
+    console.print(f"checked in {report.seconds:.2f} s")
+
+
+def _table(title: str, entries: list[Violation]) -> Any:
+    from rich.box import SIMPLE_HEAD
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ("constraint", "limb", "f.", "time"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("beyond by", justify="right", no_wrap=True)
+    table.add_column("what")
+    for entry in entries:
+        table.add_row(
+            entry.constraint,
+            entry.limb or "",
+            "" if entry.finger is None else str(entry.finger),
+            "" if entry.time_s is None else f"{entry.time_s:.2f} s",
+            f"{entry.amount:.4g} {entry.unit}",
+            escape(entry.detail),
+        )
+    return table
+
+
+def _joint_table(loads: list[JointLoad]) -> Any:
+    """Torques by limb and joint beside the joint's limits: peak against effort, rms against continuous."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    title = "joint torque, peak/rms in N m against effort/continuous limit, and peak speed in rad/s"
+    table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("limb")
+    limbs = list(dict.fromkeys(load.limb for load in loads))
+    first = [load for load in loads if load.limb == limbs[0]]
+    for load in first:
+        name = load.joint.removeprefix(f"{load.limb}_")
+        limits = f"{load.effort_limit_Nm:g}/{load.continuous_limit_Nm:g}"
+        table.add_column(f"{name}\n{limits}", justify="right", no_wrap=True)
+    table.add_column(f"speed\n{min(load.speed_limit_rad_s for load in first):g}", justify="right", no_wrap=True)
+    for limb in limbs:
+        row = [load for load in loads if load.limb == limb]
+        cells = [f"{load.peak_torque_Nm:.1f}/{_warn(load)}" for load in row]
+        table.add_row(limb, *cells, f"{max(load.peak_speed_rad_s for load in row):.2f}")
+    return table
+
+
+def _warn(load: JointLoad) -> str:
+    """The rms torque, marked where it is above what the joint carries continuously."""
+    text = f"{load.rms_torque_Nm:.1f}"
+    return f"[yellow]{text}[/]" if load.rms_torque_Nm > load.continuous_limit_Nm else text

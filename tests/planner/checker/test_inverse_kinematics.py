@@ -1,0 +1,54 @@
+"""Numeric inverse kinematics: finds every pose the limb can take, and says so when there is none."""
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_planner.checker import inverse_kinematics
+from crux_planner.checker.geometry import rotation_about_z, rotation_from_rpy
+from crux_planner.checker.limb_model import load_model
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+MODEL = load_model(load_robot("scaler"))
+SIGNS = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]])
+
+
+@given(
+    st.integers(0, 3),
+    st.tuples(st.floats(-0.13, 0.13), st.floats(-0.07, 0.07), st.floats(-0.065, 0.065)),
+    st.floats(-1.7, 1.7),
+    st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05)),
+)
+@settings(max_examples=80, deadline=None)
+def test_the_known_workspace_is_reached(
+    index: int, offset: tuple[float, float, float], yaw: float, tilt: tuple[float, float]
+) -> None:
+    """Around (0.14, 0.36, -0.13) m, half-box (0.135, 0.072, 0.068) m, yaw within 1.75 rad, body tilted a little."""
+    limb = MODEL.limbs[index]
+    position = (np.array([0.14, 0.36, -0.13]) + offset) * SIGNS[index]
+    rotation = rotation_from_rpy(np.array([*tilt, 0.0])).T @ rotation_about_z(np.array(yaw))
+    solution = inverse_kinematics.solve(limb, position[None], rotation[None])
+    state = limb.forward(solution.q_rad)
+    np.testing.assert_allclose(state.link_position_m[limb.gripper][0], position, atol=1e-6)
+    np.testing.assert_allclose(state.link_rotation[limb.gripper][0], rotation, atol=1e-5)
+    assert (solution.q_rad >= limb.lower_rad).all()
+    assert (solution.q_rad <= limb.upper_rad).all()
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_a_path_is_followed_without_jumps(index: int) -> None:
+    s = np.linspace(0.0, 1.0, 400)
+    swing = np.stack([0.12 * np.sin(6 * s), 0.07 * np.cos(5 * s), 0.06 * np.sin(9 * s)], axis=1)
+    position = (np.array([0.14, 0.36, -0.13]) + swing) * SIGNS[index]
+    rotation = rotation_about_z(1.7 * np.sin(7 * s))
+    solution = inverse_kinematics.solve(MODEL.limbs[index], position, rotation)
+    assert solution.position_error_m.max() < 1e-6
+    assert np.abs(np.diff(solution.q_rad, axis=0)).max() < 0.05
+
+
+def test_out_of_reach_is_the_distance_that_is_missing() -> None:
+    limb = MODEL.limbs[0]
+    shoulder = limb.chain[0].origin_m
+    target = shoulder + np.array([0.0, 0.6, -0.12])
+    solution = inverse_kinematics.solve(limb, target[None], np.eye(3)[None])
+    assert solution.position_error_m[0] == pytest.approx(0.6 - 0.35, abs=0.03)

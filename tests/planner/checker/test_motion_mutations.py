@@ -1,0 +1,347 @@
+"""Bounds, kinematics, clearances, start, goal and form: each constraint, broken by a known amount in the plan made by
+hand, is reported with its name, limb, finger, time and amount.
+"""
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_msgs import plan_t
+from crux_planner.checker import check_plan
+
+from . import synthetic
+from .broken import DT, LF, LR, RF, RR, VALID, E, add, broken, move, only, the
+
+ROBOT = load_robot("scaler")
+LAST = synthetic.N_KNOTS - 1
+
+
+def shift_body(plan: plan_t, axis: int, amount: float) -> None:
+    for knot in plan.knots:
+        add(knot, "body_position_w_m", axis, amount)
+
+
+# ---- bounds (7)
+
+
+def test_body_too_high() -> None:
+    found = the(broken(lambda p: shift_body(p, 2, 0.035)), "body_height", None, None, 0)
+    assert found.amount == pytest.approx(0.185 + 0.035 - 0.21)
+
+
+def test_body_tilted_too_far() -> None:
+    found = the(broken(lambda p: add(p.knots[4], "body_rpy_rad", 1, -0.08)), "body_tilt", None, None, 4)
+    assert found.amount == pytest.approx(0.02)
+
+
+def test_body_too_fast() -> None:
+    found = the(broken(lambda p: add(p.knots[4], "body_velocity_w_m_s", 2, 0.05)), "body_speed", None, None, 4)
+    assert found.amount == pytest.approx(0.03)
+
+
+def test_body_turning_too_fast() -> None:
+    found = the(broken(lambda p: add(p.knots[4], "body_angular_velocity_b_rad_s", 0, 0.05)), "body_rate", None, None, 4)
+    assert found.amount == pytest.approx(0.03)
+
+
+def test_fingers_opened_too_wide() -> None:
+    def change(plan: plan_t) -> None:
+        plan.knots[5].limbs[RF].finger_separation_m = 0.14
+
+    assert the(broken(change), "finger_opening", RF, None, 5).amount == pytest.approx(0.07 - 0.066)
+
+
+def test_gripper_turned_too_far_against_the_body() -> None:
+    def change(plan: plan_t) -> None:
+        plan.knots[5].limbs[RF].gripper_yaw_w_rad = 1.8
+
+    report = broken(change)
+    assert the(report, "gripper_yaw", RF, None, 5).amount == pytest.approx(0.05)
+    rates = only(report, "swing_yaw_rate")
+    assert [(v.limb, v.time_s) for v in rates] == [("RF", 4 * DT)]
+    assert rates[0].amount == pytest.approx((1.8 - synthetic.YAW_RAD) / DT - 0.25)
+
+
+def test_swing_too_high() -> None:
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.0, 0.0, 0.17 - synthetic.HIGH_Z_M])))
+    assert the(report, "swing_height", RF, None, 5).amount == pytest.approx(0.01)
+
+
+def test_swing_too_fast() -> None:
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.06, 0.0, 0.0])))
+    leg = np.hypot(0.12 / 2 + 0.06, 0.02 / 2)
+    found = the(report, "swing_speed", RF, None, 4)
+    assert found.amount == pytest.approx(leg / DT - ROBOT.grasp.approach_speed_m_s)
+
+
+def test_normal_force_bound_above_what_gripper_and_scenario_have() -> None:
+    def change(plan: plan_t) -> None:
+        plan.max_normal_n = 75.0
+
+    assert [v.amount for v in only(broken(change), "normal_force_bound")] == pytest.approx([15.0, 15.0])
+
+
+# ---- kinematics (9)
+
+
+def test_out_of_reach() -> None:
+    """The body 0.2 m further to the right: the left limbs are too short for it."""
+    found = only(broken(lambda p: shift_body(p, 1, -0.2)), "inverse_kinematics")
+    missing = {v.limb: v.amount for v in found}
+    stretched = np.hypot(0.36 + 0.2 - 0.144, 0.185 - 0.12 - synthetic.PAD_Z_M) - 0.35
+    assert missing["LF"] == pytest.approx(stretched, abs=0.01)
+    assert missing["LR"] == pytest.approx(stretched, abs=0.01)
+
+
+def test_joint_limit_between_knots_only() -> None:
+    """Between two reachable knots the way leads past the shoulder's other side."""
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.0, 0.42, 0.0])))
+    assert {v.limb for v in report.violations if v.constraint in ("joint_position", "inverse_kinematics")} == {"RF"}
+
+
+def test_joint_speed_at_the_plans_own_clock() -> None:
+    """The same plan with knots 0.05 s apart: the wrist must turn forty times as fast."""
+
+    def change(plan: plan_t) -> None:
+        plan.dt_s = 0.05
+        for k, knot in enumerate(plan.knots):
+            knot.time_s = 0.05 * k
+
+    report = broken(change)
+    found = only(report, "joint_speed")
+    slow = max(load.peak_speed_rad_s for load in check_plan(VALID, ROBOT).joints)
+    assert {v.limb for v in found} == {"RF"}
+    assert any("dt_s" in v.detail for v in only(report, "scenario_match"))
+    assert max(v.amount for v in found) == pytest.approx(40 * slow - 4.8, rel=0.05)
+
+
+def test_joint_torque() -> None:
+    """An inner fight: LF pulled and RR pushed along the wall's normal by 60 N. It balances no better; joint 2 of LF
+    carries 60 N more on its arm.
+    """
+    before = {load.joint: load.peak_torque_Nm for load in check_plan(VALID, ROBOT).joints}
+
+    def change(plan: plan_t) -> None:
+        for knot in plan.knots:
+            for finger in (0, 1):
+                add(knot.limbs[LF], "finger_force_w_n", 3 * finger + 2, -40.0)
+                add(knot.limbs[RR], "finger_force_w_n", 3 * finger + 2, 40.0)
+
+    report = broken(change)
+    joints = {v.detail for v in only(report, "joint_torque")}
+    assert "LF_joint2" in joints
+    load = next(load for load in report.joints if load.joint == "LF_joint2")
+    arm = np.hypot(0.14 - 0.1355, 0.36 - 0.144)
+    assert load.peak_torque_Nm == pytest.approx(80.0 * arm, abs=before["LF_joint2"] + 0.5)
+
+
+# ---- clearance (14)
+
+
+def test_swing_too_low_cuts_its_new_hold_between_knots() -> None:
+    """At the knots all is well; on the way down from aside, the fingers pass through the hold."""
+    report = broken(lambda p: move(p, RF, slice(6, 7), 0.06 * E))
+    found = only(report, "clearance_finger")
+    assert {v.limb for v in found} == {"RF"}
+    assert all(6 * DT < (v.time_s or 0.0) < 7 * DT for v in found)
+    assert {v.detail for v in found} == {"to 'e'"}
+
+
+def test_pad_beside_a_hold_by_less_than_the_clearance() -> None:
+    """The pad's sphere passes a foreign hold's corner-free face at 1 mm: 2 mm less than asked."""
+
+    def change(plan: plan_t) -> None:
+        limb = plan.knots[5].limbs[RF]
+        a = np.array([*synthetic.HOLDS["d"], 0.0])
+        reach = synthetic.OPEN_M + 2 * ROBOT.gripper.pad_radius_m + 0.001
+        limb.gripper_position_w_m = (a + (synthetic.HALF_M + reach) * E + [0, 0, 0.04]).tolist()
+
+    found = [v for v in only(broken(change), "clearance_finger") if v.detail == "to 'd'"]
+    assert [(v.limb, v.finger) for v in found] == [("RF", 2)]
+    assert found[0].time_s == pytest.approx(5 * DT, abs=0.06)
+    assert found[0].amount == pytest.approx(0.002, abs=1e-6)
+
+
+def test_closed_fingers_at_lift_off() -> None:
+    """A gripper that does not open before it lifts scrapes along its hold."""
+
+    def change(plan: plan_t) -> None:
+        plan.knots[4].limbs[RF].finger_separation_m = 2 * synthetic.HALF_M
+
+    found = only(broken(change), "clearance_finger")
+    assert ("RF", "to 'b'") in {(v.limb, v.detail) for v in found}
+    assert max(v.amount for v in found) == pytest.approx(0.003, abs=1e-4)
+
+
+def test_palm_on_a_tall_hold() -> None:
+    """The palm hangs 45 mm above the pads, at 80 mm; an 85 mm hold sticks 5 mm into it."""
+
+    def change(plan: plan_t) -> None:
+        plan.holds[2].size_m = [0.06, 0.06, 0.085]
+
+    found = only(broken(change), "clearance_palm")
+    assert {v.limb for v in found} == {"LR"}
+    assert found[0].amount == pytest.approx(0.005 + 0.003, abs=1e-6)
+
+
+def test_link_and_body_at_an_obstacle() -> None:
+    """A pillar in the middle reaches 20 mm into the body's box; one under LF's links reaches into them."""
+
+    def change(plan: plan_t) -> None:
+        plan.holds[4].position_w_m, plan.holds[4].size_m = [0.0, 0.0, 0.0], [0.02, 0.02, 0.175]
+        plan.holds[1].position_w_m, plan.holds[1].size_m = [0.14, 0.24, 0.0], [0.02, 0.02, 0.4]
+
+    report = broken(change)
+    assert [v.amount for v in only(report, "clearance_body")] == pytest.approx([0.02 + 0.003], abs=1e-6)
+    assert "LF" in {v.limb for v in only(report, "clearance_link")}
+
+
+def test_pad_in_the_wall() -> None:
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.0, 0.0, -0.09])))
+    found = [v for v in only(report, "clearance_wall") if v.detail == "of the finger"]
+    assert {(v.limb, v.finger) for v in found} == {("RF", 1), ("RF", 2)}
+    assert found[0].time_s == pytest.approx(5 * DT, abs=0.06)
+    assert found[0].amount == pytest.approx(0.003 + 0.012 - 0.01, abs=1e-6)
+
+
+def test_gripper_through_another_limb() -> None:
+    a = np.array(synthetic.HOLDS["d"]) - np.array(synthetic.HOLDS["b"])
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([*(0.8 * a), 0.0])))
+    found = only(report, "clearance_limbs")
+    assert {v.limb for v in found} == {"RF"}
+    assert all("RR" in v.detail for v in found)
+
+
+# ---- start and goal
+
+
+def test_start_elsewhere() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace(
+            "position_m: [0.0, 0.0, 0.185]", "position_m: [0.0, 0.003, 0.185]"
+        )
+
+    assert the(broken(change), "start_position", None, None, 0).amount == pytest.approx(0.003)
+
+
+def test_start_turned() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace(
+            "0.185], rpy_deg: [0, 0, 0]}\n  grasps: {LF", "0.185], rpy_deg: [0, 0, 2]}\n  grasps: {LF"
+        )
+
+    assert the(broken(change), "start_orientation", None, None, 0).amount == pytest.approx(np.deg2rad(2.0))
+
+
+def test_start_in_motion() -> None:
+    found = the(broken(lambda p: add(p.knots[0], "body_velocity_w_m_s", 0, 0.01)), "start_at_rest", None, None, 0)
+    assert found.amount == pytest.approx(0.01)
+
+
+def test_start_grasp_by_other_faces() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace("LR: {hold: c, faces: x}", "LR: {hold: c, faces: y}")
+
+    assert "'c' by faces y" in the(broken(change), "start_grasp", LR, None, 0).detail
+
+
+def test_goal_missed() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace("position_m: [0.02, 0.0", "position_m: [0.02, 0.012")
+
+    assert the(broken(change), "goal_position", None, None, LAST).amount == pytest.approx(0.012 - 0.005)
+
+
+def test_goal_orientation_missed() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace("rpy_deg: [0, 0, 0], tol", "rpy_deg: [0, 0, 5], tol")
+
+    assert the(broken(change), "goal_orientation", None, None, LAST).amount == pytest.approx(np.deg2rad(2.0))
+
+
+def test_goal_grasp_missed() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace("grasps: {RF: {hold: e", "grasps: {RF: {hold: b")
+
+    assert "'b'" in the(broken(change), "goal_grasp", RF, None, LAST).detail
+
+
+# ---- form and identity
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_numbers_that_are_not_finite(value: float) -> None:
+    def change(plan: plan_t) -> None:
+        values = list(plan.knots[6].limbs[LR].finger_force_w_n)
+        values[4] = value
+        plan.knots[6].limbs[LR].finger_force_w_n = values
+
+    report = broken(change)
+    found = the(report, "finite_numbers", LR, None, 6)
+    assert "finger_force" in found.detail
+    assert len(report.violations) == 1
+
+
+def test_clock_that_is_not_even() -> None:
+    def change(plan: plan_t) -> None:
+        plan.knots[4].time_s += 0.3
+
+    found = only(broken(change), "time_stamps")
+    assert len(found) == 1
+    assert found[0].time_s == pytest.approx(4 * DT + 0.3)
+    assert found[0].amount == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: setattr(p, "gravity_w_m_s2", [0.0, 0.0, -9.81]),
+        lambda p: setattr(p, "patch_k_m", 0.02),
+        lambda p: setattr(p, "spine_shear_n", 50.0),
+        lambda p: setattr(p, "goal_tolerance_m", 1.0),
+        lambda p: setattr(p.holds[3], "size_m", [0.06, 0.06, 0.05]),
+        lambda p: setattr(p.holds[3], "position_w_m", [-0.15, -0.36, 0.0]),
+        lambda p: setattr(p.holds[3], "friction", [3.0] * 5),
+        lambda p: setattr(p.holds[3], "name", "z"),
+        lambda p: setattr(p, "scenario_name", "another"),
+    ],
+)
+def test_copies_that_differ_from_the_scenario(change: object) -> None:
+    assert callable(change)
+    assert only(broken(change), "scenario_match")
+
+
+def test_scenario_that_cannot_be_read() -> None:
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = "version: 1\n"
+
+    assert the(broken(change), "scenario", None, None, None).detail
+
+
+def test_hashes() -> None:
+    plan = synthetic.make_plan()
+    plan.cost = 1.0
+    assert [v.constraint for v in check_plan(plan, ROBOT).violations] == ["plan_id"]
+    plan = synthetic.sign(plan)
+    plan.robot_sha256, plan.scenario_sha256, plan.plan_id = "0" * 64, "1" * 64, ""
+    assert [v.constraint for v in check_plan(plan, ROBOT).violations] == ["robot_hash", "scenario_hash"]
+
+
+def test_wrong_format_and_sizes() -> None:
+    plan = synthetic.make_plan()
+    plan.format = 2
+    assert "plan_format" in [v.constraint for v in check_plan(plan, ROBOT).violations]
+    plan = synthetic.make_plan()
+    plan.n_knots += 1
+    assert "plan_format" in [v.constraint for v in check_plan(plan, ROBOT).violations]
+    plan = synthetic.make_plan()
+    plan.knots[3].limbs[0].finger_force_w_n = [0.0] * 5
+    assert {v.constraint for v in check_plan(plan, ROBOT).violations} == {"plan_format"}
+    plan = synthetic.make_plan()
+    plan.knots[3].limbs[0].phase = 7
+    assert "phase 7" in only(check_plan(synthetic.sign(plan), ROBOT), "plan_format")[0].detail
+
+
+def test_unused_moves_are_reported_nowhere() -> None:
+    """A change inside every limit is no violation: the swing passes 1 mm higher."""
+    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.0, 0.0, 0.001])))
+    assert report.violations == []
