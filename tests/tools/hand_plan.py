@@ -20,6 +20,7 @@ HALF_HOLD_M = 0.03
 PAD_HEIGHT_M = 0.035
 BODY_HEIGHT_M = 0.185
 LIFT_M = 0.14
+LEAN_M = 0.03  # of the body away from the limb that swings
 OPEN_M = 0.048
 DT_S = 2.0
 Floats = NDArray[np.float64]
@@ -173,7 +174,7 @@ def standing_plan(wall: Wall | None = None, body_path_m: Floats | None = None) -
 
 
 def climbing_plan(
-    advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (0, 1, 2, 3)
+    advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (3, 2, 1, 0)
 ) -> plan_t:
     """The limbs move up one after the other, the body a share of the way before each."""
     xy = np.vstack([NOMINAL_M, NOMINAL_M + np.array([advance_m, 0.0])])
@@ -188,7 +189,9 @@ def climbing_plan(
 
     add(2)
     for moving in limbs_to_move:
-        body = body + np.array([advance_m / (len(limbs_to_move) + 1), 0.0, 0.0])
+        share = (limbs_to_move.index(moving) + 1) / (len(limbs_to_move) + 1)
+        body = np.array([advance_m * share, 0.0, BODY_HEIGHT_M])
+        body[:2] -= LEAN_M * np.sign(NOMINAL_M[moving])
         add(3)
         limb = limbs[moving]
         limb.air = True

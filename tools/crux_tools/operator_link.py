@@ -30,7 +30,7 @@ class OperatorLink:
     _answers: list[acknowledgement_t] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self._next_request = self.first_request
+        self.next_request = self.first_request
         try:
             self._lcm = lcm.LCM(self.url)
         except RuntimeError as error:
@@ -61,16 +61,26 @@ class OperatorLink:
             self._lcm.handle_timeout(max(1, int(left_s * 1000)))
 
     def command(
-        self, command: int, plan_id: str = "", at_cycle: int = 0, tries: int = TRIES
+        self,
+        command: int,
+        plan_id: str = "",
+        at_cycle: int = 0,
+        tries: int = TRIES,
+        is_worth_it: Callable[[], bool] = lambda: True,
     ) -> acknowledgement_t | None:
-        """Sends a command (command_t constant) until it is acknowledged; None when nobody answers."""
+        """Sends a command (command_t constant) until it is acknowledged; None when nobody answers.
+
+        Every try is the same message with the same request id; `is_worth_it` is asked before each.
+        """
         message = command_t()
-        message.request_id = self._next_request
+        message.request_id = self.next_request
         message.command = command
         message.at_cycle = at_cycle
         message.plan_id = plan_id
-        self._next_request += 1
+        self.next_request += 1
         for _ in range(tries):
+            if not is_worth_it():
+                break
             self._lcm.publish(channels.CRUX_COMMAND, message.encode())
             answer = self._await(
                 lambda a: a.subject == acknowledgement_t.COMMAND and a.request_id == message.request_id,

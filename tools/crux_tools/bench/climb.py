@@ -129,7 +129,7 @@ def climb(
         loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s))
         outcome = loop.run()
         if outcome.ending is not Ending.RUNTIME_DIED:
-            with OperatorLink(ports.lcm_url, first_request=2) as link:
+            with OperatorLink(ports.lcm_url, first_request=link.next_request) as link:
                 link.command(command_t.SHUTDOWN)
             runtime.wait()
         last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -17,7 +16,7 @@ from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
-START_TIMEOUT_S = 20.0
+START_TRIES = 40  # of half a second
 STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
@@ -62,13 +61,8 @@ class RuntimeProcess:
 
     def await_answer(self, link: OperatorLink) -> None:
         """Waits until the runtime acknowledges STATUS; raises WorkFailed when it dies or stays silent."""
-        end = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < end:
-            if link.command(command_t.STATUS, tries=1) is not None:
-                return
-            if not self.is_alive():
-                raise WorkFailed(f"crux-runtime {self.last_words()}")
-        raise WorkFailed(f"crux-runtime does not answer within {START_TIMEOUT_S:.0f} s")
+        if link.command(command_t.STATUS, tries=START_TRIES, is_worth_it=self.is_alive) is None:
+            raise WorkFailed(f"crux-runtime {'does not answer' if self.is_alive() else self.last_words()}")
 
     def wait(self) -> None:
         """Waits for the process to end by itself, then ends it."""
