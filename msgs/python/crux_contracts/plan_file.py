@@ -54,8 +54,9 @@ def plan_id(plan: plan_t) -> str:
 
 def to_bytes(plan: plan_t) -> bytes:
     """The file's content. Sets plan.plan_id. Raises PlanFileError for a plan that read_plan would refuse."""
-    plan.plan_id = plan_id(plan)
     try:
+        cdr.encode(plan)  # tells what lcm's own encoder would only stumble over
+        plan.plan_id = plan_id(plan)
         body = cdr.encode(plan)
         knots = [cdr.encode(knot) for knot in plan.knots]
     except (cdr.CdrError, AttributeError) as error:
@@ -129,7 +130,7 @@ def from_bytes(data: bytes, name: str = "plan") -> plan_t:
     _check(plan, name)
     if plan.plan_id != plan_id(plan):
         raise PlanFileError(
-            f"{name}: plan_id {plan.plan_id[:12]}... does not fit the plan: it was changed after checking"
+            f"{name}: plan_id {plan.plan_id[:12]}... is not this plan's: it was changed after its check"
         )
     return plan
 

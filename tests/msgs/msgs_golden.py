@@ -1,5 +1,8 @@
-"""Makes the golden vectors in msgs/golden. `python tests/msgs/golden.py` writes them anew: a deliberate act, for the
-vectors are what programs of different versions and languages agree on."""
+"""Makes the golden vectors in msgs/golden.
+
+`python tests/msgs/msgs_golden.py` writes them anew: a deliberate act, for the vectors are what programs of different
+versions and languages agree on.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,7 @@ def can_frames() -> list[dict[str, Any]]:
                 low = -(1 << (signal.length - 1)) if signal.is_signed else 0
                 high = low + (1 << signal.length) - 1
                 raw = 0 if index == 0 else round(low + share * (high - low))
-                values[signal.name] = float(signal.raw_to_scaled(raw, decode_choices=False))
+                values[signal.name] = float(raw * signal.scale + signal.offset)
             counter = (0, 255, 87)[index]
             frame = can_codec.encode(name, values, counter, node)
             vectors.append(
@@ -140,13 +143,13 @@ def sample_plan(swings: dict[str, tuple[int, int]] | None = None, knots: int = 1
         knot.time_s = k * dt_s
         knot.body_position_w_m = [0.04 * share * share, 0.01 * np.sin(7 * share), 0.185 + 0.005 * np.cos(5 * share)]
         knot.body_rpy_rad = [0.02 * np.sin(4 * share), -0.03 * share, 0.02 * np.cos(9 * share) - 0.02]
-        knot.limbs = [_limb_knot(i, name, corners[name], k, moving.get(name)) for i, name in enumerate(LIMB_NAMES)]
+        knot.limbs = [_limb_knot(i, corners[name], k, moving.get(name)) for i, name in enumerate(LIMB_NAMES)]
         plan.knots.append(knot)
     plan.n_knots = knots
     return plan
 
 
-def _limb_knot(index: int, name: str, corner: tuple[float, float], k: int, swing: tuple[int, int] | None) -> limb_knot_t:
+def _limb_knot(index: int, corner: tuple[float, float], k: int, swing: tuple[int, int] | None) -> limb_knot_t:
     limb = limb_knot_t()
     first, last = swing or (10**6, 10**6)
     yaw = 0.1 * (index - 1.5)
