@@ -35,16 +35,21 @@ class Checker:
             raise error(self.path, sorted(self.problems, key=lambda p: p.line or 0))
 
     def members(self, node: Node, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Node]:
-        """The mapping's nodes by key: unknown keys are noted and left out, missing required ones noted."""
+        """The mapping's nodes by key: unknown keys are noted and left out, missing required ones noted.
+
+        A required key that is there under a misspelt name is noted once, as unknown.
+        """
         if not isinstance(node.content, dict):
             self.note(node, f"expected a mapping with {_listed(required or optional)}")
             return {}
         known = [*required, *optional]
+        misspelt = set()
         for name, member in node.content.items():
             if name not in known:
                 self.note_at(member, "", "", f"unknown key; {did_you_mean(name, known)}")
+                misspelt.update(_close(name, known))
         for name in required:
-            if name not in node.content:
+            if name not in node.content and name not in misspelt:
                 self.note_at(node, name, "", "is missing")
         return {name: member for name, member in node.content.items() if name in known}
 
@@ -106,11 +111,14 @@ class Checker:
         return low if not above else high
 
     def numbers(self, node: Node, count: int, low: float, high: float, unit: str = "") -> tuple[float, ...]:
-        """A list of exactly `count` numbers, each in low..high."""
+        """A list of exactly `count` numbers, each in low..high; only the first wrong one is noted."""
         if not isinstance(node.content, list) or len(node.content) != count:
             self.note(node, f"expected a list of {count} numbers{' in ' + unit if unit else ''}")
             return (max(low, 0.0),) * count
-        return tuple(self.number(item, low, high, unit) for item in node.content)
+        before = len(self.problems)
+        values = tuple(self.number(item, low, high, unit) for item in node.content)
+        del self.problems[before + 1 :]
+        return values
 
 
 def _magnitude_hint(value: float, low: float, high: float, unit: str) -> str:
@@ -122,9 +130,14 @@ def _magnitude_hint(value: float, low: float, high: float, unit: str) -> str:
     return ""
 
 
+def _close(name: str, known: Sequence[str]) -> list[str]:
+    """The word that was probably meant, or none."""
+    return difflib.get_close_matches(name[:MAX_TEXT], known, n=1, cutoff=0.6)
+
+
 def did_you_mean(name: str, known: Sequence[str]) -> str:
     """A hint at the word that was probably meant."""
-    close = difflib.get_close_matches(name[:MAX_TEXT], known, n=1, cutoff=0.6)
+    close = _close(name, known)
     return f"did you mean {close[0]}?" if close else f"expected {_listed(known, 'or')}"
 
 

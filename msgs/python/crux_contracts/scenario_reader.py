@@ -84,8 +84,9 @@ class _Reader:
             "horizon": self._of(keys, "horizon", self._horizon),
             "planner": self._of(keys, "planner", self._planner) or PlannerOptions(),
         }
-        check_cuboids(check, keys)
-        check_grasps(check, keys)
+        for relations in (check_cuboids, check_grasps):  # a wrong value would bring forth more mistakes than were made
+            if not check.problems:
+                relations(check, keys)
         check.finish(ScenarioError)
         return Scenario(**result, yaml_text=text, path=check.path)  # type: ignore[arg-type]
 
