@@ -55,11 +55,11 @@ def gravity_w(slope_deg: float) -> np.ndarray:
     return 9.81 * np.array([-np.sin(slope), 0.0, -np.cos(slope)])
 
 
-def scenario_yaml(slope_deg: float) -> str:
+def scenario_yaml(slope_deg: float, hold_yaw_rad: float = YAW_RAD, faces: str = "x") -> str:
     """The scenario the plan belongs to."""
     line = "  - {{name: {}, position_m: [{}, {}], size_m: [0.06, 0.06, 0.06], yaw_deg: {!r}, friction: 2.2}}"
-    holds = "\n".join(line.format(n, x, y, float(np.rad2deg(YAW_RAD))) for n, (x, y) in HOLDS.items())
-    return SCENARIO.format(slope=slope_deg, holds=holds)
+    holds = "\n".join(line.format(n, x, y, float(np.rad2deg(hold_yaw_rad))) for n, (x, y) in HOLDS.items())
+    return SCENARIO.format(slope=slope_deg, holds=holds).replace("faces: x", f"faces: {faces}")
 
 
 def make_plan(slope_deg: float = 45.0) -> plan_t:

@@ -1,5 +1,6 @@
 """The plan made by hand passes, on every slope, and quickly."""
 
+import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker import check_plan
@@ -44,3 +45,17 @@ def test_the_report_lists_every_joint_with_its_limits() -> None:
 def test_the_cold_budget_of_planning_is_spared() -> None:
     plan = synthetic.make_plan()
     assert min(check_plan(plan, ROBOT).seconds for _ in range(3)) < 1.0
+
+
+@pytest.mark.parametrize(("quarter_turns", "face"), [(0, 0), (2, 1), (-1, 2), (1, 3)])
+def test_a_grasp_by_any_face_of_a_turned_hold(quarter_turns: int, face: int) -> None:
+    """The same grasps with the holds turned by quarters: finger 1 is on +x, -x, +y or -y."""
+    plan = synthetic.make_plan()
+    yaw = synthetic.YAW_RAD + quarter_turns * np.pi / 2
+    plan.scenario_yaml = synthetic.scenario_yaml(45.0, yaw, "x" if face < 2 else "y")
+    for hold in plan.holds:
+        hold.yaw_rad = yaw
+    for knot in plan.knots:
+        for limb in knot.limbs:
+            limb.finger1_face = face if limb.hold >= 0 else -1
+    assert check_plan(synthetic.sign(plan), ROBOT).violations == []

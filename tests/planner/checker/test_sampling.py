@@ -1,0 +1,71 @@
+"""The checker's own reading of msgs/PLAN.md against the one that planner's and runtime's golden vectors hold fast."""
+
+import numpy as np
+import pytest
+from crux_contracts.interpolation import PlanReference
+from crux_planner.checker.plan_arrays import PlanArrays, read_plan
+from crux_planner.checker.report import Findings
+from crux_planner.checker.sampling import pchip, sample, sample_at
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import PchipInterpolator
+
+from . import synthetic
+
+PLAN = synthetic.make_plan()
+REFERENCE = PlanReference(PLAN)
+
+
+def arrays() -> PlanArrays:
+    read = read_plan(PLAN, Findings())
+    assert read is not None
+    return read
+
+
+@pytest.mark.parametrize("k", range(synthetic.N_KNOTS - 1))
+def test_equals_the_contracts_reading(k: int) -> None:
+    u = np.linspace(0.0, 0.999, 97)
+    samples = sample_at(arrays(), np.full(97, k), u)
+    position, rpy = REFERENCE.body((k + u) * PLAN.dt_s)
+    np.testing.assert_allclose(samples.body_position, position, atol=1e-12)
+    np.testing.assert_allclose(samples.body_rpy, rpy, atol=1e-12)
+    for limb in range(4):
+        gripper = REFERENCE.limb(limb, k, u)
+        np.testing.assert_allclose(samples.gripper_position[:, limb], gripper.position_w_m, atol=1e-12)
+        np.testing.assert_allclose(samples.gripper_yaw[:, limb], gripper.yaw_w_rad, atol=1e-12)
+        wrench = np.concatenate([samples.force[:, limb], samples.moment[:, limb]], axis=1)
+        np.testing.assert_allclose(wrench, REFERENCE.wrench(limb, k, u), atol=1e-9)
+        np.testing.assert_allclose(samples.load[:, limb], REFERENCE.load(limb, k, u), atol=1e-12)
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_fingers_are_followed_on_their_way_to_the_commanded_opening(limb: int) -> None:
+    """The contracts command an opening at once; the checker sweeps from where the fingers were to there."""
+    read = arrays()
+    for k in range(synthetic.N_KNOTS - 1):
+        u = np.linspace(0.0, 0.999, 97)
+        opening = sample_at(read, np.full(97, k), u).opening[:, limb]
+        commanded = REFERENCE.limb(limb, k, u).opening_m
+        ends = read.separation[k : k + 2, limb] / 2
+        assert opening.min() >= ends.min() - 1e-12
+        assert opening.max() <= max(ends.max(), commanded.max()) + 1e-12
+        assert abs(opening[-1] - commanded[-1]) < 1e-4
+
+
+@given(st.integers(2, 12), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_pchip_equals_scipys(knots: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    values = random.normal(size=(knots, 3)) * random.integers(0, 2, size=(knots, 1))
+    t = random.uniform(0.0, (knots - 1) * 0.7 - 1e-9, 40)
+    k = np.minimum((t / 0.7).astype(int), knots - 2)
+    expected = PchipInterpolator(0.7 * np.arange(knots), values)(t)
+    np.testing.assert_allclose(pchip(0.7, values, k, t / 0.7 - k), expected, atol=1e-12)
+
+
+def test_moments_are_close_together_where_a_limb_moves() -> None:
+    samples = sample(arrays())
+    assert samples.time_s[0] == 0.0
+    assert samples.time_s[-1] == (synthetic.N_KNOTS - 1) * synthetic.DT_S
+    steps = np.linalg.norm(np.diff(samples.gripper_position, axis=0), axis=2)
+    assert steps.max() < 0.006
