@@ -86,8 +86,8 @@ void OperatorDesk::serve_before_first_cycle(PlanTaker& taker, EventList& events)
 
 std::int8_t OperatorDesk::begin_cycle(std::int64_t cycle, std::int8_t supervisor_state, PlanTaker& taker,
                                       EventList& events) noexcept {
-  // A cycle may add the scheduled commands, one command at once and one that it overtakes.
-  while (current_.command == command_t::NONE && events.room() > kMaxScheduled + 2) {
+  // Beside what is taken here a cycle may add all scheduled commands and one at once.
+  while (current_.command == command_t::NONE && events.room() > kMaxScheduled + 1) {
     Request* request = requests_.front();
     if (request == nullptr) break;
     take(*request, cycle, supervisor_state, taker, events);

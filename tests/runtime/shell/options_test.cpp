@@ -1,0 +1,56 @@
+#include "app/options.hpp"
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "bus/bus.hpp"
+
+namespace crux {
+namespace {
+
+Options parse(const std::vector<const char*>& arguments) { return parse_options(arguments); }
+
+std::string error_of(const std::vector<const char*>& arguments) {
+  try {
+    parse(arguments);
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Options, DefaultsAreFourUdpBusesInRealTime) {
+  const Options options = parse({});
+  EXPECT_EQ(options.buses[0], "udp:239.74.163.2:43113");
+  EXPECT_EQ(options.buses[3], "udp:239.74.163.2:43116");
+  EXPECT_EQ(options.cycle.pace, Pace::kClock);
+  EXPECT_TRUE(options.log.empty());
+}
+
+TEST(Options, EveryOptionIsRead) {
+  const Options options = parse({"--robot", "r", "--pace", "bus", "--guard-time", "0.25", "--lcm",
+                                 "udpm://239.1.1.1:1?ttl=0", "--log", "l.mcap", "--bus", "RR=socketcan:can3", "--bus",
+                                 "LF=socketcan:can0", "--bus", "RF=socketcan:can1", "--bus", "LR=socketcan:can2"});
+  EXPECT_EQ(options.robot, "r");
+  EXPECT_EQ(options.cycle.pace, Pace::kBus);
+  EXPECT_EQ(options.cycle.guard_time, std::chrono::milliseconds(250));
+  EXPECT_EQ(options.lcm_url, "udpm://239.1.1.1:1?ttl=0");
+  EXPECT_EQ(options.log, "l.mcap");
+  for (int l = 0; l < 4; ++l) EXPECT_EQ(options.buses[l], "socketcan:can" + std::to_string(l));
+}
+
+TEST(Options, MistakesAreNamed) {
+  EXPECT_NE(error_of({"--speed", "2"}).find("--speed"), std::string::npos);
+  EXPECT_NE(error_of({"--pace"}).find("--pace needs a value"), std::string::npos);
+  EXPECT_NE(error_of({"--pace", "fast"}).find("'fast'"), std::string::npos);
+  EXPECT_NE(error_of({"--guard-time", "-1"}).find("'-1'"), std::string::npos);
+  EXPECT_NE(error_of({"--guard-time", "nan"}).find("'nan'"), std::string::npos);
+  EXPECT_NE(error_of({"--guard-time", "1s"}).find("'1s'"), std::string::npos);
+  EXPECT_NE(error_of({"--bus", "XX=socketcan:can0"}).find("LF, RF, LR, RR"), std::string::npos);
+  EXPECT_NE(error_of({"--bus", "LF=socketcan:can0"}).find("RF has no bus"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace crux
