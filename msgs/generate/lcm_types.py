@@ -70,7 +70,7 @@ class _Tokens:
         self._next = 0
 
     def done(self) -> bool:
-        return self._next == len(self._items)
+        return self._next >= len(self._items)
 
     def take(self, expected: str | None = None) -> str:
         token, line = self._items[self._next] if not self.done() else ("end of file", 0)

@@ -177,7 +177,9 @@ def read_bytes(path: Path) -> bytes:
     """The file's bytes; DocumentError when it cannot be read or is larger than MAX_BYTES (it is then not read)."""
     try:
         if not path.is_file():
-            reason = "is a folder, not a file" if path.is_dir() else "no such file"
+            reason = (
+                "is a folder, not a file" if path.is_dir() else "is not a file" if path.exists() else "no such file"
+            )
             raise DocumentError(str(path), [Problem("", "", reason)])
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -186,8 +188,6 @@ def read_bytes(path: Path) -> bytes:
             return file.read(MAX_BYTES + 1)
     except OSError as error:
         raise DocumentError(str(path), [Problem("", "", f"cannot be read: {error.strerror}")]) from error
-    except ValueError as error:  # a name with a zero byte
-        raise DocumentError(repr(str(path)), [Problem("", "", "is not a file name")]) from error
 
 
 def parse_mapping(data: bytes, path: str) -> Node:

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from crux_contracts.robot import ROBOTS, RobotError, load_robot, robot_hash, robot_names
+from crux_contracts.yaml_document import DocumentError
+
+SCALER = ROBOTS / "scaler"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A copy of scaler to spoil."""
+    shutil.copytree(SCALER, tmp_path / "robot")
+    return tmp_path / "robot"
+
+
+def spoil(folder: Path, file: str, right: str, wrong: str) -> None:
+    path = folder / file
+    text = path.read_text()
+    assert right in text, "the case does not change the text"
+    path.write_text(text.replace(right, wrong, 1))
+
+
+def test_scaler_is_found_by_name_and_by_folder() -> None:
+    assert "scaler" in robot_names()
+    assert load_robot("scaler").hash == load_robot(SCALER).hash
+
+
+def test_the_hash_is_over_the_bytes_of_both_files(folder: Path) -> None:
+    yaml_bytes, urdf_bytes = (SCALER / "robot.yaml").read_bytes(), (SCALER / "scaler.urdf").read_bytes()
+    expected = hashlib.sha256(b"crux-robot-1\0" + yaml_bytes + b"\0" + urdf_bytes).hexdigest()
+    assert robot_hash(folder) == expected
+    spoil(folder, "scaler.urdf", 'mass value="2.8"', 'mass value="2.9"')
+    assert robot_hash(folder) != expected
+
+
+def test_masses_and_geometry_agree_with_pinocchio() -> None:
+    robot = load_robot("scaler")
+    model = pinocchio.buildModelFromUrdf(str(robot.urdf_path), pinocchio.JointModelFreeFlyer())
+    assert robot.total_mass_kg == pytest.approx(pinocchio.computeTotalMass(model))
+    data = model.createData()
+    q = pinocchio.neutral(model)
+    q[2] = 0.0
+    # Arms straight, wrist straight: the gripper hangs under the stretched limb.
+    pinocchio.framesForwardKinematics(model, data, q)
+    for limb in robot.limbs:
+        frame = data.oMf[model.getFrameId(limb.gripper_link)]
+        reach = limb.upper_link_m + limb.lower_link_m
+        outward = np.array([np.cos(limb.mount_rad), np.sin(limb.mount_rad), 0.0])
+        expected = limb.shoulder_b_m + reach * outward - np.array([0, 0, limb.wrist_to_gripper_m])
+        assert frame.translation == pytest.approx(expected, abs=1e-9)
+        yaw = limb.mount_rad + limb.gripper_mount_rad
+        assert frame.rotation == pytest.approx(pinocchio.utils.rotate("z", yaw), abs=1e-9)
+        for index, name in enumerate(limb.joint_names):
+            joint = model.joints[model.getJointId(name)]
+            assert limb.lower_rad[index] == model.lowerPositionLimit[joint.idx_q]
+            assert limb.upper_rad[index] == model.upperPositionLimit[joint.idx_q]
+            assert limb.effort_Nm[index] == model.effortLimit[joint.idx_v]
+            assert limb.velocity_rad_s[index] == model.velocityLimit[joint.idx_v]
+
+
+def test_the_hand_is_what_hangs_behind_the_sensor() -> None:
+    robot = load_robot("scaler")
+    for limb in robot.limbs:
+        # Gripper 0.25 kg at z = 0.06, two fingers 0.05 kg at z = 0.02, symmetric about the gripper's z.
+        assert limb.hand_mass_kg == pytest.approx(0.35)
+        assert limb.hand_com_g_m == pytest.approx([0, 0, (0.25 * 0.06 + 0.1 * 0.02) / 0.35])
+
+
+def test_sections_are_typed() -> None:
+    robot = load_robot("scaler")
+    assert robot.can.dt_s == pytest.approx(0.002)
+    assert robot.can.nodes["gripper"] == 7
+    assert len(robot.servo.position_gain_Nm_rad) == 6
+    low, high = robot.gripper.opening_m
+    assert low < robot.gripper.open_opening_m < high
+    assert [limb.name for limb in robot.limbs] == ["LF", "RF", "LR", "RR"]
+    assert [limb.bus for limb in robot.limbs] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("file", "right", "wrong", "says"),
+    [
+        ("robot.yaml", "rate_Hz: 500", "rate_hz: 500", r"can\.rate_hz: unknown key; did you mean rate_Hz\?"),
+        ("robot.yaml", "rate_Hz: 500", "rate_Hz: fast", r"can\.rate_Hz: \"fast\": expected a number"),
+        ("robot.yaml", "watchdog_cycles: 5", "watchdog_cycles: 5.5", r"watchdog_cycles: 5\.5: expected a whole number"),
+        (
+            "robot.yaml",
+            "[100, 100, 100, 60, 60, 60]",
+            "[100, 100]",
+            r"position_gain_Nm_rad: a list of 2: expected a list of 6",
+        ),
+        ("robot.yaml", "[0.165, 0.21]", "[0.21, 0.165]", r"body\.height_m: \[0\.21, 0\.165\]: expected \[low, high\]"),
+        (
+            "robot.yaml",
+            "stiffness_N_m: 20000",
+            "stiffness_N_m: -1",
+            r"gripper\.stiffness_N_m: -1: expected a number in 0",
+        ),
+        ("robot.yaml", "  RR: {bus: 3, prefix: RR}\n", "", r"limbs\.RR: is missing"),
+        (
+            "robot.yaml",
+            "urdf: scaler.urdf",
+            "urdf: ../scaler.urdf",
+            r"urdf: \"\.\./scaler\.urdf\": expected a file name",
+        ),
+        ("robot.yaml", "urdf: scaler.urdf", "urdf: other.urdf", r"other\.urdf: no such file"),
+        ("robot.yaml", "body_link: base", "body_link: torso", r"torso: has no such link"),
+        ("robot.yaml", "prefix: LF", "prefix: XX", r"link XX_gripper: expected it to hang on base"),
+        ("scaler.urdf", "<robot ", "<robot<", r"is not XML"),
+        ("scaler.urdf", '<?xml version="1.0"?>', '<!DOCTYPE r [<!ENTITY a "b">]>', r"document types and entities"),
+        (
+            "scaler.urdf",
+            'mass value="2.8"',
+            'mass value="heavy"',
+            r"link base: value=\"heavy\": expected 1 finite numbers",
+        ),
+        ("scaler.urdf", 'mass value="2.8"', 'mass value="-1"', r"link base: -1: expected a mass"),
+        (
+            "scaler.urdf",
+            'lower="-1.9" upper="1.9"',
+            'lower="1.9" upper="-1.9"',
+            r"joint LF_joint1: 1\.9\.\.-1\.9: expected lower",
+        ),
+        (
+            "scaler.urdf",
+            '<axis xyz="0 -1 0"/>',
+            '<axis xyz="0 1 0"/>',
+            r"joint LF_joint2: revolute about .*: expected revolute",
+        ),
+        ("scaler.urdf", '<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>', r"joint LF_joint2: axis 0 0 0"),
+        (
+            "scaler.urdf",
+            '<parent link="LF_link1"/>',
+            '<parent link="nowhere"/>',
+            r"joint LF_joint2: nowhere: no such link",
+        ),
+        (
+            "scaler.urdf",
+            'xyz="0.15 0 0" rpy="0 0 0"',
+            'xyz="0.15 0.1 0" rpy="0 0 0"',
+            r"joint LF_joint3: .* a link along x",
+        ),
+        ("scaler.urdf", '<link name="LF_link1">', '<link name="base">', r"link base: expected once"),
+    ],
+)
+def test_one_clear_message_for_a_broken_robot(folder: Path, file: str, right: str, wrong: str, says: str) -> None:
+    spoil(folder, file, right, wrong)
+    with pytest.raises(DocumentError, match=says) as caught:
+        load_robot(folder)
+    assert isinstance(caught.value, RobotError)
+
+
+def test_a_folder_without_a_robot_is_told(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"robot\.yaml: no such file"):
+        load_robot(tmp_path)
