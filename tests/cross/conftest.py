@@ -1,0 +1,17 @@
+"""One good plan for everything that breaks plans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from broken_scenarios import SCENARIO
+from crux_tools import cli
+
+
+@pytest.fixture(scope="session")
+def plan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plan of the four-hold wall, made by the real planner."""
+    path = tmp_path_factory.mktemp("plan") / "plan.mcap"
+    assert cli.main(["plan", str(SCENARIO), "-o", str(path)]) == 0
+    return path
