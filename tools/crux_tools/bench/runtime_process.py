@@ -17,6 +17,7 @@ from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
 START_TRIES = 40  # of half a second
+GUARD_TIME_S = 10.0  # lockstep: a busy machine must not make the runtime go on without its nodes
 STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
@@ -28,6 +29,7 @@ class RuntimeProcess:
         self._arguments = [
             str(built(BINARY)),
             *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
+            *("--guard-time", str(GUARD_TIME_S)),
             *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__
