@@ -1,4 +1,3 @@
-#define _GNU_SOURCE  // recvmmsg, sendmmsg
 #include "bus.h"
 
 #include <arpa/inet.h>
@@ -50,7 +49,7 @@ static bool parse_group(const char *url, struct sockaddr_in *address) {
 
 /// Lets the kernel drop our own datagrams, which multicast loops back: those from the sending socket's port.
 static bool drop_own(int receive_fd, int send_fd) {
-  struct sockaddr_in own;
+  struct sockaddr_in own = {0};
   socklen_t size = sizeof(own);
   if (getsockname(send_fd, (struct sockaddr *)&own, &size) != 0) {
     return false;

@@ -1,0 +1,16 @@
+/// Parameters of all nodes of a robot, generated from its description by generate_node_table.py: one image fits every
+/// joint (every gripper), the board's straps say which one it is.
+#ifndef CRUX_STM32G474_NODE_TABLE_H
+#define CRUX_STM32G474_NODE_TABLE_H
+
+#include "bit_rates.h"
+#include "crux_can_ids.h"
+#include "parameters.h"
+
+#define NODE_TABLE_LIMBS 4U
+
+extern const crux_joint_parameters node_table_joints[NODE_TABLE_LIMBS * CRUX_CAN_JOINTS];  ///< limb-major
+extern const crux_gripper_parameters node_table_grippers[NODE_TABLE_LIMBS];
+extern const uint32_t node_table_hash;
+
+#endif
