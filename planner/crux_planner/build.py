@@ -21,10 +21,12 @@ from crux_planner.mass import composite_inertia
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.search.swing import SwingLimits
 from crux_planner.terms.obstacles import Cuboids
+from crux_planner.terms.torque import limb_masses
 from crux_planner.workspace import WorkspaceRange, acceptance_boxes
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
+TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 
 
 def build_problem(scenario: Scenario, robot: Robot) -> Problem:
@@ -40,7 +42,8 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
     body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, robot.body.max_speed_m_s, robot.body.max_rate_rad_s)
     start, goal = _pose(scenario.start.body, heading), _pose(scenario.goal.body, heading)
     _check_body(scenario, body, start, goal)
-    clearance = scenario.planner.margins.get("clearance_m", robot.grasp.swing_clearance_m)
+    margins = scenario.planner.margins
+    clearance = margins.get("clearance_m", robot.grasp.swing_clearance_m)
     shape = GripperShape(
         *robot.gripper.opening_m,
         robot.gripper.open_opening_m,
@@ -107,7 +110,10 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         shape=shape,
         swing=limits,
         weights=_weights(scenario),
-        friction_share=1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN),
+        friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
+        limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        torque_limits_Nm=(1.0 - margins.get("torque", TORQUE_MARGIN))
+        * np.stack([limb.effort_Nm for limb in robot.limbs]),
         heading_rad=heading,
     )
 

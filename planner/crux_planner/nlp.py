@@ -1,7 +1,7 @@
 """The exact P1 with contacts fixed: body motion and finger forces under (2)-(4), (7), (8), (9a), with casadi and ipopt.
 
 Contacts, and with them the gripper poses, come from a schedule; what is left is smooth. Each equation is one small
-casadi function in `terms`, mapped over the knots (or over all pairs of knot and limb in stance).
+casadi function in `terms`, mapped over the knots or over all pairs of a knot and a limb in stance.
 """
 
 from __future__ import annotations
@@ -13,31 +13,33 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.arrays import Array
+from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
+from crux_planner.terms.bounds import body_bounds, wrench_bounds
 from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
 from crux_planner.terms.limit_surface import cone_demand
 from crux_planner.terms.reach import offset_in_body
+from crux_planner.terms.torque import joint_torques
 
-FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that all variables of the NLP are of order one
-LEAST_NORMAL_N = 1.0  # a finger in stance keeps touching
-_BOUND_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
+FORCE_SCALE_N = (
+    10.0  # forces in tens of newtons and torques in newton metres, so that the NLP's numbers are of order one
+)
+_SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
 
 _IPOPT: dict[str, Any] = {
     "print_time": 0,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.linear_solver": "mumps",
-    "ipopt.mu_strategy": "monotone",
-    "ipopt.mu_init": 1e-2,
+    "ipopt.mu_strategy": "adaptive",
     "ipopt.tol": 1e-4,
     "ipopt.constr_viol_tol": 1e-7,
     "ipopt.compl_inf_tol": 1e-3,
     "ipopt.acceptable_iter": 0,
     "ipopt.max_iter": 300,
-    "ipopt.fixed_variable_treatment": "make_parameter",
 }
 
 
@@ -53,60 +55,141 @@ class Solution:
     solved: bool
     position_residual_m: float
     force_residual_N: float
+    torque_share: float  # largest joint torque at a knot over what the plan may use of the joint's peak
 
 
-def solve(problem: Problem, schedule: Schedule, guess: BodyPath, friction_margin: float) -> Solution:
-    """Solve P1 for a schedule from a quasi-static guess. `friction_margin` is the share of (2) the plan may use."""
-    n = problem.steps
-    pairs = [(k, limb) for k in range(n) for limb in range(4) if schedule.contacts[k][limb] is not None]
-    contacts = [problem.contacts[_index(schedule, k, limb)] for k, limb in pairs]
+@dataclass(frozen=True)
+class Start:
+    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`."""
 
+    body: Array
+    wrenches: list[dict[int, Array]]
+
+
+@dataclass(frozen=True)
+class _Stance:
+    """All (knot, limb) in stance, in the order of the NLP's columns."""
+
+    knots: list[int]
+    limbs: list[int]
+    contacts: list[Contact]
+
+    @property
+    def grasps(self) -> Array:
+        """(9, P): centre, opening axis, tangent."""
+        return np.array([[*c.centre_w_m, *c.axis, *c.tangent] for c in self.contacts]).T
+
+    def sums(self, knots: int) -> Any:
+        """(P, knots) matrix that adds up what belongs to each knot."""
+        return ca.DM.triplet(range(len(self.knots)), self.knots, ca.DM.ones(len(self.knots)), len(self.knots), knots)
+
+
+class _Rows:
+    """Constraints low <= g <= high, collected."""
+
+    def __init__(self) -> None:
+        self.expressions: list[Any] = []
+        self.low: list[Array] = []
+        self.high: list[Array] = []
+
+    def add(self, expression: Any, low: Array | float, high: Array | float) -> None:
+        """`expression` is a matrix; bounds are a column of it, or one number for all."""
+        rows, columns = expression.shape
+        self.expressions.append(ca.vec(expression))
+        self.low.append(np.tile(np.broadcast_to(low, rows), columns))
+        self.high.append(np.tile(np.broadcast_to(high, rows), columns))
+
+
+def solve(problem: Problem, schedule: Schedule, start: Start, *, torque_rows: bool = False) -> Solution:
+    """Solve P1 for a schedule; with `torque_rows`, joint torques at the knots are constraints too."""
+    n, stance = problem.steps, _stance(problem, schedule)
+    scale = np.array([1.0, 1.0, problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
     x = ca.MX.sym("x", BODY_STATES, n + 1)
-    q = ca.MX.sym("q", WRENCH_INPUTS, len(pairs))  # scaled
-    a = ca.MX.sym("a", 3, len(pairs))  # the spines' share (3) of a finger's shear and twist, scaled
-    scale = np.array([FORCE_SCALE_N, FORCE_SCALE_N, FORCE_SCALE_N * problem.patch.k_m, FORCE_SCALE_N, FORCE_SCALE_N])
+    q = ca.MX.sym("q", WRENCH_INPUTS, len(stance.knots))  # scaled
+    a = ca.MX.sym("a", 3, len(stance.knots))  # the spines' share (3) of a finger's shear and twist, scaled
 
-    grasps = np.array([[*c.centre_w_m, *c.axis, *c.tangent] for c in contacts]).T
-    of_knot = np.zeros((len(pairs), n))
-    of_knot[np.arange(len(pairs)), [k for k, _ in pairs]] = 1.0
-    totals = _wrench_function(scale).map(len(pairs))(q, grasps) @ ca.sparsify(ca.DM(of_knot))
-    defects = _step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:]
-    friction = np.array([friction_margin * c.friction for c in contacts])[None, :]
-    cones = _cone_function(problem, scale).map(len(pairs))(q, a, friction)
-    offsets = _reach_function().map(n)(x[:, 1:], schedule.poses[1:, :, :3].reshape(n, 12).T)
+    rows = _Rows()
+    wrenches = _wrench_function(scale).map(len(stance.knots))(q, stance.grasps)
+    totals = wrenches @ stance.sums(n)
+    rows.add(_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0)
+    friction = problem.friction_share * np.array([[c.friction for c in stance.contacts]])
+    rows.add(_cone_function(problem, scale).map(len(stance.knots))(q, a, friction), 0.0, np.inf)
+    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+    grippers = schedule.poses[1:, :, :3].reshape(n, 12).T
+    rows.add(_reach_function().map(n)(x[:, 1:], grippers), middle - half, middle + half)
+    torques = _torques(problem, stance, x, q, scale)
+    if torque_rows:
+        for limb, torque in enumerate(torques):
+            rows.add(torque, -problem.torque_limits_Nm[limb], problem.torque_limits_Nm[limb])
 
-    cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x)) + ca.sum2(
-        _wrench_cost_function(problem, scale).map(len(pairs))(q)
-    )
-    low_x, high_x = _body_bounds(problem, schedule)
-    high_q = np.array([ca.inf, ca.inf, ca.inf, problem.patch.max_normal_N, problem.patch.max_normal_N]) / scale
-    low_q = np.array([-ca.inf, -ca.inf, -ca.inf, LEAST_NORMAL_N, LEAST_NORMAL_N]) / scale
-    spines = (
-        friction_margin * np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in contacts]) / scale[:3]
-    )
-    box_low = (problem.boxes.centre_b_m - problem.boxes.half_m).ravel()
-    box_high = (problem.boxes.centre_b_m + problem.boxes.half_m).ravel()
-
-    nlp: dict[str, Any] = {"x": ca.veccat(x, q, a), "f": cost, "g": ca.veccat(defects, cones, offsets)}
+    cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
+    cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + _SPINE_WEIGHT * ca.sumsqr(a)
+    low_x, high_x = body_bounds(problem, schedule)
+    low_q, high_q = wrench_bounds(problem)
+    spines = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in stance.contacts])
+    spines = (problem.friction_share * spines / scale[:3]).ravel()
+    variables = ca.veccat(x, q, a)
+    nlp: dict[str, Any] = {"x": variables, "f": cost, "g": ca.vertcat(*rows.expressions)}
     solver = ca.nlpsol("p1", "ipopt", nlp, _IPOPT)
-    x0, q0 = _start(problem, guess, pairs)
-    zeros, many = np.zeros(BODY_STATES * n), len(pairs)
+    many = len(stance.knots)
+    q0 = np.array([start.wrenches[k][limb] for k, limb in zip(stance.knots, stance.limbs, strict=True)]) / scale
     result = solver(
-        x0=np.concatenate([x0.ravel(), (q0 / scale).ravel(), np.zeros(3 * many)]),
-        lbx=np.concatenate([low_x.ravel(), np.tile(low_q, many), -spines.ravel()]),
-        ubx=np.concatenate([high_x.ravel(), np.tile(high_q, many), spines.ravel()]),
-        lbg=np.concatenate([zeros, np.zeros(2 * many), np.tile(box_low, n)]),
-        ubg=np.concatenate([zeros, np.full(2 * many, ca.inf), np.tile(box_high, n)]),
+        x0=np.concatenate([start.body.ravel(), q0.ravel(), np.zeros(3 * many)]),
+        lbx=np.concatenate([low_x.ravel(), np.tile(low_q / scale, many), -spines]),
+        ubx=np.concatenate([high_x.ravel(), np.tile(high_q / scale, many), spines]),
+        lbg=np.concatenate(rows.low),
+        ubg=np.concatenate(rows.high),
     )
-    values = np.array(result["x"]).ravel()
-    body = values[: x.numel()].reshape(n + 1, BODY_STATES)
+    return _solution(problem, schedule, stance, solver.stats(), result, scale, ca.Function("torques", [x, q], torques))
+
+
+def start_from_path(problem: Problem, path: BodyPath) -> Start:
+    """The quasi-static path: orientation turned evenly, velocities from the steps."""
+    n = problem.steps
+    body = np.zeros((n + 1, BODY_STATES))
+    body[:, 0:3] = path.positions
+    body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
+    body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
+    wrenches = [
+        {limb: np.array([s1, s2, m, n + max(f, 0.0), n + max(-f, 0.0)]) for limb, (s1, s2, m, f, n) in knot.items()}
+        for knot in path.wrenches
+    ]
+    return Start(body, wrenches)
+
+
+def _stance(problem: Problem, schedule: Schedule) -> _Stance:
+    found = [
+        (k, limb, problem.contacts[contact])
+        for limb in range(4)
+        for k in range(problem.steps)
+        if (contact := schedule.contacts[k][limb]) is not None
+    ]
+    return _Stance([k for k, _, _ in found], [limb for _, limb, _ in found], [c for _, _, c in found])
+
+
+def _torques(problem: Problem, stance: _Stance, x: Any, q: Any, scale: Array) -> list[Any]:
+    """Joint torques (6, P_limb) of every limb at its knots in stance, Nm."""
+    torques = []
+    for limb in range(4):
+        columns = [i for i, other in enumerate(stance.limbs) if other == limb]
+        knots = [stance.knots[i] for i in columns]
+        function = _torque_function(problem, limb, scale).map(len(columns))
+        torques.append(function(x[:, knots], q[:, columns], stance.grasps[:, columns]))
+    return torques
+
+
+def _solution(
+    problem: Problem, schedule: Schedule, stance: _Stance, stats: Any, result: Any, scale: Array, torques: ca.Function
+) -> Solution:
+    n, values = problem.steps, np.array(result["x"]).ravel()
+    size = BODY_STATES * (n + 1)
+    body = values[:size].reshape(n + 1, BODY_STATES)
+    scaled = values[size : size + WRENCH_INPUTS * len(stance.knots)].reshape(-1, WRENCH_INPUTS)
     wrenches: list[dict[int, Array]] = [{} for _ in range(n)]
-    for (k, limb), scaled in zip(
-        pairs, values[x.numel() : x.numel() + q.numel()].reshape(-1, WRENCH_INPUTS), strict=True
-    ):
-        wrenches[k][limb] = scaled * scale
-    stats = solver.stats()
-    residual = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
+    for k, limb, q in zip(stance.knots, stance.limbs, scaled, strict=True):
+        wrenches[k][limb] = q * scale
+    used = [np.abs(np.array(t)) / problem.torque_limits_Nm[i][:, None] for i, t in enumerate(torques(body.T, scaled.T))]
+    defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
     return Solution(
         body=body,
         wrenches=wrenches,
@@ -114,15 +197,10 @@ def solve(problem: Problem, schedule: Schedule, guess: BodyPath, friction_margin
         iterations=int(stats["iter_count"]),
         status=str(stats["return_status"]),
         solved=bool(stats["success"]),
-        position_residual_m=float(residual[:, :3].max()),
-        force_residual_N=float(residual[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
+        position_residual_m=float(defects[:, :3].max()),
+        force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
+        torque_share=max(float(share.max()) for share in used),
     )
-
-
-def _index(schedule: Schedule, k: int, limb: int) -> int:
-    contact = schedule.contacts[k][limb]
-    assert contact is not None
-    return contact
 
 
 def _wrench_function(scale: Array) -> ca.Function:
@@ -146,8 +224,17 @@ def _cone_function(problem: Problem, scale: Array) -> ca.Function:
 
 def _reach_function() -> ca.Function:
     x, grippers = ca.SX.sym("x", BODY_STATES), ca.SX.sym("grippers", 12)
-    rows = [offset_in_body(x[0:3], x[3:6], grippers[3 * limb : 3 * limb + 3]) for limb in range(4)]
-    return ca.Function("reach", [x, grippers], [ca.vertcat(*rows)])
+    offsets = [offset_in_body(x[0:3], x[3:6], grippers[3 * limb : 3 * limb + 3]) for limb in range(4)]
+    return ca.Function("reach", [x, grippers], [ca.vertcat(*offsets)])
+
+
+def _torque_function(problem: Problem, limb: int, scale: Array) -> ca.Function:
+    x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
+    force, _ = gripper_wrench(q * scale, grasp[0:3], grasp[3:6], grasp[6:9])
+    twist = 2 * q[2] * scale[2] * grasp[3:6]
+    place = (x[0:3], x[3:6], grasp[0:3], grasp[3:6])
+    torques = joint_torques(problem.limb_masses[limb], *place, force, twist, problem.gravity_w)
+    return ca.Function(f"torques_{limb}", [x, q, grasp], [torques])
 
 
 def _body_cost_function(problem: Problem) -> ca.Function:
@@ -158,36 +245,3 @@ def _body_cost_function(problem: Problem) -> ca.Function:
 def _wrench_cost_function(problem: Problem, scale: Array) -> ca.Function:
     q = ca.SX.sym("q", WRENCH_INPUTS)
     return ca.Function("wrench_cost", [q], [wrench_cost(q * scale, problem)])
-
-
-def _body_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
-    """Bounds (7) of the body states (N + 1, 12); start and goal, and the grippers' yaw range, are bounds as well."""
-    body, goal, n = problem.body, problem.goal, problem.steps
-    speed, rate = _BOUND_SHARE * body.max_speed_m_s, _BOUND_SHARE * body.max_rate_rad_s
-    tilt = _BOUND_SHARE * body.max_tilt_rad
-    high = np.tile([ca.inf, ca.inf, body.height_m[1], tilt, tilt, ca.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
-    low = -high
-    low[:, 2] = body.height_m[0]
-    yaws = schedule.poses[..., 3]
-    low[:, 5] = (yaws - problem.gripper_yaw_rad[1]).max(axis=1)
-    high[:, 5] = (yaws - problem.gripper_yaw_rad[0]).min(axis=1)
-    low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
-    pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
-    spread = np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
-    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - spread), np.zeros(6)])
-    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + spread), np.zeros(6)])
-    return low, high
-
-
-def _start(problem: Problem, guess: BodyPath, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
-    """Starting point: the quasi-static path, orientation turned evenly, squeeze raised into the cone."""
-    n = problem.steps
-    x0 = np.zeros((n + 1, BODY_STATES))
-    x0[:, 0:3] = guess.positions
-    x0[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
-    x0[:-1, 6:9] = np.diff(guess.positions, axis=0) / problem.dt_s
-    q0 = np.zeros((len(pairs), WRENCH_INPUTS))
-    for i, (k, limb) in enumerate(pairs):
-        s1, s2, m, axial, normal = guess.wrenches[k][limb]
-        q0[i] = [s1, s2, m, normal + max(axial, 0.0), normal + max(-axial, 0.0)]
-    return x0, q0

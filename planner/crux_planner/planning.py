@@ -14,7 +14,7 @@ from crux_contracts.scenario import Scenario
 from crux_planner.build import build_problem
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.nlp import Solution, solve
+from crux_planner.nlp import Solution, Start, solve, start_from_path
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
@@ -120,7 +120,11 @@ def _realise(
         )
         return error, _longest(problem, moves)
     with work.part("nlp", 0.5):
-        solution = solve(problem, schedule, path, problem.friction_share)
+        solution = solve(problem, schedule, start_from_path(problem, path))
+        if (
+            solution.solved and solution.torque_share > 1.0
+        ):  # most climbs never need these rows, and are quicker without
+            solution = solve(problem, schedule, Start(solution.body, solution.wrenches), torque_rows=True)
     if not solution.solved:
         return InfeasibleError(
             "dynamics", f"the exact problem has no solution for the gait {_gait(schedule)} ({solution.status})"

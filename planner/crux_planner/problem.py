@@ -11,6 +11,7 @@ from crux_planner.arrays import Array
 from crux_planner.contacts import Contact, GripperShape
 from crux_planner.search.swing import SwingLimits
 from crux_planner.terms.obstacles import Cuboids
+from crux_planner.terms.torque import LimbMasses
 from crux_planner.workspace import AcceptanceBoxes
 
 LIMBS = ("LF", "RF", "LR", "RR")
@@ -102,6 +103,8 @@ class Problem:
     swing: SwingLimits
     weights: Weights
     friction_share: float  # of the limit surface that a plan may use
+    limb_masses: tuple[LimbMasses, ...]
+    torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     heading_rad: float  # of this frame in W
 
     @property

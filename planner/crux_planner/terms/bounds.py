@@ -1,0 +1,37 @@
+"""Equation (7): bounds of body states and finger forces; start, goal and the grippers' range of yaw are bounds as well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.problem import Problem
+from crux_planner.search.schedule import Schedule
+
+LEAST_NORMAL_N = 1.0  # a finger in stance keeps touching
+_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
+
+
+def body_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
+    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega."""
+    body, goal, n = problem.body, problem.goal, problem.steps
+    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
+    top = [np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3]
+    high = np.tile(top, (n + 1, 1))
+    low = -high
+    low[:, 2] = body.height_m[0]
+    yaws = schedule.poses[..., 3]
+    low[:, 5] = (yaws - problem.gripper_yaw_rad[1]).max(axis=1)
+    high[:, 5] = (yaws - problem.gripper_yaw_rad[0]).min(axis=1)
+    low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
+    pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
+    room = np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
+    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
+    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
+    return low, high
+
+
+def wrench_bounds(problem: Problem) -> tuple[Array, Array]:
+    """Bounds (5,) of a gripper's (s1, s2, m, n1, n2) in stance."""
+    high = np.array([np.inf, np.inf, np.inf, problem.patch.max_normal_N, problem.patch.max_normal_N])
+    return np.array([-np.inf, -np.inf, -np.inf, LEAST_NORMAL_N, LEAST_NORMAL_N]), high
