@@ -43,6 +43,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
     start, goal = _pose(scenario.start.body, heading), _pose(scenario.goal.body, heading)
     _check_body(scenario, body, start, goal)
     margins = scenario.planner.margins
+    torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     clearance = margins.get("clearance_m", robot.grasp.swing_clearance_m)
     shape = GripperShape(
         *robot.gripper.opening_m,

@@ -24,9 +24,7 @@ from crux_planner.terms.limit_surface import cone_demand
 from crux_planner.terms.reach import offset_in_body
 from crux_planner.terms.torque import joint_torques
 
-FORCE_SCALE_N = (
-    10.0  # forces in tens of newtons and torques in newton metres, so that the NLP's numbers are of order one
-)
+FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the NLP's numbers are of order one
 _SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
 
 _IPOPT: dict[str, Any] = {

@@ -121,9 +121,7 @@ def _realise(
         return error, _longest(problem, moves)
     with work.part("nlp", 0.5):
         solution = solve(problem, schedule, start_from_path(problem, path))
-        if (
-            solution.solved and solution.torque_share > 1.0
-        ):  # most climbs never need these rows, and are quicker without
+        if solution.solved and solution.torque_share > 1.0:  # most climbs do without these rows
             solution = solve(problem, schedule, Start(solution.body, solution.wrenches), torque_rows=True)
     if not solution.solved:
         return InfeasibleError(

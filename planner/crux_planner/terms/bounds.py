@@ -1,4 +1,4 @@
-"""Equation (7): bounds of body states and finger forces; start, goal and the grippers' range of yaw are bounds as well."""
+"""Equation (7): bounds of body states and finger forces; start, goal and the grippers' range of yaw are bounds too."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def joint_torques(
 
 
 def _elbow(wrist: Any, upper: float, lower: float) -> tuple[Any, Any]:
-    """Elbow (3,) from the shoulder, and the limb's horizontal direction (2,), for a wrist position from the shoulder."""
+    """Elbow (3,) and the limb's horizontal direction (2,) for a wrist position, both positions from the shoulder."""
     radius = ca.sqrt(wrist[0] ** 2 + wrist[1] ** 2)
     out = wrist[:2] / radius
     squared = radius**2 + wrist[2] ** 2
