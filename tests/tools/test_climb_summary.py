@@ -111,6 +111,8 @@ def test_margins_by_hand(log_path: Path) -> None:
     assert np.isnan(margin[3:5, 0]).all()
     assert not np.isnan(margin[:, 1:]).any()
     log = read_log(log_path)
-    measured = measured_margin_n(log, np.array([0]))[0]
+    rows = np.array([0, STORY.ready_cycles + 10])
+    before, measured = measured_margin_n(log, rows)
+    assert np.isnan(before).all()
     error = STORY.force_error_n[3][2] / 2  # of RR, off the wall: only the demand grows
     assert measured[3] == pytest.approx(margin[0, 3] - error)

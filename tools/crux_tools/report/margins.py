@@ -15,7 +15,7 @@ from crux_planner.checker.limit_surface import cone_excess
 
 from crux_tools.report.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.summary import FULL_LOAD, STANCE
+from crux_tools.telemetry.summary import in_full_stance
 
 _FACES = 4  # +x, -x, +y, -y
 Z = np.array([0.0, 0.0, 1.0])
@@ -81,9 +81,9 @@ def split_between_fingers(
 
 
 def measured_margin_n(log: Telemetry, rows: np.ndarray) -> np.ndarray:
-    """Margin of fingers 1 and 2 of every limb in the cycles `rows`, (len(rows), 4, 2) [N]; NaN unless in full stance.
+    """Margin of fingers 1 and 2 of every limb in the cycles `rows`, (len(rows), 4, 2) [N].
 
-    The faces are those of the plan's knot at the logged plan time.
+    NaN unless climbing in full stance. The faces are those of the plan's knot at the logged plan time.
     """
     plan = log.plan
     series = plan_series(plan)
@@ -97,5 +97,5 @@ def measured_margin_n(log: Telemetry, rows: np.ndarray) -> np.ndarray:
     )
     outward = np.stack([axis, -axis], axis=2)
     margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
-    loaded = (log.references["phase"][rows] == STANCE) & (log.references["load"][rows] > FULL_LOAD)
+    loaded = in_full_stance(log)[rows]
     return np.where((loaded & series.stance[knot])[..., None], margin, np.nan)

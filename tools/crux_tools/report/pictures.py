@@ -19,8 +19,8 @@ from crux_tools.report.renderer import Renderer
 from crux_tools.telemetry import Telemetry
 
 # Seen from the body, frame W: from the lower right, off the wall.
-EYE_W_M = np.array([-0.82, -0.50, 0.98])
-LOOK_AHEAD_W_M = np.array([0.04, 0.0, -0.08])
+EYE_W_M = np.array([-0.86, -0.56, 1.00])
+LOOK_AHEAD_W_M = np.array([-0.01, 0.0, -0.10])
 FIELD_OF_VIEW_DEG = 40.0
 SUN = "sun"
 SUN_ABOVE_BODY_M = np.array([1.1, 0.35, 1.9])

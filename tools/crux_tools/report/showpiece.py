@@ -1,12 +1,9 @@
-"""One large picture of the robot in the middle of its first swings, as the README shows it."""
+"""One large picture of the robot in the middle of a swing, as the README shows it."""
 
 from __future__ import annotations
 
 import io
 from typing import Any
-
-import numpy as np
-from PIL import Image
 
 from crux_tools.bench.start_pose import RobotPose
 from crux_tools.errors import WorkFailed
@@ -14,10 +11,19 @@ from crux_tools.report.pictures import open_stage
 from crux_tools.report.plan_series import plan_series
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.summary import SWING
+from crux_tools.telemetry.summary import SWING, runs
 
 SIZE_PX = (1000, 700)
-COLOURS = 256  # a palette keeps the file small without visible loss
+
+
+def _middle_row(log: Telemetry) -> int:
+    """The middle of the middle swing, or the end of a log without one."""
+    swinging = (log.references["phase"] == SWING).any(axis=1)
+    swings = [(first, end) for first, end in runs(swinging) if swinging[first]]
+    if not swings:
+        return len(log.time_s) - 1
+    first, end = swings[len(swings) // 2]
+    return (first + end) // 2
 
 
 def showpiece(plan: Any, log: Telemetry | None) -> bytes:
@@ -27,8 +33,7 @@ def showpiece(plan: Any, log: Telemetry | None) -> bytes:
     try:
         with open_stage(plan, SIZE_PX) as stage:
             if log is not None:
-                swinging = np.flatnonzero((log.references["phase"] == SWING).any(axis=1))
-                stage.show_cycle(log, int(swinging[len(swinging) // 2]) if len(swinging) else len(log.time_s) - 1)
+                stage.show_cycle(log, _middle_row(log))
             else:
                 swings = plan_series(plan).swings()
                 middle = swings[len(swings) // 2] if swings else None
@@ -38,5 +43,5 @@ def showpiece(plan: Any, log: Telemetry | None) -> bytes:
     except NoGraphicsError as error:
         raise WorkFailed(f"no picture: this machine has no OpenGL to render it with ({error})") from error
     buffer = io.BytesIO()
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(buffer, format="PNG", optimize=True)
+    image.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()
