@@ -113,8 +113,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         weights=_weights(scenario),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
-        torque_limits_Nm=(1.0 - margins.get("torque", TORQUE_MARGIN))
-        * np.stack([limb.effort_Nm for limb in robot.limbs]),
+        torque_limits_Nm=torque_share * np.stack([limb.effort_Nm for limb in robot.limbs]),
         heading_rad=heading,
     )
 
