@@ -81,7 +81,6 @@ class PlanReference:
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
         self._wrench = np.array([[gripper_wrench(limb) for limb in knot] for knot in limbs])
-        self._wrench[-1] = self._wrench[-2]
         poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
         self._body = PchipInterpolator(np.arange(len(poses)) * plan.dt_s, poses)
         self._body_rate = self._body.derivative()

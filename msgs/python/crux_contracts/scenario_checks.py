@@ -12,7 +12,7 @@ OVERLAP_TOLERANCE_M = 1e-6
 
 
 @dataclass(frozen=True)
-class _Footprint:
+class Footprint:
     """A cuboid seen from above."""
 
     name: str
@@ -33,7 +33,7 @@ class _Footprint:
         return self.half_x_m * abs(ux * axis[0] + uy * axis[1]) + self.half_y_m * abs(vx * axis[0] + vy * axis[1])
 
 
-def overlap_m(a: _Footprint, b: _Footprint) -> float:
+def overlap_m(a: Footprint, b: Footprint) -> float:
     """Least way to push two footprints apart, by the separating axis theorem; not positive when they are apart."""
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
     gap = math.hypot(dx, dy) - math.hypot(a.half_x_m, a.half_y_m) - math.hypot(b.half_x_m, b.half_y_m)
@@ -58,7 +58,7 @@ def _floats(node: Node | None, count: int) -> list[float] | None:
     return numbers if len(numbers) == count and all(math.isfinite(v) for v in numbers) else None
 
 
-def _footprint(node: Node) -> _Footprint | None:
+def _footprint(node: Node) -> Footprint | None:
     """None where a value is wrong in itself, which has been noted already."""
     keys = _members(node)
     position, size = _floats(keys.get("position_m"), 2), _floats(keys.get("size_m"), 3)
@@ -68,7 +68,7 @@ def _footprint(node: Node) -> _Footprint | None:
     if isinstance(yaw, bool) or not isinstance(yaw, (int, float)) or not math.isfinite(yaw):
         return None
     name = keys["name"].shown() if "name" in keys else node.key
-    return _Footprint(name, node, position[0], position[1], size[0] / 2, size[1] / 2, math.radians(yaw))
+    return Footprint(name, node, position[0], position[1], size[0] / 2, size[1] / 2, math.radians(yaw))
 
 
 def check_cuboids(check: Checker, keys: dict[str, Node]) -> None:
