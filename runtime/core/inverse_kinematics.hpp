@@ -29,7 +29,11 @@ class InverseKinematics {
   IkResult step(const Pose& target_B, const JointVector& last_command_rad, double dt_s) noexcept;
 
  private:
-  std::array<JointLimits, kJoints> limits_;
+  /// Damped least-squares step towards `error` that leaves every joint inside its limits.
+  JointVector damped_step(const Matrix6& jacobian, const Vector6& error, const JointVector& q_rad,
+                          double damping) const noexcept;
+
+  JointVector lower_rad_, upper_rad_, velocity_rad_s_;
   LimbKinematics& kinematics_;
 };
 

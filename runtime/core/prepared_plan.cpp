@@ -48,9 +48,7 @@ std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s)
   return slopes;
 }
 
-Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
-  if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
-
+std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
   auto prepared = std::make_unique<PreparedPlan>();
   prepared->plan_id = plan.plan_id;
   prepared->dt_s = plan.dt_s;
@@ -88,8 +86,14 @@ Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription&
     const std::vector<double> slopes = pchip_slopes(values, plan.dt_s);
     for (std::size_t k = 0; k < n; ++k) prepared->body_slope[k][i] = slopes[k];
   }
+  return prepared;
+}
+
+Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
+  if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
+  std::unique_ptr<const PreparedPlan> prepared = tabulate(plan);
   if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};
-  return std::unique_ptr<const PreparedPlan>(std::move(prepared));
+  return prepared;
 }
 
 }  // namespace crux

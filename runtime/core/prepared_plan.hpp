@@ -45,6 +45,9 @@ struct PreparedPlan {
 /// value do not fit, and what would.
 Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
 
+/// The tables of a plan, without asking whether it makes sense.
+std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan);
+
 /// Slopes of the monotone piecewise cubic through values[i] at i·dt (Fritsch & Carlson 1980; one-sided three-point
 /// ends).
 std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s);

@@ -1,0 +1,188 @@
+// Admittance against the closed form of mass, damper and spring; grasp force against the formula worked by hand.
+#include "core/admittance.hpp"
+#include "core/grasp_force.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+constexpr double kDt_s = 0.002;
+
+AdmittanceParameters soft() {
+  AdmittanceParameters p = robot().admittance;
+  p.max_speed_m_s = p.max_rate_rad_s = 1e3;
+  p.max_offset_m = p.max_rotation_rad = 1e3;
+  return p;
+}
+
+TEST(Admittance, StepResponseEqualsTheOverdampedOscillator) {
+  AdmittanceParameters p = soft();
+  p.stiffness_N_m = 2000.0;
+  Admittance admittance(p);
+  const double force = 4.0;
+  // M·x'' + D·x' + K·x = F: two real poles.
+  const double root = std::sqrt(p.damping_Ns_m * p.damping_Ns_m - 4.0 * p.mass_kg * p.stiffness_N_m);
+  const double s1 = (-p.damping_Ns_m + root) / (2.0 * p.mass_kg), s2 = (-p.damping_Ns_m - root) / (2.0 * p.mass_kg);
+  for (int i = 1; i <= 1000; ++i) {
+    admittance.step({{0.0, force, 0.0}, Vector3::Zero()}, 1e-4);
+    const double t = 1e-4 * i;
+    const double x = force / p.stiffness_N_m * (1.0 + (s2 * std::exp(s1 * t) - s1 * std::exp(s2 * t)) / (s1 - s2));
+    ASSERT_NEAR(admittance.offset_m().y(), x, 2e-2 * force / p.stiffness_N_m);
+  }
+}
+
+TEST(Admittance, WithoutSpringTheSpeedIsErrorOverDamping) {
+  AdmittanceParameters p = soft();
+  p.stiffness_N_m = p.rotational_stiffness_Nm_rad = 0.0;
+  Admittance admittance(p);
+  for (int i = 0; i < 500; ++i) admittance.step({{2.0, 0.0, 0.0}, {0.0, 0.0, 0.3}}, kDt_s);
+  const Vector3 before = admittance.offset_m(), turned = admittance.rotation_rad();
+  admittance.step({{2.0, 0.0, 0.0}, {0.0, 0.0, 0.3}}, kDt_s);
+  EXPECT_NEAR((admittance.offset_m() - before).x() / kDt_s, 2.0 / p.damping_Ns_m, 1e-9);
+  EXPECT_NEAR((admittance.rotation_rad() - turned).z() / kDt_s, 0.3 / p.rotational_damping_Nms_rad, 1e-9);
+}
+
+TEST(Admittance, OffsetAndSpeedStayInsideTheirClamps) {
+  Admittance admittance(robot().admittance);
+  Vector3 last = Vector3::Zero();
+  for (int i = 0; i < 5000; ++i) {
+    admittance.step({{500.0, 300.0, 0.0}, {9.0, 0.0, 0.0}}, kDt_s);
+    ASSERT_LE((admittance.offset_m() - last).norm(), robot().admittance.max_speed_m_s * kDt_s + 1e-12);
+    ASSERT_LE(admittance.offset_m().norm(), robot().admittance.max_offset_m + 1e-12);
+    ASSERT_LE(admittance.rotation_rad().norm(), robot().admittance.max_rotation_rad + 1e-12);
+    last = admittance.offset_m();
+  }
+  EXPECT_NEAR(last.norm(), robot().admittance.max_offset_m, 1e-6);
+}
+
+TEST(Admittance, LeavesItsClampAtOnceWhenTheErrorTurns) {
+  Admittance admittance(robot().admittance);
+  for (int i = 0; i < 10000; ++i) admittance.step({{500.0, 0.0, 0.0}, Vector3::Zero()}, kDt_s);
+  const double full = admittance.offset_m().x();
+  admittance.step({{-20.0, 0.0, 0.0}, Vector3::Zero()}, kDt_s);
+  EXPECT_LT(admittance.offset_m().x(), full);
+}
+
+TEST(Admittance, DoesNotGrowWhenTheLimbCannotFollowButMayComeBack) {
+  Admittance admittance(robot().admittance);
+  for (int i = 0; i < 100; ++i) admittance.step({{20.0, 0.0, 0.0}, Vector3::Zero()}, kDt_s);
+  const Vector3 held = admittance.offset_m();
+  for (int i = 0; i < 100; ++i) admittance.step({{20.0, 0.0, 0.0}, Vector3::Zero()}, kDt_s, false);
+  EXPECT_EQ(admittance.offset_m(), held);
+  for (int i = 0; i < 100; ++i) admittance.step({{-20.0, 0.0, 0.0}, Vector3::Zero()}, kDt_s, false);
+  EXPECT_LT(admittance.offset_m().x(), held.x());
+}
+
+TEST(Admittance, NewParametersMakeNoBump) {
+  Admittance admittance(soft());
+  const Wrench error = {{5.0, 0.0, 0.0}, {0.0, 0.2, 0.0}};
+  for (int i = 0; i < 300; ++i) admittance.step(error, kDt_s);
+  const Vector3 before = admittance.offset_m(), turned = admittance.rotation_rad();
+  AdmittanceParameters stiff = soft();
+  stiff.stiffness_N_m *= 20.0;
+  stiff.damping_Ns_m *= 3.0;
+  admittance.set_parameters(stiff);
+  EXPECT_EQ(admittance.offset_m(), before);
+  EXPECT_EQ(admittance.rotation_rad(), turned);
+  admittance.step(error, kDt_s);
+  EXPECT_LT((admittance.offset_m() - before).norm(), 5.0 / soft().damping_Ns_m * kDt_s * 1.01);
+}
+
+TEST(Admittance, FadesWithTheTimeConstantGiven) {
+  Admittance admittance(soft());
+  admittance.reset({0.01, 0.0, 0.0}, {0.0, 0.1, 0.0});
+  for (int i = 0; i < 500; ++i) admittance.fade(0.5, kDt_s);  // 1 s: two time constants
+  EXPECT_NEAR(admittance.offset_m().x(), 0.01 * std::exp(-2.0), 2e-4);
+  EXPECT_NEAR(admittance.rotation_rad().y(), 0.1 * std::exp(-2.0), 2e-3);
+}
+
+TEST(Admittance, AnOffsetTakenOverOutsideTheClampDoesNotJump) {
+  Admittance admittance(robot().admittance);
+  admittance.reset({0.08, 0.0, 0.0}, Vector3::Zero());
+  admittance.fade(0.5, kDt_s);
+  EXPECT_NEAR(admittance.offset_m().x(), 0.08, robot().admittance.max_speed_m_s * kDt_s);
+}
+
+const Contact kContact = {2.2, 0.0134, 60.0};
+
+TEST(GraspForce, EqualsTheFormulaByHand) {
+  const ControlParameters& c = robot().control;
+  const Vector3 e = rotation_z(0.3).col(0);
+  // Shear 30 N, twist 0.2 Nm, 8 N along the fingers.
+  const Wrench wrench = {8.0 * e + 30.0 * Vector3::UnitZ(), 0.2 * e + 0.7 * Vector3::UnitZ()};
+  const double expected = 1.25 * std::sqrt(15.0 * 15.0 + std::pow(0.1 / 0.0134, 2)) / 2.2 + 4.0 + 4.0;
+  EXPECT_NEAR(required_grasp_force_N(wrench, e, kContact, c), expected, 1e-12);
+}
+
+TEST(GraspForce, SatisfiesTheLimitSurfaceOfBothFingers) {
+  Random random(20);
+  for (int i = 0; i < 300; ++i) {
+    const Vector3 e = rotation_z(random.uniform(-3.0, 3.0)).col(0);
+    const Wrench wrench = {random.vector(40.0), random.uniform(-0.4, 0.4) * e};
+    const double grasp = required_grasp_force_N(wrench, e, kContact, robot().control);
+    if (grasp >= kContact.max_normal_N) continue;
+    const double along = wrench.force_N.dot(e);
+    const double shear = 0.5 * (wrench.force_N - along * e).norm(), twist = 0.5 * std::abs(wrench.moment_Nm.dot(e));
+    for (const double sign : {-1.0, 1.0}) {  // a load along the fingers relieves one of them by half of it
+      const double normal = grasp + sign * 0.5 * along;
+      EXPECT_LE(std::pow(shear / (2.2 * normal), 2) + std::pow(twist / (0.0134 * 2.2 * normal), 2), 1.0);
+    }
+  }
+}
+
+TEST(GraspForce, StaysBetweenItsBounds) {
+  const Vector3 e = Vector3::UnitX();
+  EXPECT_EQ(required_grasp_force_N({}, e, kContact, robot().control), robot().control.min_grasp_force_N);
+  EXPECT_EQ(required_grasp_force_N({{0.0, 500.0, 0.0}, Vector3::Zero()}, e, kContact, robot().control), 60.0);
+}
+
+/// An actuator with a position loop on a rigid hold: opening follows the command until the hold stops it.
+struct Actuator {
+  double hold_m = 0.03;
+  double opening(double command_m) const { return std::max(command_m, hold_m); }
+  double force(double command_m) const { return robot().gripper.stiffness_N_m * std::max(hold_m - command_m, 0.0); }
+};
+
+TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
+  GraspController grasp(robot().gripper, robot().control);
+  const Actuator actuator;
+  grasp.reset(0.048, 0.0);
+  double force = 0.0, highest = 0.0;
+  bool touched = false;
+  for (int i = 0; i < 2000; ++i) {
+    const double before = grasp.opening_command_m();
+    grasp.press(25.0, force, kDt_s);
+    if (force == 0.0) {
+      ASSERT_NEAR((before - grasp.opening_command_m()) / kDt_s, robot().control.closing_speed_m_s, 1e-9);
+    }
+    force = actuator.force(grasp.opening_command_m());
+    touched = touched || force > 0.0;
+    highest = std::max(highest, force);
+  }
+  EXPECT_TRUE(touched);
+  EXPECT_NEAR(force, 25.0, 0.2);
+  EXPECT_LT(highest, 26.0);
+}
+
+TEST(GraspController, TakesOverAPressingActuatorWithoutAJolt) {
+  GraspController grasp(robot().gripper, robot().control);
+  const Actuator actuator;
+  grasp.reset(actuator.hold_m, 20.0);
+  EXPECT_NEAR(actuator.force(grasp.opening_command_m()), 20.0, 1e-9);
+  grasp.press(20.0, 20.0, kDt_s);
+  EXPECT_NEAR(actuator.force(grasp.opening_command_m()), 20.0, 1e-6);
+}
+
+TEST(GraspController, OpensAtItsSpeedAndDoesNotWindUpOnNothing) {
+  GraspController grasp(robot().gripper, robot().control);
+  grasp.reset(0.03, 20.0);
+  const double start = grasp.opening_command_m();
+  for (int i = 0; i < 100; ++i) grasp.open_to(0.048, kDt_s);
+  EXPECT_NEAR(grasp.opening_command_m(), start + 0.2 * robot().gripper.max_finger_speed_m_s, 1e-9);
+  for (int i = 0; i < 5000; ++i) grasp.press(20.0, 0.0, kDt_s);  // nothing there to press
+  EXPECT_GE(grasp.opening_command_m(),
+            robot().gripper.min_opening_m - robot().gripper.max_finger_force_N / robot().gripper.stiffness_N_m - 1e-12);
+}
+
+}  // namespace
+}  // namespace crux_test

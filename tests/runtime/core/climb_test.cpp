@@ -1,0 +1,130 @@
+// Whole climbs on a plant that obeys at once.
+#include <cstring>
+
+#include "core/node_protocol.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+constexpr int kSettle = 1000;
+constexpr int kClimb = 15000;
+
+TEST(Climb, ReachesThePlansEndAndHolds) {
+  Climber run(sample_plan());
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(kSettle);
+  EXPECT_EQ(run.step(command_t::START).command_verdict, CommandVerdict::kAccepted);
+  double last_time_s = 0.0, largest_joint_step = 0.0;
+  std::vector<double> before(run.result.output.joint_position_rad, run.result.output.joint_position_rad + kAllJoints);
+  for (int i = 0; i < kClimb && run.core.state() == SupervisorState::kClimbing; ++i) {
+    run.step();
+    ASSERT_FALSE(run.result.has_fault) << "code " << run.result.fault.code;
+    ASSERT_GE(run.result.state.plan_time_s, last_time_s);
+    last_time_s = run.result.state.plan_time_s;
+    for (int j = 0; j < kAllJoints; ++j) {
+      largest_joint_step = std::max(largest_joint_step, std::abs(run.result.output.joint_position_rad[j] - before[j]));
+      before[j] = run.result.output.joint_position_rad[j];
+    }
+  }
+  EXPECT_EQ(run.core.state(), SupervisorState::kHolding);
+  EXPECT_EQ(run.result.state.plan_complete, 1);
+  EXPECT_EQ(run.result.state.plan_time_s, run.result.state.plan_end_s);
+  // The body ends where the plan ends, LF on its new hold; commands never jumped.
+  EXPECT_NEAR(run.result.state.body_position_w_m[0], 0.01, 1e-3);
+  EXPECT_NEAR(run.result.telemetry[0].gripper_position_w_m[0], 0.20, 2e-3);
+  EXPECT_LT(largest_joint_step, 1.0 * 0.002);
+}
+
+TEST(Climb, TheSameInputsGiveTheSameBits) {
+  Climber a(sample_plan()), b(sample_plan());
+  for (int i = 0; i < 6000; ++i) {
+    const int command = i == 1200 ? command_t::START : command_t::NONE;
+    a.step(command);
+    b.step(command);
+    ASSERT_EQ(std::memcmp(&a.result.output, &b.result.output, sizeof(a.result.output)), 0) << "cycle " << i;
+    ASSERT_EQ(std::memcmp(&a.result.telemetry, &b.result.telemetry, sizeof(a.result.telemetry)), 0) << "cycle " << i;
+  }
+  EXPECT_EQ(a.core.state(), SupervisorState::kClimbing);
+}
+
+TEST(Climb, TakesOverWithoutAJolt) {
+  Climber run(sample_plan());
+  const std::vector<double> start(run.plant.input().joint_position_rad,
+                                  run.plant.input().joint_position_rad + kAllJoints);
+  for (double& torque : run.plant.input().joint_torque_nm) torque = 0.0;
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  for (int j = 0; j < kAllJoints; ++j) {
+    EXPECT_NEAR(run.result.output.joint_position_rad[j], start[j], 1e-4);
+    EXPECT_NEAR(run.result.output.joint_torque_nm[j], 0.0, 1e-3);
+  }
+  double largest = 0.0;
+  std::vector<double> before(run.result.output.joint_torque_nm, run.result.output.joint_torque_nm + kAllJoints);
+  for (int i = 0; i < 500; ++i) {
+    run.step();
+    for (int j = 0; j < kAllJoints; ++j) {
+      largest = std::max(largest, std::abs(run.result.output.joint_torque_nm[j] - before[j]));
+      before[j] = run.result.output.joint_torque_nm[j];
+    }
+  }
+  EXPECT_LT(largest, 0.1);  // Nm a cycle, on the way to several Nm
+}
+
+TEST(Climb, StaysIdleWhenTheRobotStandsElsewhere) {
+  Climber run(sample_plan());
+  run.plant.input().joint_position_rad[1] += 0.3;
+  run.steps(50);
+  EXPECT_EQ(run.core.state(), SupervisorState::kIdle);
+  EXPECT_EQ(run.step(command_t::START).command_verdict, CommandVerdict::kRefused);
+  EXPECT_STREQ(run.result.command_refusal, "the robot does not stand at the plan's start");
+  for (const std::int8_t mode : run.result.output.joint_mode)
+    EXPECT_EQ(mode, static_cast<std::int8_t>(NodeMode::kHold));
+}
+
+TEST(Climb, StaysIdleUntilAllNodesAnswer) {
+  Climber run(sample_plan());
+  run.plant.input().gripper_fresh[3] = 0;
+  run.steps(50);
+  EXPECT_EQ(run.core.state(), SupervisorState::kIdle);
+  run.plant.input().gripper_fresh[3] = 1;
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 5));
+}
+
+TEST(Climb, TheClockWaitsForTheStartToSettle) {
+  Climber run(sample_plan());
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.step(command_t::START);
+  run.steps(100);
+  EXPECT_EQ(run.result.state.plan_time_s, 0.0);
+  EXPECT_EQ(run.result.state.waiting_for, static_cast<int>(WaitingFor::kSettle));
+  run.steps(static_cast<int>(robot().supervisor.settle_time_s / 0.002));
+  EXPECT_GT(run.result.state.plan_time_s, 0.0);
+}
+
+TEST(Climb, TakesNoOtherPlanWhileClimbing) {
+  Climber run(sample_plan());
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(kSettle);
+  run.step(command_t::START);
+  run.steps(100);
+  EXPECT_NE(run.core.load_plan(sample_plan()), "");
+  EXPECT_EQ(run.core.state(), SupervisorState::kClimbing);
+  run.step(command_t::HOLD);
+  EXPECT_EQ(run.core.load_plan(sample_plan()), "");
+  EXPECT_EQ(run.core.state(), SupervisorState::kIdle);
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 20));  // it still stands where that plan begins
+}
+
+TEST(Climb, WithoutAPlanItHoldsAndKeepsQuiet) {
+  ControlCore core(robot());
+  crux_msgs::control_input_t in = ObedientPlant(sample_plan()).input();
+  CycleResult out;
+  for (int i = 0; i < 10; ++i) core.step(in, out);
+  EXPECT_EQ(core.state(), SupervisorState::kIdle);
+  EXPECT_FALSE(out.has_fault);
+}
+
+}  // namespace
+}  // namespace crux_test

@@ -1,0 +1,147 @@
+// Body pose from stance, slow correction, wrench from the F/T sensor.
+#include <Eigen/Geometry>
+
+#include "core/body_estimator.hpp"
+#include "core/wrench_estimator.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+struct Stance {
+  PerLimb<Vector3> anchors_W_m;
+  PerLimb<Vector3> grippers_B_m;
+};
+
+Stance stance(const Pose& body_W) {
+  Stance stance;
+  for (int l = 0; l < kLimbs; ++l) {
+    stance.grippers_B_m[l] = {l < 2 ? 0.14 : -0.14, l % 2 == 0 ? 0.36 : -0.36, -0.13 - 0.01 * l};
+    stance.anchors_W_m[l] = body_W * stance.grippers_B_m[l];
+  }
+  return stance;
+}
+
+TEST(BodyEstimator, RecoversAKnownPoseFromAnyThreeOrFourLimbs) {
+  Random random;
+  for (int missing = -1; missing < kLimbs; ++missing) {
+    const Pose truth = {random.rotation(0.4), random.vector(0.3)};
+    const Stance seen = stance(truth);
+    PerLimb<double> weights = {1.0, 1.0, 0.7, 0.4};
+    if (missing >= 0) weights[missing] = 0.0;
+    BodyEstimator estimator;
+    estimator.reset({Matrix3::Identity(), Vector3::Zero()});
+    const Pose estimate =
+        estimator.update(seen.anchors_W_m, seen.grippers_B_m, weights, BodyEstimator::kIterationsFromAfar);
+    EXPECT_LT((estimate.position_m - truth.position_m).norm(), 1e-9) << "without limb " << missing;
+    EXPECT_LT((estimate.rotation - truth.rotation).norm(), 1e-9) << "without limb " << missing;
+  }
+}
+
+TEST(BodyEstimator, FollowsASmallMotionWithinOneCycle) {
+  const Pose before = {rotation_exp({0.01, 0.02, 0.03}), {0.1, 0.0, 0.18}};
+  const Pose after = {rotation_exp({0.011, 0.02, 0.031}), {0.1005, 0.0, 0.18}};
+  const Stance seen = stance(after);
+  BodyEstimator estimator;
+  estimator.reset(before);
+  const Pose estimate = estimator.update(seen.anchors_W_m, seen.grippers_B_m, {1, 1, 1, 1});
+  EXPECT_LT((estimate.position_m - after.position_m).norm(), 1e-9);
+  EXPECT_LT((estimate.rotation - after.rotation).norm(), 1e-9);
+}
+
+TEST(BodyEstimator, TwoLimbsLeaveTheTurnAboutTheirLineAlone) {
+  const Pose before = {Matrix3::Identity(), {0.0, 0.0, 0.18}};
+  const Stance seen = stance(before);
+  const Vector3 line = (seen.anchors_W_m[1] - seen.anchors_W_m[0]).normalized();
+  // The body turned about the line between limbs 0 and 1: their points tell nothing of it.
+  BodyEstimator estimator;
+  const Pose turned = {rotation_exp(0.1 * line), Vector3::Zero()};
+  const Pose start = {turned.rotation, seen.anchors_W_m[0] - turned.rotation * seen.grippers_B_m[0]};
+  estimator.reset(start);
+  for (int i = 0; i < 500; ++i) estimator.update(seen.anchors_W_m, seen.grippers_B_m, {1, 1, 0, 0});
+  EXPECT_LT((estimator.body_W().rotation - start.rotation).norm(), 1e-6);
+  EXPECT_LT((estimator.body_W() * seen.grippers_B_m[1] - seen.anchors_W_m[1]).norm(), 1e-6);
+}
+
+TEST(BodyEstimator, WithoutAnyLimbStaysWhereItWas) {
+  BodyEstimator estimator;
+  const Pose pose = {rotation_exp({0.1, 0.0, 0.0}), {1.0, 2.0, 3.0}};
+  estimator.reset(pose);
+  const Stance seen = stance({});
+  EXPECT_LT((estimator.update(seen.anchors_W_m, seen.grippers_B_m, {0, 0, 0, 0}).position_m - pose.position_m).norm(),
+            1e-15);
+}
+
+TEST(BodyCorrection, IntegratesTheErrorAndStopsAtItsClamp) {
+  BodyCorrection correction(2.0, 0.04, 0.15);
+  const Pose reference, estimate = {rotation_exp({0.0, 0.0, -0.1}), {0.01, 0.0, 0.0}};
+  Pose command;
+  for (int i = 0; i < 100; ++i) command = correction.update(reference, estimate, 0.002);
+  EXPECT_NEAR(command.position_m.x(), -0.01 * 2.0 * 0.2, 1e-12);
+  EXPECT_NEAR(rotation_log(command.rotation).z(), 0.1 * 2.0 * 0.2, 1e-12);
+  for (int i = 0; i < 20000; ++i) command = correction.update(reference, estimate, 0.002);
+  EXPECT_NEAR(command.position_m.norm(), 0.04, 1e-12);
+  EXPECT_NEAR(rotation_log(command.rotation).norm(), 0.15, 1e-12);
+}
+
+TEST(BodyCorrection, ResetReproducesTheCommandGiven) {
+  BodyCorrection correction(1.0, 0.04, 0.15);
+  const Pose reference = {rotation_exp({0.0, 0.1, 0.0}), {0.1, 0.2, 0.3}};
+  const Pose wanted = {rotation_exp({0.05, 0.1, 0.02}), {0.11, 0.2, 0.29}};
+  correction.reset(wanted, reference);
+  const Pose command = correction.update(reference, reference, 0.002);
+  EXPECT_LT((command.position_m - wanted.position_m).norm(), 1e-12);
+  EXPECT_LT((command.rotation - wanted.rotation).norm(), 1e-12);
+}
+
+/// What a sensor reads under a contact wrench: the hand's weight comes on top.
+Wrench reading(const Wrench& contact_W, const Matrix3& rotation, const Vector3& gravity, const Wrench& bias_G) {
+  const LimbDescription& limb = robot().limbs[0];
+  const Vector3 weight = limb.hand_mass_kg * gravity;
+  const Vector3 arm = rotation * limb.hand_com_G_m;
+  return {rotation.transpose() * (contact_W.force_N + weight) + bias_G.force_N,
+          rotation.transpose() * (contact_W.moment_Nm + arm.cross(weight)) + bias_G.moment_Nm};
+}
+
+TEST(WrenchEstimator, TakesOffTheHandsWeightInAnyPose) {
+  Random random(2);
+  const Vector3 gravity(-6.9, 0.0, -6.9);
+  for (int i = 0; i < 20; ++i) {
+    WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+    const Matrix3 rotation = random.rotation(1.0);
+    const Wrench contact = random.wrench(40.0, 1.0);
+    const Wrench found = estimator.update(reading(contact, rotation, gravity, {}), rotation, gravity, 0.002);
+    EXPECT_LT((found.force_N - contact.force_N).norm(), 1e-12);
+    EXPECT_LT((found.moment_Nm - contact.moment_Nm).norm(), 1e-12);
+  }
+}
+
+TEST(WrenchEstimator, FiltersToFirstOrder) {
+  WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+  const Vector3 none = Vector3::Zero();
+  estimator.update({}, Matrix3::Identity(), none, 0.002);
+  Wrench found;
+  for (int i = 0; i < 4; ++i) found = estimator.update({{10.0, 0.0, 0.0}, none}, Matrix3::Identity(), none, 0.002);
+  EXPECT_NEAR(found.force_N.x(), 10.0 * (1.0 - std::pow(0.8, 4)), 1e-12);
+}
+
+TEST(WrenchEstimator, LearnsTheBiasInSwingAndKeepsIt) {
+  const Vector3 gravity(-6.9, 0.0, -6.9);
+  const Wrench bias = {{0.5, -0.8, 0.3}, {0.02, 0.01, -0.03}};
+  WrenchEstimator estimator(robot().limbs[0], 0.008, 0.3);
+  Random random(9);
+  for (int i = 0; i < 3000; ++i) {  // 6 s: twenty time constants, the gripper turning
+    const Matrix3 rotation = rotation_z(1e-3 * i);
+    estimator.update(reading({}, rotation, gravity, bias), rotation, gravity, 0.002);
+    estimator.tare(rotation, 0.002);
+  }
+  const Wrench contact = random.wrench(30.0, 1.0);
+  Wrench found;
+  for (int i = 0; i < 200; ++i)
+    found = estimator.update(reading(contact, Matrix3::Identity(), gravity, bias), Matrix3::Identity(), gravity, 0.002);
+  EXPECT_LT((found.force_N - contact.force_N).norm(), 1e-3);
+  EXPECT_LT((found.moment_Nm - contact.moment_Nm).norm(), 1e-4);
+}
+
+}  // namespace
+}  // namespace crux_test

@@ -1,0 +1,203 @@
+// A plan read between its knots against the golden vectors, its clock, and what makes the runtime refuse one.
+#include <functional>
+#include <limits>
+
+#include "../../msgs/golden_vectors.hpp"
+#include "core/plan_clock.hpp"
+#include "core/plan_validation.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+constexpr double kDt_s = 0.002;
+
+/// Golden numbers carry twelve digits.
+void expect_equal(const nlohmann::json& expected, const double* actual, const std::string& what) {
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    const double value = expected[i].get<double>();
+    EXPECT_NEAR(actual[i], value, 1e-10 * std::max(1.0, std::abs(value))) << what << "[" << i << "]";
+  }
+}
+
+TEST(ReferencePlayer, EqualsTheGoldenVectors) {
+  const nlohmann::json golden = crux_test::golden("interpolation.json");
+  const std::vector<std::uint8_t> bytes = bytes_of(golden["plan_lcm"]);
+  crux_msgs::plan_t message;
+  ASSERT_GT(message.decode(bytes.data(), 0, static_cast<int>(bytes.size())), 0);
+  const std::unique_ptr<PreparedPlan> plan = tabulate(message);
+  ASSERT_GT(golden["samples"].size(), 10U);
+  for (const nlohmann::json& sample : golden["samples"]) {
+    const int k = sample["k"];
+    const double u = sample["u"];
+    const PlanReference reference = play(*plan, {k, u * plan->dt_s});
+    const std::string at = "k " + std::to_string(k) + " u " + std::to_string(u) + " ";
+    expect_equal(sample["body_position_w_m"], reference.body_W.position_m.data(), at + "body");
+    const auto rpy = sample["body_rpy_rad"].get<std::vector<double>>();
+    EXPECT_LT((reference.body_W.rotation - rotation_from_rpy({rpy[0], rpy[1], rpy[2]})).norm(), 1e-10) << at;
+    for (int l = 0; l < kLimbs; ++l) {
+      const nlohmann::json& limb = sample["limbs"][l];
+      const LimbReference& played = reference.limbs[l];
+      const std::string where = at + "limb " + std::to_string(l) + " ";
+      expect_equal(limb["gripper_position_w_m"], played.gripper_position_W_m.data(), where + "position");
+      EXPECT_NEAR(played.gripper_yaw_W_rad, limb["gripper_yaw_w_rad"].get<double>(), 1e-10) << where;
+      EXPECT_NEAR(played.finger_opening_m, limb["finger_opening_m"].get<double>(), 1e-10) << where;
+      EXPECT_NEAR(played.load, limb["load"].get<double>(), 1e-10) << where;
+      Vector6 wrench;
+      wrench << played.wrench_W.force_N, played.wrench_W.moment_Nm;
+      expect_equal(limb["wrench_w"], wrench.data(), where + "wrench");
+    }
+  }
+}
+
+TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
+  const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
+  std::vector<LimbPhase> seen;
+  for (int i = 0; i < 100 * plan->intervals(); ++i) {
+    const PlanReference reference = play(*plan, {i / 100, (i % 100) * plan->dt_s / 100});
+    if (seen.empty() || seen.back() != reference.limbs[0].phase) seen.push_back(reference.limbs[0].phase);
+    EXPECT_EQ(reference.limbs[1].phase, LimbPhase::kStance);
+  }
+  using enum LimbPhase;
+  EXPECT_EQ(seen, (std::vector<LimbPhase>{kStance, kUnload, kOpen, kLift, kSwing, kDescend, kClose, kLoad, kStance}));
+}
+
+TEST(ReferencePlayer, LaterCrossesKnotsAndStopsAtTheEnd) {
+  const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
+  const PlanTime then = later(*plan, {1, 1.9}, 0.5);
+  EXPECT_EQ(then.interval, 2);
+  EXPECT_NEAR(then.elapsed_s, 0.4, 1e-12);
+  const PlanTime end = later(*plan, {0, 0.0}, 1e3);
+  EXPECT_EQ(end.seconds(*plan), plan->end_s());
+}
+
+class Clock : public testing::Test {
+ protected:
+  static PerLimb<LimbEvents> all_seen() {
+    PerLimb<LimbEvents> events;
+    events.fill({true, true, true, true});
+    return events;
+  }
+  void advance(const PerLimb<LimbEvents>& events, double seconds) {
+    for (int i = 0; i < std::lround(seconds / kDt_s); ++i) clock_.advance(*plan_, events, kDt_s);
+  }
+  /// With every event seen but one of limb LF: where the clock stops and what it says.
+  void expect_stop(bool LimbEvents::* missing, double at_s, WaitingFor what) {
+    PerLimb<LimbEvents> events = all_seen();
+    events[0].*missing = false;
+    advance(events, 30.0);
+    EXPECT_NEAR(clock_.now().seconds(*plan_), at_s, 1e-9);
+    EXPECT_EQ(clock_.waiting_for(), what);
+    EXPECT_EQ(clock_.waiting_limb(), 0);
+    EXPECT_GT(clock_.waited_s(), 5.0);
+    EXPECT_FALSE(clock_.complete(*plan_));
+    clock_.advance(*plan_, all_seen(), kDt_s);
+    EXPECT_GT(clock_.now().seconds(*plan_), at_s);
+    EXPECT_EQ(clock_.waiting_for(), WaitingFor::kNothing);
+    EXPECT_EQ(clock_.waited_s(), 0.0);
+  }
+  std::unique_ptr<PreparedPlan> plan_ = tabulate(sample_plan());  // LF lets go at knot 3, takes hold at knot 6
+  PlanClock clock_;
+};
+
+TEST_F(Clock, RunsThroughWhenEverythingIsSeen) {
+  advance(all_seen(), plan_->end_s() - 0.01);
+  EXPECT_NEAR(clock_.now().seconds(*plan_), plan_->end_s() - 0.01, 1e-9);
+  EXPECT_FALSE(clock_.complete(*plan_));
+  advance(all_seen(), 0.02);
+  EXPECT_TRUE(clock_.complete(*plan_));
+  EXPECT_EQ(clock_.now().seconds(*plan_), plan_->end_s());
+}
+
+TEST_F(Clock, WaitsForTheLoadToGoBeforeALimbOpens) { expect_stop(&LimbEvents::unloaded, 6.0, WaitingFor::kUnload); }
+
+TEST_F(Clock, StaysInTheGrippedPhaseWhileItWaitsForTheLoad) {
+  PerLimb<LimbEvents> events = all_seen();
+  events[0].unloaded = false;
+  advance(events, 30.0);
+  EXPECT_TRUE(play(*plan_, clock_.now()).limbs[0].gripping());
+}
+
+TEST_F(Clock, WaitsForTheFingersToOpenBeforeTheLift) { expect_stop(&LimbEvents::opened, 7.0, WaitingFor::kOpen); }
+
+TEST_F(Clock, WaitsForTheGripperToArriveBeforeItCloses) {
+  expect_stop(&LimbEvents::arrived, 11.2, WaitingFor::kArrive);
+}
+
+TEST_F(Clock, DoesNotCloseWhileItWaitsForTheArrival) {
+  PerLimb<LimbEvents> events = all_seen();
+  events[0].arrived = false;
+  advance(events, 30.0);
+  EXPECT_EQ(play(*plan_, clock_.now()).limbs[0].phase, LimbPhase::kDescend);
+}
+
+TEST_F(Clock, WaitsForTheGripBeforeItLoads) { expect_stop(&LimbEvents::gripped, 12.0, WaitingFor::kGrip); }
+
+TEST_F(Clock, AsksNothingOfLimbsThatStand) {
+  PerLimb<LimbEvents> events;  // nothing is seen of RF, LR, RR
+  events[0] = {true, true, true, true};
+  advance(events, plan_->end_s() + 1.0);
+  EXPECT_TRUE(clock_.complete(*plan_));
+}
+
+struct Defect {
+  const char* name;
+  std::function<void(crux_msgs::plan_t&)> spoil;
+  const char* said;  ///< part of the reason
+};
+
+class Refusals : public testing::TestWithParam<Defect> {};
+
+TEST_P(Refusals, NameWhatIsWrong) {
+  crux_msgs::plan_t plan = sample_plan();
+  GetParam().spoil(plan);
+  sign(plan);
+  ControlCore core(robot());
+  const std::string reason = core.load_plan(plan);
+  EXPECT_NE(reason.find(GetParam().said), std::string::npos) << "said: " << reason;
+}
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+using crux_msgs::limb_knot_t;
+using crux_msgs::plan_t;
+
+INSTANTIATE_TEST_SUITE_P(
+    Plan, Refusals,
+    testing::Values(
+        Defect{"format", [](plan_t& p) { p.format = 7; }, "format is 7"},
+        Defect{"robot", [](plan_t& p) { p.robot_name = "loris"; }, "for robot 'loris'"},
+        Defect{"description", [](plan_t& p) { p.robot_sha256[0] ^= 1; }, "another description"},
+        Defect{"one_knot", [](plan_t& p) { p.knots.resize(1); }, "1 knots"},
+        Defect{"dt", [](plan_t& p) { p.dt_s = 0.0; }, "dt_s is 0"},
+        Defect{"time", [](plan_t& p) { p.knots[4].time_s += 0.5; }, "knot 4: time_s"},
+        Defect{"nan_body", [](plan_t& p) { p.knots[2].body_rpy_rad[1] = kNan; }, "knot 2: the body pose"},
+        Defect{"nan_force", [](plan_t& p) { p.knots[2].limbs[1].finger_force_w_n[3] = kNan; }, "knot 2, limb RF"},
+        Defect{"infinite_gravity", [](plan_t& p) { p.gravity_w_m_s2[0] = 1.0 / 0.0; }, "gravity"},
+        Defect{"point_contacts", [](plan_t& p) { p.patch_k_m = 0.0; }, "patch_k_m"},
+        Defect{"phase", [](plan_t& p) { p.knots[1].limbs[2].phase = 9; }, "knot 1, limb LR: phase is 9"},
+        Defect{"hold", [](plan_t& p) { p.knots[1].limbs[3].hold = 12; }, "knot 1, limb RR: hold is 12"},
+        Defect{"friction", [](plan_t& p) { p.knots[1].limbs[3].friction = 0.0; }, "friction is 0"},
+        Defect{"opening", [](plan_t& p) { p.knots[4].limbs[0].finger_separation_m = 0.2; },
+               "finger_separation_m is 0.2"},
+        Defect{"squeeze", [](plan_t& p) { p.knots[1].limbs[0].finger_force_w_n[0] += 90.0; }, "finger 1 presses"},
+        Defect{"pull", [](plan_t& p) { p.knots[1].limbs[0].finger_force_w_n[3] += 90.0; }, "finger 2 presses"},
+        Defect{"sensor", [](plan_t& p) { p.knots[1].limbs[0].finger_force_w_n[2] = 400.0; }, "the sensor reads"},
+        Defect{"moves_in_stance", [](plan_t& p) { p.knots[1].limbs[1].gripper_position_w_m[0] += 0.01; },
+               "moves in stance"},
+        Defect{"force_in_air", [](plan_t& p) { p.knots[4].limbs[0].finger_force_w_n[1] = 1.0; }, "force in the air"},
+        Defect{"air_at_end", [](plan_t& p) { p.knots.back().limbs[1].phase = limb_knot_t::AIR; }, "both ends"},
+        Defect{"short_swing", [](plan_t& p) { p.knots[1].limbs[1].phase = limb_knot_t::AIR; }, "two knots"},
+        Defect{"out_of_reach", [](plan_t& p) { p.knots[4].limbs[0].gripper_position_w_m[0] += 0.3; },
+               "limb LF: the gripper is out of reach"}),
+    [](const testing::TestParamInfo<Defect>& info) { return info.param.name; });
+
+TEST(PlanValidation, AcceptsTheSampleAndRefusesADamagedCopy) {
+  ControlCore core(robot());
+  crux_msgs::plan_t plan = sample_plan();
+  EXPECT_EQ(core.load_plan(plan), "");
+  plan.cost += 1.0;  // signed before
+  EXPECT_NE(core.load_plan(plan).find("hash"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace crux_test

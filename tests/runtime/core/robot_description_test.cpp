@@ -1,0 +1,114 @@
+// Robot descriptions with one thing wrong each.
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/hash.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+std::string text_of(const std::filesystem::path& path) {
+  std::ostringstream text;
+  text << std::ifstream(path, std::ios::binary).rdbuf();
+  return text.str();
+}
+
+class RobotFiles : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string pattern = (std::filesystem::temp_directory_path() / "crux-robot-XXXXXX").string();
+    ASSERT_NE(mkdtemp(pattern.data()), nullptr);
+    folder_ = pattern;
+    yaml_ = text_of(CRUX_ROBOT);
+    urdf_ = text_of(std::filesystem::path(CRUX_ROBOT).parent_path() / "scaler.urdf");
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  static void replace(std::string& text, const std::string& from, const std::string& to) {
+    const std::size_t at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+  }
+  Result<RobotDescription> load() const {
+    std::ofstream(folder_ / "robot.yaml", std::ios::binary) << yaml_;
+    std::ofstream(folder_ / "scaler.urdf", std::ios::binary) << urdf_;
+    return load_robot((folder_ / "robot.yaml").string());
+  }
+  void expect_said(const std::string& part) const {
+    const Result<RobotDescription> loaded = load();
+    EXPECT_FALSE(loaded);
+    EXPECT_NE(loaded.reason().find(part), std::string::npos) << "said: " << loaded.reason();
+  }
+
+  std::filesystem::path folder_;
+  std::string yaml_, urdf_;
+};
+
+TEST_F(RobotFiles, UnchangedAreReadWithTheHashOfTheirBytes) {
+  using namespace std::string_literals;
+  const Result<RobotDescription> loaded = load();
+  ASSERT_TRUE(loaded) << loaded.reason();
+  EXPECT_EQ(loaded.value().sha256, sha256_hex("crux-robot-1\0"s + yaml_ + "\0"s + urdf_));
+}
+
+TEST(RobotDescription, HandCarriesTheFingers) {
+  EXPECT_EQ(robot().name, "scaler");
+  EXPECT_NEAR(robot().limbs[0].hand_mass_kg, 0.35, 1e-12);
+  EXPECT_NEAR(robot().limbs[0].hand_com_G_m.z(), (0.25 * 0.06 + 0.1 * 0.02) / 0.35, 1e-12);
+}
+
+TEST(RobotDescription, AMissingFileIsNamed) {
+  EXPECT_NE(load_robot("/nonexistent/robot.yaml").reason().find("/nonexistent/robot.yaml"), std::string::npos);
+}
+
+TEST_F(RobotFiles, AMissingKeyIsNamed) {
+  replace(yaml_, "unload_force_N", "unload_force_Newton");
+  expect_said("control: key 'unload_force_N' is missing");
+}
+
+TEST_F(RobotFiles, AWrongTypeIsNamed) {
+  replace(yaml_, "damping_Ns_m: 400", "damping_Ns_m: much");
+  expect_said("admittance: damping_Ns_m is 'much'; expected a number");
+}
+
+TEST_F(RobotFiles, ANumberOutOfRangeIsNamed) {
+  replace(yaml_, "  mass_kg: 2.0", "  mass_kg: -2.0");
+  expect_said("admittance: mass_kg is -2");
+}
+
+TEST_F(RobotFiles, AnotherVersionIsNamed) {
+  replace(yaml_, "version: 1", "version: 2");
+  expect_said("version is 2; this program reads version 1");
+}
+
+TEST_F(RobotFiles, BrokenYamlIsNamed) {
+  yaml_ += "\n  : [";
+  expect_said("is not valid YAML");
+}
+
+TEST_F(RobotFiles, BrokenUrdfIsNamed) {
+  replace(urdf_, "<robot name", "<automaton name");
+  expect_said("scaler.urdf: is not a valid URDF");
+}
+
+TEST_F(RobotFiles, AMissingJointIsNamed) {
+  replace(yaml_, "joints: [joint1,", "joints: [hip,");
+  replace(yaml_, "nodes: {joint1: 1", "nodes: {hip: 1");
+  expect_said("'LF_joint1'");
+}
+
+TEST_F(RobotFiles, AMissingGripperIsNamed) {
+  replace(yaml_, "gripper_frame: gripper", "gripper_frame: hand");
+  expect_said("has no link 'LF_hand'");
+}
+
+TEST_F(RobotFiles, EmptyLimitsAreNamed) {
+  replace(urdf_, "lower=\"-1.9\" upper=\"1.9\"", "lower=\"1.9\" upper=\"-1.9\"");
+  expect_said("limits of joint 'LF_joint1'");
+}
+
+}  // namespace
+}  // namespace crux_test

@@ -1,0 +1,238 @@
+// The supervisor's states and the faults of msgs/faults.yaml.
+#include <functional>
+
+#include "core/node_protocol.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+class SupervisorTest : public testing::Test {
+ protected:
+  SupervisorState update(Supervisor::Observation seen) {
+    supervisor_.update(seen);
+    return supervisor_.state();
+  }
+  void reach_climbing() {
+    seen_.plan_loaded = seen_.may_take_over = true;
+    update(seen_);
+    seen_.command = command_t::START;
+    ASSERT_EQ(update(seen_), SupervisorState::kClimbing);
+    seen_.command = command_t::NONE;
+    seen_.plan_started = true;
+  }
+  Supervisor::Observation with(FaultCode code) const {
+    Supervisor::Observation seen = seen_;
+    seen.fault = {code, 1, 2, 3.0, 4.0};
+    return seen;
+  }
+  Supervisor::Observation with(int command) const {
+    Supervisor::Observation seen = seen_;
+    seen.command = command;
+    return seen;
+  }
+  Supervisor supervisor_;
+  Supervisor::Observation seen_;
+};
+
+TEST_F(SupervisorTest, IdleUntilItMayTakeOver) {
+  EXPECT_EQ(update(seen_), SupervisorState::kIdle);
+  EXPECT_EQ(update(with(command_t::START)), SupervisorState::kIdle);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+  EXPECT_STREQ(supervisor_.refusal(), "no plan is loaded");
+  seen_.may_take_over = true;
+  EXPECT_EQ(update(seen_), SupervisorState::kReady);
+}
+
+TEST_F(SupervisorTest, ClimbsHoldsResumesAndEndsHolding) {
+  reach_climbing();
+  EXPECT_EQ(update(with(command_t::HOLD)), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(command_t::START)), SupervisorState::kHolding);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+  seen_.plan_complete = true;
+  EXPECT_EQ(update(seen_), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding);
+  EXPECT_STREQ(supervisor_.refusal(), "the plan is complete");
+}
+
+TEST_F(SupervisorTest, EachFaultLeadsWhereItsTableSays) {
+  for (const crux_msgs::FaultInfo& info : crux_msgs::kFaults) {
+    supervisor_ = Supervisor();
+    seen_ = {};
+    reach_climbing();
+    EXPECT_EQ(static_cast<int>(update(with(info.code))), info.to) << info.name;
+    EXPECT_TRUE(supervisor_.fault_is_new());
+    EXPECT_EQ(supervisor_.fault().limb, 1);
+    update(with(info.code));
+    EXPECT_FALSE(supervisor_.fault_is_new()) << "told once";
+  }
+}
+
+TEST_F(SupervisorTest, AGraverFaultReplacesALighterOneAndNotTheOtherWay) {
+  reach_climbing();
+  update(with(FaultCode::kGripLost));
+  EXPECT_EQ(update(with(FaultCode::kBodyError)), SupervisorState::kHolding);
+  EXPECT_EQ(supervisor_.fault().code, FaultCode::kGripLost);
+  EXPECT_EQ(update(with(FaultCode::kNodeSilent)), SupervisorState::kFault);
+  EXPECT_EQ(supervisor_.fault().code, FaultCode::kNodeSilent);
+  EXPECT_EQ(update(with(FaultCode::kGripLost)), SupervisorState::kFault);
+}
+
+TEST_F(SupervisorTest, AfterAFaultOnlyClearAndResumeLeadOn) {
+  reach_climbing();
+  update(with(FaultCode::kEventTimeout));
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding);
+  EXPECT_STREQ(supervisor_.refusal(), "a fault stands; clear it first");
+  update(with(command_t::CLEAR_FAULT));
+  EXPECT_TRUE(supervisor_.rearm_requested());
+  EXPECT_EQ(supervisor_.fault().code, FaultCode::kNone);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+}
+
+TEST_F(SupervisorTest, OutOfFaultTheWayLeadsThroughHoldingWhenThePlanHadBegun) {
+  reach_climbing();
+  update(with(FaultCode::kNotFinite));
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kFault);
+  EXPECT_EQ(update(with(command_t::CLEAR_FAULT)), SupervisorState::kHolding);
+  supervisor_ = Supervisor();
+  reach_climbing();
+  seen_.plan_started = seen_.may_take_over = false;
+  update(with(FaultCode::kNotFinite));
+  EXPECT_EQ(update(with(command_t::CLEAR_FAULT)), SupervisorState::kIdle);
+}
+
+TEST_F(SupervisorTest, WhatNodesReportWhileTheyAreRearmedIsThePast) {
+  reach_climbing();
+  Supervisor::Observation seen = with(FaultCode::kNodeHolds);
+  seen.rearming = true;
+  EXPECT_EQ(update(seen), SupervisorState::kClimbing);
+}
+
+class Faults : public testing::Test {
+ protected:
+  void SetUp() override {
+    run_ = std::make_unique<Climber>(sample_plan());
+    ASSERT_TRUE(run_->until(SupervisorState::kReady, 20));
+    run_->steps(1000);
+    run_->step(command_t::START);
+    ASSERT_EQ(run_->core.state(), SupervisorState::kClimbing);
+    run_->steps(100);
+    ASSERT_GT(run_->result.state.plan_time_s, 0.1);
+  }
+  /// Steps until a fault is told; fails when another one comes or none in n cycles.
+  void expect_fault(FaultCode code, SupervisorState next, int limb, int node, int n = 200) {
+    for (int i = 0; i < n && !run_->result.has_fault; ++i) spoiled_step();
+    ASSERT_TRUE(run_->result.has_fault);
+    EXPECT_EQ(run_->result.fault.code, static_cast<int>(code));
+    EXPECT_EQ(run_->result.fault.limb, limb);
+    EXPECT_EQ(run_->result.fault.node, node);
+    EXPECT_EQ(run_->core.state(), next);
+    EXPECT_EQ(run_->result.state.fault_code, static_cast<int>(code));
+  }
+  void spoiled_step() {
+    spoil_(input());
+    run_->step();
+  }
+  void expect_all_joint_modes(NodeMode mode) const {
+    for (const std::int8_t m : run_->result.output.joint_mode) EXPECT_EQ(m, static_cast<std::int8_t>(mode));
+    for (const std::int8_t m : run_->result.output.gripper_mode) EXPECT_EQ(m, static_cast<std::int8_t>(mode));
+  }
+  crux_msgs::control_input_t& input() { return run_->plant.input(); }
+  std::unique_ptr<Climber> run_;
+  std::function<void(crux_msgs::control_input_t&)> spoil_ = [](crux_msgs::control_input_t&) {};
+};
+
+TEST_F(Faults, ASilentNodeStopsControlAndTheNodesHold) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.joint_fresh[8] = 0; };
+  expect_fault(FaultCode::kNodeSilent, SupervisorState::kFault, 1, 3);
+  expect_all_joint_modes(NodeMode::kHold);
+  EXPECT_GT(run_->result.state.missed_cycles, robot().supervisor.silent_cycles);
+}
+
+TEST_F(Faults, AFewLostStatusesAreBridged) {
+  for (int i = 0; i < 200; ++i) {
+    for (std::int8_t& fresh : input().joint_fresh) fresh = i % 4 == 0 ? 1 : 0;
+    run_->step();
+  }
+  EXPECT_EQ(run_->core.state(), SupervisorState::kClimbing);
+}
+
+TEST_F(Faults, AnUnfitNodeIsNamed) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.gripper_state[2] = static_cast<std::int8_t>(NodeState::kFault); };
+  expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 7);
+}
+
+TEST_F(Faults, ANodeThatLatchedItsHoldMakesTheRobotHoldAndCanBeRearmed) {
+  input().joint_faults[13] = kFaultCommandTimeout;
+  expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 2, 2);
+  run_->steps(10);
+  EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kRefused);
+  run_->step(command_t::CLEAR_FAULT);  // the plant obeys REARM by clearing the fault bit
+  run_->steps(100);
+  EXPECT_EQ(input().joint_faults[13], 0);
+  expect_all_joint_modes(NodeMode::kTrack);
+  EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kAccepted);
+  EXPECT_TRUE(run_->until(SupervisorState::kHolding, 20000));
+  EXPECT_EQ(run_->result.state.plan_complete, 1);
+}
+
+TEST_F(Faults, ANodeThatHoldsThoughToldToTrackIsNamed) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.joint_state[0] = static_cast<std::int8_t>(NodeState::kHold); };
+  expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 0, 1);
+}
+
+TEST_F(Faults, ASilentSensorMakesTheRobotHold) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.ft_fresh[3] = 0; };
+  expect_fault(FaultCode::kFtSilent, SupervisorState::kHolding, 3, 7);
+  expect_all_joint_modes(NodeMode::kTrack);
+}
+
+TEST_F(Faults, AnOverloadedSensorMakesTheRobotHold) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.ft_status[1] = kFtOverload; };
+  expect_fault(FaultCode::kFtOverload, SupervisorState::kHolding, 1, 7);
+}
+
+TEST_F(Faults, NotANumberStopsControlAndNeverReachesTheNodes) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.joint_position_rad[4] = std::nan(""); };
+  expect_fault(FaultCode::kNotFinite, SupervisorState::kFault, -1, 0);
+  for (const double q : run_->result.output.joint_position_rad) EXPECT_TRUE(std::isfinite(q));
+  for (const double t : run_->result.output.joint_torque_nm) EXPECT_TRUE(std::isfinite(t));
+}
+
+TEST_F(Faults, AJointThatDoesNotFollowIsNamed) {
+  const double stuck = input().joint_position_rad[7];
+  spoil_ = [stuck](crux_msgs::control_input_t& in) { in.joint_position_rad[7] = stuck + 0.35; };
+  expect_fault(FaultCode::kTrackingError, SupervisorState::kHolding, 1, 2);
+}
+
+TEST_F(Faults, ALostGripIsNamed) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.finger_force_n[2] = 0.5; };
+  expect_fault(FaultCode::kGripLost, SupervisorState::kHolding, 2, 7);
+  EXPECT_NEAR(run_->result.fault.value, 0.5, 1e-12);
+}
+
+TEST_F(Faults, AnEventThatDoesNotComeEndsInHolding) {
+  spoil_ = [this](crux_msgs::control_input_t& in) {
+    if (run_->result.reference[0].load < 0.5) in.ft_force_g_n[0] += 6.0;  // LF never unloads
+    in.finger_force_n[0] = 20.0;
+  };
+  expect_fault(FaultCode::kEventTimeout, SupervisorState::kHolding, 0, 0, 10000);
+  EXPECT_NEAR(run_->result.state.plan_time_s, 6.0, 0.01);
+}
+
+TEST_F(Faults, HoldingFreezesThePlanAndKeepsTheStanceControlled) {
+  run_->step(command_t::HOLD);
+  const double time_s = run_->result.state.plan_time_s;
+  run_->steps(500);
+  EXPECT_EQ(run_->result.state.plan_time_s, time_s);
+  expect_all_joint_modes(NodeMode::kTrack);
+  run_->step(command_t::RESUME);
+  run_->steps(10);
+  EXPECT_GT(run_->result.state.plan_time_s, time_s);
+}
+
+}  // namespace
+}  // namespace crux_test
