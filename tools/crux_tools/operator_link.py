@@ -30,7 +30,7 @@ class OperatorLink:
     _answers: list[acknowledgement_t] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
-        self.next_request = self.first_request
+        self._next_request = self.first_request
         try:
             self._lcm = lcm.LCM(self.url)
         except RuntimeError as error:
@@ -73,11 +73,11 @@ class OperatorLink:
         Every try is the same message with the same request id; `is_worth_it` is asked before each.
         """
         message = command_t()
-        message.request_id = self.next_request
+        message.request_id = self._next_request
         message.command = command
         message.at_cycle = at_cycle
         message.plan_id = plan_id
-        self.next_request += 1
+        self._next_request += 1
         for _ in range(tries):
             if not is_worth_it():
                 break

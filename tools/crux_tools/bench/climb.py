@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +19,13 @@ from crux_tools.bench.judge import Verdict, judge
 from crux_tools.bench.loop import START_CYCLE, Ending, Loop, Outcome
 from crux_tools.bench.plant import Plant
 from crux_tools.bench.ports import run_ports
+from crux_tools.bench.priority import no_garbage_collection, realtime_priority
 from crux_tools.bench.recorder import Recorder
 from crux_tools.bench.robot_model import build_model
-from crux_tools.bench.runtime_process import RuntimeProcess
+from crux_tools.bench.runtime_process import STOP_TIMEOUT_S, RuntimeProcess
 from crux_tools.errors import WorkFailed
 from crux_tools.operator_link import OperatorLink
+from crux_tools.output import note
 from crux_tools.telemetry.reader import read_log
 from crux_tools.telemetry.summary import summarise
 from crux_tools.telemetry.wording import fault_line
@@ -107,6 +111,17 @@ def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
     return "; ".join(parts)
 
 
+def _shut_down(runtime: RuntimeProcess, link: OperatorLink, realtime_loop: Loop | None) -> None:
+    """SHUTDOWN; in real time the nodes answer until the runtime is gone, or it would log a fault."""
+    end_s = time.monotonic() + STOP_TIMEOUT_S
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(link.command, command_t.SHUTDOWN)
+        if realtime_loop is not None:
+            realtime_loop.serve(lambda: not runtime.is_alive() or time.monotonic() > end_s)
+        if asked.result() is None:
+            note("crux climb: the runtime does not answer; ending it")
+
+
 def climb(
     plan: plan_t, log: Path, options: ClimbOptions, progress: Callable[[float], None] = lambda _time_s: None
 ) -> ClimbResult:
@@ -119,18 +134,20 @@ def climb(
         ports = stack.enter_context(run_ports())
         buses = ports.bus_urls() if options.bus == "udp" else SOCKETCAN
         runtime = stack.enter_context(RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log))
-        with OperatorLink(ports.lcm_url) as link:
-            runtime.await_answer(link)
-            link.upload(plan)
-            link.send(command_t.START, plan.plan_id, START_CYCLE)
+        link = stack.enter_context(OperatorLink(ports.lcm_url))
+        runtime.await_answer(link)
+        link.upload(plan)
+        link.send(command_t.START, plan.plan_id, START_CYCLE)
         nodes = stack.enter_context(FirmwareNodes(buses, robot))
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s))
+        stack.enter_context(no_garbage_collection())
+        if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
+            note("crux climb: no permission for SCHED_FIFO; other programs may make the bench late")
         outcome = loop.run()
         if outcome.ending is not Ending.RUNTIME_DIED:
-            with OperatorLink(ports.lcm_url, first_request=link.next_request) as link:
-                link.command(command_t.SHUTDOWN)
+            _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
         last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""
     return _judged(plan, recorder, log, outcome, last_words)
