@@ -85,8 +85,7 @@ bool CycleLoop::wake_nodes() {
     }
     wait_readable(buses_, std::min<nanoseconds>(next_sync - now, kServePeriod));
     receive();
-    desk_.serve_before_first_cycle(*this, events_);
-    push_events(0);
+    while (desk_.serve_before_first_cycle(*this, events_)) push_events(0);
     if (all_answered()) return true;
   }
   return false;

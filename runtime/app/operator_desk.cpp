@@ -72,8 +72,10 @@ void OperatorDesk::take(Request& request, std::int64_t cycle, std::int8_t superv
     current_ = std::move(request);
 }
 
-void OperatorDesk::serve_before_first_cycle(PlanTaker& taker, EventList& events) noexcept {
+bool OperatorDesk::serve_before_first_cycle(PlanTaker& taker, EventList& events) noexcept {
+  bool any = false;
   for (Request* request; events.room() > kMaxScheduled && (request = requests_.front()) != nullptr; requests_.pop()) {
+    any = true;
     take(*request, 1, robot_state_t::IDLE, taker, events);
     if (current_.command == command_t::NONE) continue;
     const bool nothing_to_do = current_.command == command_t::HOLD;  // the nodes hold until they are told otherwise
@@ -82,6 +84,7 @@ void OperatorDesk::serve_before_first_cycle(PlanTaker& taker, EventList& events)
                   nothing_to_do ? acceptance(robot_state_t::IDLE) : refusal(kNotAnswered, robot_state_t::IDLE), events);
     current_.command = command_t::NONE;
   }
+  return any;
 }
 
 std::int8_t OperatorDesk::begin_cycle(std::int64_t cycle, std::int8_t supervisor_state, PlanTaker& taker,

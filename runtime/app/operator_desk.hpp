@@ -22,8 +22,8 @@ class OperatorDesk {
   OperatorDesk(SpscRing<Request>& requests, SpscRing<Answer>& answers) : requests_(requests), answers_(answers) {}
 
   /// Serves requests while the nodes have not all answered yet: plans are taken, commands scheduled, HOLD is granted,
-  /// other commands at once are refused.
-  void serve_before_first_cycle(PlanTaker& taker, EventList& events) noexcept;
+  /// other commands at once are refused. True when there were any, false too when the list of events is full.
+  bool serve_before_first_cycle(PlanTaker& taker, EventList& events) noexcept;
 
   /// Serves requests and returns the command to carry out in `cycle` (command_t).
   std::int8_t begin_cycle(std::int64_t cycle, std::int8_t supervisor_state, PlanTaker& taker,

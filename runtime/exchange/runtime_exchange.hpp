@@ -27,8 +27,8 @@ struct Snapshot {
 };
 
 struct RuntimeExchange {
-  SpscRing<Request> requests{16};
-  SpscRing<Answer> answers{64};
+  SpscRing<Request> requests{64};
+  SpscRing<Answer> answers{256};
   SpscRing<crux_msgs::fault_t> faults{64};
   SpscRing<NodeNotice> notices{64};
   LatestValue<Snapshot> snapshot;

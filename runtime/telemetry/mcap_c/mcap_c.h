@@ -25,13 +25,14 @@ int32_t mcap_c_write(McapWriter *writer, uint16_t channel, uint32_t sequence, ui
 int32_t mcap_c_write_metadata(McapWriter *writer, const char *name, const char *const *keys, const char *const *values,
                               size_t n);
 
-// Ends the chunk and hands everything to the kernel: from here on the file is whole even if the program is killed.
+// Ends the chunk and hands everything to the kernel together with a summary and end of file that the next flush
+// overwrites: from here on the file is whole even if the program is killed.
 int32_t mcap_c_flush(McapWriter *writer);
 
 // What went wrong last.
 void mcap_c_error(const McapWriter *writer, char *error, size_t error_size);
 
-// Writes summary and end of file and frees the writer, also when it fails.
+// Flushes and frees the writer, also when it fails.
 int32_t mcap_c_close(McapWriter *writer, char *error, size_t error_size);
 
 #ifdef __cplusplus

@@ -1,52 +1,31 @@
 //! A file that can be read after every write, whatever happens to the program.
 
+use std::cell::RefCell;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
+use std::rc::Rc;
 
-/// DataEnd, Footer and magic of an MCAP file without summary section: what makes the bytes before it a whole file.
-const TAIL: [u8; 50] = tail();
+use crate::summary::Summary;
 
-const OP_FOOTER: u8 = 0x02;
-const OP_DATA_END: u8 = 0x0f;
-const DATA_END_BYTES: u8 = 4; // data section CRC, 0: not computed
-const FOOTER_BYTES: u8 = 20; // summary start, summary offset start, summary CRC; 0: none
-
-const fn tail() -> [u8; 50] {
-    let mut bytes = [0; 50];
-    bytes[0] = OP_DATA_END;
-    bytes[1] = DATA_END_BYTES;
-    bytes[13] = OP_FOOTER;
-    bytes[14] = FOOTER_BYTES;
-    let mut i = 0;
-    while i < mcap::MAGIC.len() {
-        bytes[42 + i] = mcap::MAGIC[i];
-        i += 1;
-    }
-    bytes
-}
-
-/// Collects what is written and hands it to the kernel on `flush`, together with a tail that the next flush overwrites,
-/// in one call: the file on disk is a whole MCAP file at any time after the first flush.
+/// Collects what is written and hands it to the kernel on `flush`, together with an end of file that the next flush
+/// overwrites, in one call: the file on disk is a whole MCAP file at any time after the first flush.
 pub struct CrashSafeFile {
     file: File,
     written: u64,
     pending: Vec<u8>,
+    summary: Rc<RefCell<Summary>>,
 }
 
 impl CrashSafeFile {
-    pub fn new(file: File) -> Self {
+    /// `summary` learns of the records as they pass; whoever writes tells it of schemas and channels.
+    pub fn new(file: File, summary: Rc<RefCell<Summary>>) -> Self {
         Self {
             file,
             written: 0,
             pending: Vec::new(),
+            summary,
         }
-    }
-
-    /// Writes the rest without a tail: the caller has written its own end of file.
-    pub fn finish(self) -> io::Result<()> {
-        self.file.write_all_at(&self.pending, self.written)?;
-        self.file.set_len(self.written + self.pending.len() as u64)
     }
 }
 
@@ -56,17 +35,21 @@ impl Write for CrashSafeFile {
         Ok(bytes.len())
     }
 
+    /// To be called between records only.
     fn flush(&mut self) -> io::Result<()> {
         if self.pending.is_empty() {
             return Ok(());
         }
-        let n = self.pending.len();
-        self.pending.extend_from_slice(&TAIL);
-        let result = self.file.write_all_at(&self.pending, self.written);
-        self.pending.truncate(n);
-        result?;
-        self.written += n as u64;
+        let magic = if self.written == 0 { mcap::MAGIC.len() } else { 0 };
+        let mut summary = self.summary.borrow_mut();
+        summary
+            .scan(&self.pending[magic..], self.written + magic as u64)
+            .map_err(io::Error::other)?;
+        let data_end = self.written + self.pending.len() as u64;
+        self.pending.extend_from_slice(&summary.end_of_file(data_end)?);
+        self.file.write_all_at(&self.pending, self.written)?;
         self.pending.clear();
+        self.written = data_end;
         Ok(())
     }
 }

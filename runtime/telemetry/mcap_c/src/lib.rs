@@ -1,11 +1,14 @@
 //! The part of the `mcap` crate that the runtime needs, behind a C interface. Contracts stand in mcap_c.h.
 
 mod crash_safe_file;
+mod summary;
 
 use std::{
+    cell::RefCell,
     collections::BTreeMap,
     ffi::{c_char, CStr},
     fs::File,
+    rc::Rc,
     slice,
 };
 
@@ -14,9 +17,11 @@ use mcap::{
     records::{MessageHeader, Metadata},
     Compression, McapError, WriteOptions, Writer,
 };
+use summary::Summary;
 
 pub struct McapWriter {
     writer: Writer<CrashSafeFile>,
+    summary: Rc<RefCell<Summary>>,
     error: String,
 }
 
@@ -65,16 +70,21 @@ unsafe fn copy_text(from: &str, to: *mut c_char, size: usize) {
     *to.add(n) = 0;
 }
 
-fn open(path: &str, profile: &str, library: &str, chunk_bytes: u64) -> Result<Writer<CrashSafeFile>, McapError> {
+fn open(path: &str, profile: &str, library: &str, chunk_bytes: u64) -> Result<McapWriter, McapError> {
+    let summary = Rc::new(RefCell::new(Summary::default()));
     let mut writer = WriteOptions::new()
         .profile(profile)
         .library(library)
         .compression(Some(Compression::Lz4))
         .chunk_size(Some(chunk_bytes))
         .disable_seeking(true) // a chunk is written whole or not at all
-        .create(CrashSafeFile::new(File::create(path)?))?;
+        .create(CrashSafeFile::new(File::create(path)?, summary.clone()))?;
     writer.flush()?;
-    Ok(writer)
+    Ok(McapWriter {
+        writer,
+        summary,
+        error: String::new(),
+    })
 }
 
 /// # Safety
@@ -89,10 +99,7 @@ pub unsafe extern "C" fn mcap_c_open(
     error_size: usize,
 ) -> *mut McapWriter {
     match open(text(path), text(profile), text(library), chunk_bytes) {
-        Ok(writer) => Box::into_raw(Box::new(McapWriter {
-            writer,
-            error: String::new(),
-        })),
+        Ok(writer) => Box::into_raw(Box::new(writer)),
         Err(e) => {
             copy_text(&explain(&e), error, error_size);
             std::ptr::null_mut()
@@ -112,7 +119,11 @@ pub unsafe extern "C" fn mcap_c_add_schema(
 ) -> i32 {
     let w = &mut *writer;
     let result = w.writer.add_schema(text(name), text(encoding), bytes(data, n));
-    w.note(result).map_or(FAILED, i32::from)
+    let Some(id) = w.note(result) else { return FAILED };
+    w.summary
+        .borrow_mut()
+        .add_schema(id, text(name), text(encoding), bytes(data, n));
+    i32::from(id)
 }
 
 /// # Safety
@@ -125,8 +136,14 @@ pub unsafe extern "C" fn mcap_c_add_channel(
     encoding: *const c_char,
 ) -> i32 {
     let w = &mut *writer;
-    let result = w.writer.add_channel(schema, text(topic), text(encoding), &BTreeMap::new());
-    w.note(result).map_or(FAILED, i32::from)
+    let result = w
+        .writer
+        .add_channel(schema, text(topic), text(encoding), &BTreeMap::new());
+    let Some(id) = w.note(result) else { return FAILED };
+    w.summary
+        .borrow_mut()
+        .add_channel(id, schema, text(topic), text(encoding));
+    i32::from(id)
 }
 
 /// # Safety
@@ -193,10 +210,8 @@ pub unsafe extern "C" fn mcap_c_error(writer: *const McapWriter, error: *mut c_c
 #[no_mangle]
 pub unsafe extern "C" fn mcap_c_close(writer: *mut McapWriter, error: *mut c_char, error_size: usize) -> i32 {
     let mut w = Box::from_raw(writer);
-    let result = w
-        .writer
-        .finish()
-        .and_then(|_| w.writer.into_inner().finish().map_err(McapError::from));
+    let result = w.writer.flush();
+    drop(w.writer.into_inner()); // as it is: every flush writes an end of file
     match result {
         Ok(()) => 0,
         Err(e) => {
