@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from broken_scenarios import CASES, SCENARIO, Case
+from clear_message import check_message
 from crux_tools import cli
-from messages import check_message
 
 IN_A_PROCESS = ("empty file", "100 MB", "faces z", "unreachable goal")  # the others run in this one: quicker
 

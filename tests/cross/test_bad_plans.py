@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from clear_message import check_message
 from crux_contracts.plan_file import read_plan, write_plan
 from crux_msgs import plan_t
 from crux_tools import cli
-from messages import check_message
 
 COMMANDS = ("check", "climb", "report", "upload")
 SEED = 20221021
