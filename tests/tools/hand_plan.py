@@ -138,15 +138,15 @@ def _scenario(wall: Wall, knots: list[plan_knot_t]) -> str:
     )
 
 
-def finish(wall: Wall, knots: list[plan_knot_t]) -> plan_t:
-    """A plan_t around the knots, with a scenario and its own hash."""
+def finish(wall: Wall, knots: list[plan_knot_t], robot_sha256: str = "") -> plan_t:
+    """A plan_t around the knots, with a scenario and its own hash; for the present robot if not told otherwise."""
     plan = plan_t()
     plan.format = plan_t.FORMAT
     plan.scenario_name = "by-hand"
     plan.scenario_yaml = _scenario(wall, knots)
     plan.scenario_sha256 = hashlib.sha256(plan.scenario_yaml.encode()).hexdigest()
     plan.robot_name = ROBOT
-    plan.robot_sha256 = load_robot(ROBOT).hash
+    plan.robot_sha256 = robot_sha256 or load_robot(ROBOT).hash
     plan.method = "by hand"
     plan.dt_s = DT_S
     plan.gravity_w_m_s2 = wall.gravity.tolist()
@@ -174,7 +174,7 @@ def standing_plan(wall: Wall | None = None, body_path_m: Floats | None = None) -
 
 
 def climbing_plan(
-    advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (3, 2, 1, 0)
+    advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (0, 1, 2, 3)
 ) -> plan_t:
     """The limbs move up one after the other, the body a share of the way before each."""
     xy = np.vstack([NOMINAL_M, NOMINAL_M + np.array([advance_m, 0.0])])

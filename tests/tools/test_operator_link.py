@@ -11,7 +11,7 @@ from crux_contracts.plan_file import write_plan
 from crux_msgs import command_t, plan_piece_t
 from crux_tools.bench.ports import RunPorts, run_ports
 from crux_tools.cli import main
-from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from fake_runtime import FakeRuntime
 from hand_plan import climbing_plan, standing_plan
@@ -41,7 +41,7 @@ def test_lost_messages_are_sent_again(url: str) -> None:
 
 def test_a_refused_plan_gives_the_runtimes_reason(url: str) -> None:
     refusing = FakeRuntime(url, refuse_plan="made for robot x")
-    with refusing, OperatorLink(url) as link, pytest.raises(WorkFailed, match="made for robot x"):
+    with refusing, OperatorLink(url) as link, pytest.raises(UsageError, match="made for robot x"):
         link.upload(standing_plan())
 
 

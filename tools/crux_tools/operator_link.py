@@ -100,7 +100,10 @@ class OperatorLink:
         return answer
 
     def upload(self, plan: plan_t) -> acknowledgement_t:
-        """Uploads a plan piece by piece; raises WorkFailed with the runtime's reason when it does not take it."""
+        """Uploads a plan piece by piece.
+
+        Raises UsageError with the runtime's reason when it refuses the plan, WorkFailed when it does not answer.
+        """
         data = plan.encode()
         pieces = [data[i : i + plan_piece_t.MAX_BYTES] for i in range(0, len(data), plan_piece_t.MAX_BYTES)]
         digest = hashlib.sha256(data).hexdigest()
@@ -122,7 +125,7 @@ class OperatorLink:
         if verdict is None:
             raise WorkFailed(f"the runtime took all {len(pieces)} pieces of the plan but gave no verdict")
         if verdict.verdict != acknowledgement_t.ACCEPTED:
-            raise WorkFailed(f"the runtime refuses the plan: {verdict.reason}")
+            raise UsageError(f"the runtime refuses the plan: {verdict.reason}")
         return verdict
 
     def _send_piece(self, message: plan_piece_t) -> None:
@@ -141,6 +144,6 @@ class OperatorLink:
             if answer is None:
                 continue
             if answer.verdict != acknowledgement_t.ACCEPTED:
-                raise WorkFailed(f"the runtime refuses the plan: {answer.reason}")
+                raise UsageError(f"the runtime refuses the plan: {answer.reason}")
             return
         raise WorkFailed(f"no runtime on {self.url} acknowledges piece {message.piece} of the plan")

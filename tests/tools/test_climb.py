@@ -1,0 +1,136 @@
+"""Whole climbs: runtime process, CAN frames over UDP, firmware cores, physics, verdict. Needs the build."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_contracts.plan_file import write_plan
+from crux_msgs import plan_t
+from crux_tools.telemetry.reader import read_log
+from hand_plan import Wall, climbing_plan, finish, standing_plan
+from mcap.reader import make_reader
+
+KEYS = {"ok", "reached_goal", "fell", "slips", "tracking", "real_time_factor", "missed_cycles", "log"}
+WALL_TIME = "/cycle_timing"
+TIMEOUT_S = 300
+
+
+def start_climb(plan: Path, log: Path, *options: str) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "crux_tools.cli", "climb", str(plan), "-o", str(log), "--json", *options]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish_climb(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any]]:
+    output, errors = process.communicate(timeout=TIMEOUT_S)
+    assert "Traceback" not in errors
+    return process.returncode, json.loads(output)
+
+
+def saved(folder: Path, plan: plan_t) -> Path:
+    path = folder / "plan.mcap"
+    write_plan(path, plan)
+    return path
+
+
+def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
+    """Everything in a log but what carries wall time."""
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    with log.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            if channel.topic != WALL_TIME:
+                found.setdefault(channel.topic, []).append((message.log_time, message.data))
+    return found
+
+
+def test_a_limb_moves_to_its_next_hold(tmp_path: Path) -> None:
+    log = tmp_path / "new" / "log.mcap"
+    status, result = finish_climb(start_climb(saved(tmp_path, climbing_plan(limbs_to_move=(0,))), log))
+    assert status == 0, result
+    assert result.keys() >= KEYS
+    assert result["ok"]
+    assert result["reached_goal"]
+    assert not result["fell"]
+    assert result["slips"] == 0
+    assert result["tracking"]["body_m"] <= 0.010
+    assert result["tracking"]["finger_m"] <= 0.010
+    assert 0.0 < result["tracking"]["force_N"] <= 1.5
+    assert result["missed_cycles"] == 0
+    assert result["real_time_factor"] > 0
+    assert result["log"] == str(log)
+    phases = read_log(log).references["phase"]
+    assert set(np.unique(phases[:, 0])) == set(range(8))  # LF went through every phase of a swing
+    assert set(np.unique(phases[:, 1:])) == {0}
+
+
+def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:
+    plan = saved(tmp_path, standing_plan())
+    logs = [tmp_path / f"{name}.mcap" for name in ("one", "two", "other")]
+    runs = [start_climb(plan, log, "--seed", seed) for log, seed in zip(logs, ("7", "7", "8"), strict=True)]
+    for run in runs:
+        status, result = finish_climb(run)
+        assert status == 0, result
+    one, two, other = map(messages, logs)
+    assert one == two
+    assert one["/control_input"] != other["/control_input"]
+    assert one["/plan"] == other["/plan"]
+
+
+def _runtime_of(bench: subprocess.Popen[str]) -> int:
+    children = Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text(encoding="ascii").split()
+    return next(int(child) for child in children if "crux-runtime" in Path(f"/proc/{child}/cmdline").read_text())
+
+
+def _wait_for(is_so: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + TIMEOUT_S
+    while not is_so():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+
+
+def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> None:
+    log = tmp_path / "log.mcap"
+    bench = start_climb(saved(tmp_path, climbing_plan()), log)
+    enough = 3_000_000  # bytes: well into the climb, past the first second
+    _wait_for(lambda: log.exists() and log.stat().st_size > enough)
+    os.kill(_runtime_of(bench), signal.SIGKILL)
+    status, result = finish_climb(bench)
+    assert status == 1
+    assert result["ok"] is False
+    assert result["robot_on_wall"] is True
+    assert "signal 9" in result["reason"]
+    assert len(read_log(log).state) > 500
+
+
+def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> None:
+    smooth = standing_plan(Wall(friction=(0.1,) * 5, spines=(0,) * 5))
+    status, result = finish_climb(start_climb(saved(tmp_path, smooth), tmp_path / "log.mcap"))
+    assert status == 1
+    assert result["ok"] is False
+    assert result["reason"]
+    assert result["slips"] > 0 or result["fell"]
+
+
+def test_a_plan_for_another_robot_is_refused(tmp_path: Path) -> None:
+    plan = finish(Wall(), standing_plan().knots, robot_sha256="0" * 64)
+    log = tmp_path / "log.mcap"
+    status, result = finish_climb(start_climb(saved(tmp_path, plan), log))
+    assert status == 2
+    assert "another description of robot 'scaler'" in result["error"]
+    assert not log.exists()
+
+
+def test_by_the_clock(tmp_path: Path) -> None:
+    plan = saved(tmp_path, standing_plan())
+    status, result = finish_climb(start_climb(plan, tmp_path / "log.mcap", "--pace", "realtime"))
+    assert status == 0, result
+    assert result["real_time_factor"] == pytest.approx(1.0, abs=0.05)
