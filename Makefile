@@ -28,7 +28,7 @@ build: setup build/cmake/build.ninja ## generate and compile everything
 climb: build ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
 	@mkdir -p $(OUT)
 	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
-	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap
+	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap --report $(OUT)/report.html
 
 test: test-native test-sanitized test-python ## every test
 

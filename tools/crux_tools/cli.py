@@ -40,7 +40,7 @@ COMMANDS: dict[str, Command] = {
     "resume": Command("go on after a hold", _OPERATOR, "add_resume_parser", "run_resume"),
     "clear-fault": Command("leave the fault state once its cause is gone", _OPERATOR, "add_clear_parser", "run_clear"),
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
-    "replay": Command("show a logged climb, or check it bit by bit", "crux_tools.replay.command"),
+    "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
     "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.benches.command"),
 }

@@ -66,6 +66,17 @@ def _print_summary(result: Any) -> None:
     note(f"  log       {result.log}")
 
 
+def _write_report(log: Path, page: Path) -> None:
+    """The page about the climb; the climb's verdict stands also where the log is too short for one."""
+    from crux_tools.report.command import write_report
+    from crux_tools.telemetry import LogError
+
+    try:
+        note(f"  report    {write_report(log, page).file}")
+    except LogError as error:
+        note(f"  report    none: {error}")
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the robot reached the goal without slip or fall, 1 otherwise."""
     from crux_contracts.plan_file import read_plan
@@ -76,12 +87,10 @@ def run(options: argparse.Namespace) -> int:
     options.output.parent.mkdir(parents=True, exist_ok=True)
     with progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, options.output, ClimbOptions(options.pace, options.bus, options.seed), bar.at)
-    if options.report is not None:
-        from crux_tools.report.command import write_report
-
-        write_report(options.output, options.report)
     if options.json:
         print_json(result.as_json())
     else:
         _print_summary(result)
+    if options.report is not None:
+        _write_report(options.output, options.report)
     return 0 if result.ok else 1
