@@ -8,7 +8,6 @@ by the separating axis theorem for boxes. Pads, which pass closest, are followed
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, box_to_box, segment_to_box, signed_distance_to_box
@@ -80,22 +79,24 @@ def _gap(part: Part, cuboids: Cuboids, index: int) -> Array:
     """Clearance (T,) of a part to one cuboid: exact where it is small, a lower bound elsewhere."""
     half, rotation = 0.5 * cuboids.size_m[index], cuboids.rotation[index]
     start = (part.start - cuboids.centre_w_m[index]) @ rotation
-    if part.half_m is not None and part.rotation is not None:
-        gap = signed_distance_to_box(start, half) - float(np.linalg.norm(part.half_m))
-        near = _near(gap)
-        gap[near] = box_to_box(start[near], rotation.T @ part.rotation[near], part.half_m, half)
-        return gap
     end = (part.end - cuboids.centre_w_m[index]) @ rotation
-    reach = 0.5 * np.linalg.norm(end - start, axis=1)
-    gap = np.asarray(signed_distance_to_box(0.5 * (start + end), half) - reach - part.radius_m)
-    near = _near(gap)
-    gap[near] = segment_to_box(start[near], end[near], half) - part.radius_m
+    if part.half_m is not None:
+        reach: Array | float = float(np.linalg.norm(part.half_m))
+    else:
+        reach = 0.5 * np.linalg.norm(end - start, axis=1) + part.radius_m
+    gap = np.asarray(signed_distance_to_box(0.5 * (start + end), half) - reach)
+    near = np.flatnonzero(gap < NEAR_M)  # NaN (a pose out of reach) is not
+    if len(near) == 0:
+        return gap
+    moved = part.moved[near]
+    moved[0] = True
+    rows = near[moved]
+    if part.half_m is not None and part.rotation is not None:
+        exact = box_to_box(start[rows], rotation.T @ part.rotation[rows], part.half_m, half)
+    else:
+        exact = segment_to_box(start[rows], end[rows], half) - part.radius_m
+    gap[near] = exact[np.cumsum(moved) - 1]
     return gap
-
-
-def _near(gap: Array) -> NDArray[np.int_]:
-    """Samples worth an exact distance; NaN (a pose out of reach) is not."""
-    return np.flatnonzero(gap < NEAR_M)
 
 
 def _height(part: Part) -> Array:

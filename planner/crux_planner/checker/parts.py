@@ -6,8 +6,10 @@ Shapes are those of the URDF (cylinders as capsules, boxes as boxes), the pads s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crux_planner.checker.geometry import Array, rotation_about_z
 from crux_planner.checker.kinematics import LimbMotion
@@ -26,6 +28,15 @@ class Part:
     radius_m: float
     half_m: Array | None = None
     rotation: Array | None = None
+
+    @cached_property
+    def moved(self) -> NDArray[np.bool_]:
+        """(T,) False where the part is exactly where it was one sample before: a gripper at rest."""
+        moved = np.ones(len(self.start), dtype=bool)
+        moved[1:] = (np.diff(self.start, axis=0) != 0.0).any(axis=1) | (np.diff(self.end, axis=0) != 0.0).any(axis=1)
+        if self.rotation is not None:
+            moved[1:] |= (np.diff(self.rotation, axis=0) != 0.0).any(axis=(1, 2))
+        return moved
 
 
 def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad_radius_m: float) -> list[Part]:
