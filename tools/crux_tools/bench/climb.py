@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
 from crux_tools.bench.firmware_nodes import FirmwareNodes
@@ -23,7 +23,7 @@ from crux_tools.bench.priority import no_garbage_collection, realtime_priority
 from crux_tools.bench.recorder import Recorder
 from crux_tools.bench.robot_model import build_model
 from crux_tools.bench.runtime_process import STOP_TIMEOUT_S, RuntimeProcess
-from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.errors import WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
 from crux_tools.telemetry.reader import read_log
@@ -123,15 +123,13 @@ def _shut_down(runtime: RuntimeProcess, link: OperatorLink, realtime_loop: Loop 
 
 
 def climb(
-    plan: plan_t, log: Path, options: ClimbOptions, progress: Callable[[float], None] = lambda _time_s: None
+    plan: plan_t,
+    robot: Robot,
+    log: Path,
+    options: ClimbOptions,
+    progress: Callable[[float], None] = lambda _time_s: None,
 ) -> ClimbResult:
     """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises UsageError or WorkFailed."""
-    robot = load_robot(plan.robot_name)
-    if plan.robot_sha256 != robot.hash:
-        raise UsageError(
-            f"the plan was made for another description of robot '{plan.robot_name}' (hash {plan.robot_sha256[:12]}, "
-            f"{robot.folder} has {robot.hash[:12]}): plan again"
-        )
     model = build_model(robot, plan)
     plant = Plant(model, plan, options.seed)
     recorder = Recorder(plant)

@@ -82,11 +82,13 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.plan_file import read_plan
 
     from crux_tools.bench.climb import ClimbOptions, climb
+    from crux_tools.plan_robot import robot_of_plan
 
     plan = read_plan(options.plan)
+    robot = robot_of_plan(plan, options.plan)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     with progress("climbing", plan.knots[-1].time_s) as bar:
-        result = climb(plan, options.output, ClimbOptions(options.pace, options.bus, options.seed), bar.at)
+        result = climb(plan, robot, options.output, ClimbOptions(options.pace, options.bus, options.seed), bar.at)
     if options.json:
         print_json(result.as_json())
     else:

@@ -1,0 +1,25 @@
+"""The robot a plan was made for, as described on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from crux_contracts.robot import Robot, load_robot, robot_names
+from crux_msgs import plan_t
+
+from crux_tools.errors import UsageError
+
+SHOWN = 12  # digits of a hash that tell it from another
+
+
+def robot_of_plan(plan: plan_t, path: Path) -> Robot:
+    """Raises UsageError, naming the plan's file, when the robot is unknown or its description has changed since."""
+    if plan.robot_name not in robot_names():
+        raise UsageError(f"{path}: robot_name: {plan.robot_name!r}: expected one of {', '.join(robot_names())}")
+    robot = load_robot(plan.robot_name)
+    if plan.robot_sha256 != robot.hash:
+        raise UsageError(
+            f"{path}: robot_sha256: {plan.robot_sha256[:SHOWN]}…: {robot.name} in {robot.folder} has "
+            f"{robot.hash[:SHOWN]}…; the robot was changed after planning: plan it again"
+        )
+    return robot
