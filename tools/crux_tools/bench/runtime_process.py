@@ -11,11 +11,12 @@ from typing import IO
 from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t
 
-from crux_tools.errors import WorkFailed
+from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
+USAGE_STATUS = 2  # of the runtime: options, robot description, bus or LCM
 START_TRIES = 40  # of half a second
 GUARD_TIME_S = 10.0  # lockstep: a busy machine must not make the runtime go on without its nodes
 STOP_TIMEOUT_S = 20.0
@@ -62,8 +63,10 @@ class RuntimeProcess:
         return f"{how}{': ' + text if text else ''}"
 
     def await_answer(self, link: OperatorLink) -> None:
-        """Waits until the runtime acknowledges STATUS; raises WorkFailed when it dies or stays silent."""
+        """Waits until the runtime acknowledges STATUS; raises UsageError or WorkFailed with its last words."""
         if link.command(command_t.STATUS, tries=START_TRIES, is_worth_it=self.is_alive) is None:
+            if self._process.poll() == USAGE_STATUS:
+                raise UsageError(f"crux-runtime {self.last_words()}")
             raise WorkFailed(f"crux-runtime {'does not answer' if self.is_alive() else self.last_words()}")
 
     def wait(self) -> None:
