@@ -20,7 +20,7 @@ def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def faulty_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log in real time with a fault in it."""
     path = tmp_path_factory.mktemp("logs") / "faulty.mcap"
-    write_log(path, Story(faults=((200, 7, -1),), late_ns=30_000))
+    write_log(path, Story(faults=((200, 7, -1),), pace="clock", late_ns=30_000))
     return path
 
 

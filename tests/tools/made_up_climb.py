@@ -115,6 +115,7 @@ class Story:
         default_factory=lambda: {0: (0.6, 0.0, 0.8), 1: (0.0, 0.5, 0.0), 2: (0.0, 0.0, 0.0), 3: (0.0, 0.0, 0.25)}
     )
     faults: tuple[tuple[int, int, int], ...] = ()  # (cycle, code, limb)
+    pace: str = "bus"
     late_ns: int = 0
 
 
@@ -125,6 +126,7 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True) -> in
     with path.open("wb") as file:
         # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
         writer = Writer(file, chunk_size=200_000, compression=CompressionType.LZ4)
+        writer.add_metadata("crux", {"version": "0", "robot": "scaler", "pace": story.pace})
         schemas = {
             topic: writer.register_msgdef(*SCHEMAS[type_]) for _, type_, _, _, logged, topic in CHANNELS if logged
         }

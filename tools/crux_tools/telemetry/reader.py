@@ -21,17 +21,19 @@ from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, Message, Schema
+from mcap.records import Channel, Chunk, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_ros2.decoder import DecoderFactory
 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 
 MAGIC = b"\x89MCAP0\r\n"
+METADATA = "crux"
 N_LIMBS = 4
 PER_LIMB = ("/limb_reference", "/limb_telemetry")
 STATE_TOPIC = "/robot_state"
-PER_CYCLE = (STATE_TOPIC, "/control_input", "/control_output", *PER_LIMB)
+EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
+PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _READ_ERRORS = (McapError, struct.error, ValueError, RuntimeError, EOFError, KeyError, OverflowError)
@@ -49,6 +51,7 @@ class _Raw:
     channels: dict[int, Channel] = field(default_factory=dict)
     payloads: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
     times_ns: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
+    metadata: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     finished: bool = False
 
@@ -60,6 +63,7 @@ class Channels:
     tables: dict[str, np.ndarray]
     messages: dict[str, list[Any]]
     times_ns: dict[str, np.ndarray]
+    metadata: dict[str, str]  # what the writer says of itself: version, robot, robot_sha256, pace
     notes: list[str]
     finished: bool
 
@@ -77,12 +81,13 @@ class Telemetry:
     state: np.ndarray  # (n,) robot_state
     inputs: np.ndarray  # (n,) control_input
     outputs: np.ndarray  # (n,) control_output
-    references: np.ndarray  # (n, 4) limb_reference
-    limbs: np.ndarray  # (n, 4) limb_telemetry
+    references: np.ndarray  # (n, 4) limb_reference, the newest one up to the cycle
+    limbs: np.ndarray  # (n, 4) limb_telemetry, likewise
     timing: np.ndarray  # (m,) cycle_timing, perhaps of other cycles too
     faults: np.ndarray  # (f,) fault
     acknowledgements: list[Any]
     commands: list[Any]
+    metadata: dict[str, str]
     notes: list[str]
     finished: bool
 
@@ -146,6 +151,8 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                 elif isinstance(record, Message) and wanted(raw.channels[record.channel_id].topic):
                     raw.payloads[record.channel_id].append(record.data)
                     raw.times_ns[record.channel_id].append(record.log_time)
+                elif isinstance(record, Metadata) and record.name == METADATA:
+                    raw.metadata.update(record.metadata)
                 elif isinstance(record, Footer):
                     raw.finished = True
                 elif isinstance(record, Header) and record.profile != "ros2":
@@ -179,7 +186,7 @@ def _decode(raw: _Raw, path: Path) -> Channels:
             what = " ".join(str(error).split())[:120]
             raise LogError(f"{path}: channel {channel.topic} does not fit its own definition: {what}") from error
         times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
-    return Channels(tables, messages, times_ns, list(dict.fromkeys(raw.notes)), raw.finished)
+    return Channels(tables, messages, times_ns, raw.metadata, list(dict.fromkeys(raw.notes)), raw.finished)
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
@@ -232,12 +239,15 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
             raise LogError(f"{path}: channel {topic} has no {', '.join(sorted(lacking))}: written by another crux?")
     for topic in PER_LIMB:
         tables[topic], times_ns[topic] = _by_limb(tables[topic], times_ns[topic])
-    common_ns = times_ns[PER_CYCLE[0]]
-    for topic in PER_CYCLE[1:]:
+    common_ns = times_ns[EVERY_CYCLE[0]]
+    for topic in EVERY_CYCLE[1:]:
         common_ns = np.intersect1d(common_ns, times_ns[topic])
+    for topic in PER_LIMB:
+        common_ns = common_ns[common_ns >= times_ns[topic][0]] if len(times_ns[topic]) else common_ns[:0]
     if len(common_ns) == 0:
         raise LogError(f"{path}: the log holds not one whole control cycle")
-    aligned = {topic: tables[topic][np.searchsorted(times_ns[topic], common_ns)] for topic in PER_CYCLE}
+    # Limb channels are logged less often (log_every in msgs/channels.yaml): their newest record stands until the next.
+    aligned = {topic: tables[topic][np.searchsorted(times_ns[topic], common_ns, "right") - 1] for topic in PER_CYCLE}
     notes = list(channels.notes)
     if not channels.finished:
         notes.append("the log was not closed (the runtime was killed or is still writing): read as far as it goes")
@@ -255,6 +265,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         faults=tables.get("/fault", np.empty(0)),
         acknowledgements=channels.messages.get("/acknowledgement", []),
         commands=channels.messages.get("/command", []),
+        metadata=channels.metadata,
         notes=notes,
         finished=channels.finished,
     )
