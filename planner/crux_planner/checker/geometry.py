@@ -73,8 +73,10 @@ def body_rate_matrix(rpy: Array) -> Array:
 
 def signed_distance_to_box(points: Array, half_extents: Array) -> Array:
     """Signed distance (negative inside) of points (..., 3), given in the box's own centred frame, to the box."""
-    excess = np.abs(points) - half_extents
-    return np.asarray(np.linalg.norm(np.maximum(excess, 0.0), axis=-1) + np.minimum(excess.max(axis=-1), 0.0))
+    x, y, z = np.moveaxis(np.abs(points) - half_extents, -1, 0)
+    deepest = np.maximum(np.maximum(x, y), z)
+    x, y, z = np.maximum(x, 0.0), np.maximum(y, 0.0), np.maximum(z, 0.0)
+    return np.asarray(np.sqrt(x * x + y * y + z * z) + np.minimum(deepest, 0.0))
 
 
 def segment_to_box(start: Array, end: Array, half_extents: Array, iterations: int = 24) -> Array:

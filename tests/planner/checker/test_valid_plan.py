@@ -1,5 +1,7 @@
 """The plan made by hand passes, on every slope, and quickly."""
 
+import time
+
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -43,8 +45,13 @@ def test_the_report_lists_every_joint_with_its_limits() -> None:
 
 
 def test_the_cold_budget_of_planning_is_spared() -> None:
-    plan = synthetic.make_plan()
-    assert min(check_plan(plan, ROBOT).seconds for _ in range(3)) < 1.0
+    """Processor time, so that a busy machine does not matter."""
+    plan, spent = synthetic.make_plan(), []
+    for _ in range(3):
+        began = time.process_time()
+        check_plan(plan, ROBOT)
+        spent.append(time.process_time() - began)
+    assert min(spent) < 0.5
 
 
 @pytest.mark.parametrize(("quarter_turns", "face"), [(0, 0), (2, 1), (-1, 2), (1, 3)])
