@@ -20,7 +20,8 @@ class TableError(Exception):
 
 @dataclass(frozen=True)
 class Channel:
-    """`rate_Hz` is EVENT_RATE for a message sent when something happens, 0 for one that is only logged."""
+    """`rate_Hz` is EVENT_RATE for a message sent when something happens, 0 for one that is only logged. Of a logged
+    channel every `log_every`-th control cycle is in the log."""
 
     name: str
     type: str
@@ -28,6 +29,7 @@ class Channel:
     writer: str
     logged: bool
     topic: str
+    log_every: int
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,14 @@ def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
             entry["writer"],
             entry["logged"],
             entry["topic"] if entry["logged"] else "",
+            int(entry.get("log_every", 1)),
         )
         if channel.type not in structs:
             raise TableError(f"{path}: {channel.name} carries the unknown type {channel.type}")
         if channel.writer not in WRITERS:
             raise TableError(f"{path}: {channel.name} is written by {channel.writer}, must be one of {WRITERS}")
+        if channel.log_every < 1:
+            raise TableError(f"{path}: {channel.name} has log_every {channel.log_every}, must be 1 or more")
         channels.append(channel)
     for attribute in ("name", "topic"):
         values = [getattr(channel, attribute) for channel in channels if getattr(channel, attribute)]

@@ -17,7 +17,7 @@ def channels_header(channels: list[Channel], structs: dict[str, Struct]) -> str:
     entries = "\n".join(
         f'    ChannelInfo{{Channel::k{_camel(c.name.removeprefix("CRUX_"))}, "{c.name}", "{c.type}", '
         f'"{structs[c.type].schema_name}", "{c.topic}", {c.rate_Hz}, Writer::k{_camel(c.writer)}, '
-        f"{str(c.logged).lower()}}},"
+        f"{str(c.logged).lower()}, {c.log_every}}},"
         for c in channels
     )
     names = ", ".join(f"k{_camel(c.name.removeprefix('CRUX_'))}" for c in channels)
@@ -43,6 +43,7 @@ struct ChannelInfo {{
   double rate_Hz;          // on LCM; 0: only logged
   Writer writer;
   bool logged;
+  int log_every;           // control cycles, counted from the first
 }};
 
 inline constexpr std::array<ChannelInfo, {len(channels)}> kChannels = {{{{

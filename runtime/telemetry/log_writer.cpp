@@ -57,13 +57,15 @@ void LogWriter::write(CycleRecord& record) {
   const std::int64_t t = record.log_time_ns;
   for (LoggedEvent& event : record.events) write_event(event, t);
   if (!record.has_cycle) return;
-  log_->write(Channel::kControlInput, t, record.input);
-  log_->write(Channel::kControlOutput, t, record.result.output);
-  log_->write(Channel::kRobotState, t, record.result.state);
-  for (const auto& reference : record.result.reference) log_->write(Channel::kLimbReference, t, reference);
-  for (const auto& telemetry : record.result.telemetry) log_->write(Channel::kLimbTelemetry, t, telemetry);
-  if (record.result.has_fault) log_->write(Channel::kFault, t, record.result.fault);
-  log_->write(Channel::kCycleTiming, t, record.timing);
+  const CycleResult& result = record.result;
+  const std::int64_t cycle = record.input.cycle;
+  write_due(Channel::kControlInput, cycle, t, record.input);
+  write_due(Channel::kControlOutput, cycle, t, result.output);
+  write_due(Channel::kRobotState, cycle, t, result.state);
+  for (const auto& reference : result.reference) write_due(Channel::kLimbReference, cycle, t, reference);
+  for (const auto& telemetry : result.telemetry) write_due(Channel::kLimbTelemetry, cycle, t, telemetry);
+  if (result.has_fault) log_->write(Channel::kFault, t, result.fault);
+  write_due(Channel::kCycleTiming, cycle, t, record.timing);
 }
 
 }  // namespace crux

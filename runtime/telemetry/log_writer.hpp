@@ -29,6 +29,11 @@ class LogWriter {
   static constexpr std::chrono::milliseconds kIdle{2};
 
   void write(CycleRecord& record);
+  /// Writes a message of `cycle` when its channel keeps this cycle.
+  template <class Message>
+  void write_due(crux_msgs::Channel channel, std::int64_t cycle, std::int64_t log_time_ns, const Message& message) {
+    if ((cycle - 1) % crux_msgs::channel_info(channel).log_every == 0) log_->write(channel, log_time_ns, message);
+  }
   void write_event(LoggedEvent& event, std::int64_t log_time_ns);
   void fail(const LogError& error);
 
