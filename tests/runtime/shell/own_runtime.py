@@ -1,0 +1,72 @@
+"""Starts runtimes for tests, each on ports of its own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from crux_contracts import LIMB_NAMES
+from crux_msgs import command_t
+from crux_tools.bench.ports import RunPorts, run_ports
+from crux_tools.operator_link import OperatorLink
+from crux_tools.paths import ROOT, built
+
+ROBOT = ROOT / "msgs" / "robots" / "scaler"
+END_TIMEOUT_S = 20
+START_TRIES = 40
+
+
+@dataclass
+class Runtime:
+    """A running crux-runtime and the operator's line to it."""
+
+    process: subprocess.Popen[str]
+    ports: RunPorts
+    link: OperatorLink
+    log: Path
+
+    def end(self) -> tuple[int, str]:
+        """Waits for it to end; exit status and what it wrote on standard error."""
+        _, stderr = self.process.communicate(timeout=END_TIMEOUT_S)
+        return self.process.returncode, stderr
+
+
+class Starter:
+    """Starts runtimes and ends what is left of them."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self._stack = stack
+        self._folder = folder
+        self._count = 0
+
+    def __call__(self, *extra: str, pace: str = "bus") -> Runtime:
+        """A runtime on ports of its own that answers its operators."""
+        self._count += 1
+        log = self._folder / f"log{self._count}.mcap"
+        ports = self._stack.enter_context(run_ports())
+        command = [str(built("runtime/app/crux-runtime")), "--robot", str(ROBOT), "--pace", pace]
+        command += ["--lcm", ports.lcm_url, "--log", str(log), *extra]
+        for limb, url in zip(LIMB_NAMES, ports.bus_urls(), strict=True):
+            command += ["--bus", f"{limb}={url}"]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self._stack.callback(self._end, process)
+        link = self._stack.enter_context(OperatorLink(ports.lcm_url))
+        assert link.command(command_t.STATUS, tries=START_TRIES) is not None, "the runtime does not answer"
+        return Runtime(process, ports, link, log)
+
+    @staticmethod
+    def _end(process: subprocess.Popen[str]) -> None:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def rerun_info(log: Path) -> str:
+    """What rerun finds in a log; fails when it cannot open it."""
+    rerun = Path(sys.executable).with_name("rerun")
+    info = subprocess.run([str(rerun), "mcap", "info", str(log)], capture_output=True, text=True, check=False)
+    assert info.returncode == 0, info.stderr
+    return info.stdout + info.stderr
