@@ -42,11 +42,12 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_commands_in_the_readme_exist() -> None:
-    named = set(re.findall(r"(?:^|`|bin/)crux ([a-z-]+)", README, re.MULTILINE))
+    code = "\n".join(re.findall(r"```.*?```|`[^`\n]+`", README, re.DOTALL))
+    named = set(re.findall(r"\bcrux ([a-z-]+)", code))
     assert named
     assert named - set(cli.COMMANDS) == set()
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
-    asked = set(re.findall(r"(?:^|`)make ([a-z-]+)", README, re.MULTILINE))
+    asked = set(re.findall(r"\bmake ([a-z-]+)", code))
     assert asked
     assert asked - targets == set()
 
