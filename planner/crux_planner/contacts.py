@@ -22,9 +22,9 @@ class GripperShape:
     pad_radius: float  # a finger reaches from its pad face one pad diameter outwards; half the width of the palm
     finger_height: float  # above the pad centre, up to the palm
 
-    def half_length(self, opening_m: float) -> float:
+    def half_length(self, opening_m: Array | float) -> Array:
         """Half the length of its footprint: the palm carries the whole travel of the fingers."""
-        return max(self.largest_opening, opening_m + 2 * self.pad_radius)
+        return np.maximum(self.largest_opening, np.asarray(opening_m) + 2 * self.pad_radius)
 
 
 @dataclass(frozen=True)

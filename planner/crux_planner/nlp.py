@@ -25,6 +25,8 @@ from crux_planner.terms.reach import offset_in_body
 from crux_planner.terms.torque import joint_torques
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the NLP's numbers are of order one
+_TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
+_TORQUE_ROUNDS = 5
 _SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
 
 _IPOPT: dict[str, Any] = {
@@ -41,6 +43,10 @@ _IPOPT: dict[str, Any] = {
 }
 
 
+Place = tuple[int, int]
+"""A knot and a limb in stance there."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """Body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2) per knot and limb in stance, and how it went."""
@@ -53,7 +59,7 @@ class Solution:
     solved: bool
     position_residual_m: float
     force_residual_N: float
-    torque_share: float  # largest joint torque at a knot over what the plan may use of the joint's peak
+    torque_shares: dict[Place, float]  # largest joint torque over its limit, per knot and limb in stance
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,11 @@ class _Stance:
     knots: list[int]
     limbs: list[int]
     contacts: list[Contact]
+
+    @property
+    def places(self) -> list[Place]:
+        """(knot, limb) of every column."""
+        return list(zip(self.knots, self.limbs, strict=True))
 
     @property
     def grasps(self) -> Array:
@@ -98,8 +109,21 @@ class _Rows:
         self.high.append(np.tile(np.broadcast_to(high, rows), columns))
 
 
-def solve(problem: Problem, schedule: Schedule, start: Start, *, torque_rows: bool = False) -> Solution:
-    """Solve P1 for a schedule; with `torque_rows`, joint torques at the knots are constraints too."""
+def solve_within_torques(problem: Problem, schedule: Schedule, path: BodyPath) -> Solution:
+    """Solve P1 for a schedule. Joint torques become constraints where they are found too high: most climbs need few."""
+    solution = solve(problem, schedule, start_from_path(problem, path), frozenset())
+    limited: frozenset[Place] = frozenset()
+    for _ in range(_TORQUE_ROUNDS):
+        beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
+        if not solution.solved or not beyond:
+            break
+        limited |= {place for place, share in solution.torque_shares.items() if share > _TORQUE_WATCH}
+        solution = solve(problem, schedule, Start(solution.body, solution.wrenches), limited)
+    return solution
+
+
+def solve(problem: Problem, schedule: Schedule, start: Start, limited: frozenset[Place]) -> Solution:
+    """Solve P1 for a schedule, with constraints on the joint torques at the places `limited`."""
     n, stance = problem.steps, _stance(problem, schedule)
     scale = np.array([1.0, 1.0, problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
     x = ca.MX.sym("x", BODY_STATES, n + 1)
@@ -115,10 +139,12 @@ def solve(problem: Problem, schedule: Schedule, start: Start, *, torque_rows: bo
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
     grippers = schedule.poses[1:, :, :3].reshape(n, 12).T
     rows.add(_reach_function().map(n)(x[:, 1:], grippers), middle - half, middle + half)
-    torques = _torques(problem, stance, x, q, scale)
-    if torque_rows:
-        for limb, torque in enumerate(torques):
-            rows.add(torque, -problem.torque_limits_Nm[limb], problem.torque_limits_Nm[limb])
+    for limb in range(4):
+        columns = [i for i, place in enumerate(stance.places) if place in limited and place[1] == limb]
+        if columns:
+            function = _torque_function(problem, limb, scale).map(len(columns))
+            torques = function(x[:, [stance.knots[i] for i in columns]], q[:, columns], stance.grasps[:, columns])
+            rows.add(torques, -problem.torque_limits_Nm[limb], problem.torque_limits_Nm[limb])
 
     cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + _SPINE_WEIGHT * ca.sumsqr(a)
@@ -138,7 +164,7 @@ def solve(problem: Problem, schedule: Schedule, start: Start, *, torque_rows: bo
         lbg=np.concatenate(rows.low),
         ubg=np.concatenate(rows.high),
     )
-    return _solution(problem, schedule, stance, solver.stats(), result, scale, ca.Function("torques", [x, q], torques))
+    return _solution(problem, schedule, stance, solver.stats(), result, scale)
 
 
 def start_from_path(problem: Problem, path: BodyPath) -> Start:
@@ -165,20 +191,19 @@ def _stance(problem: Problem, schedule: Schedule) -> _Stance:
     return _Stance([k for k, _, _ in found], [limb for _, limb, _ in found], [c for _, _, c in found])
 
 
-def _torques(problem: Problem, stance: _Stance, x: Any, q: Any, scale: Array) -> list[Any]:
-    """Joint torques (6, P_limb) of every limb at its knots in stance, Nm."""
-    torques = []
+def _torque_shares(problem: Problem, stance: _Stance, body: Array, scaled: Array, scale: Array) -> dict[Place, float]:
+    shares: dict[Place, float] = {}
     for limb in range(4):
         columns = [i for i, other in enumerate(stance.limbs) if other == limb]
-        knots = [stance.knots[i] for i in columns]
         function = _torque_function(problem, limb, scale).map(len(columns))
-        torques.append(function(x[:, knots], q[:, columns], stance.grasps[:, columns]))
-    return torques
+        knots = [stance.knots[i] for i in columns]
+        torques = np.array(function(body[knots].T, scaled[columns].T, stance.grasps[:, columns]))
+        used = (np.abs(torques) / problem.torque_limits_Nm[limb][:, None]).max(axis=0)
+        shares.update(zip([(k, limb) for k in knots], used.tolist(), strict=True))
+    return shares
 
 
-def _solution(
-    problem: Problem, schedule: Schedule, stance: _Stance, stats: Any, result: Any, scale: Array, torques: ca.Function
-) -> Solution:
+def _solution(problem: Problem, schedule: Schedule, stance: _Stance, stats: Any, result: Any, scale: Array) -> Solution:
     n, values = problem.steps, np.array(result["x"]).ravel()
     size = BODY_STATES * (n + 1)
     body = values[:size].reshape(n + 1, BODY_STATES)
@@ -186,7 +211,6 @@ def _solution(
     wrenches: list[dict[int, Array]] = [{} for _ in range(n)]
     for k, limb, q in zip(stance.knots, stance.limbs, scaled, strict=True):
         wrenches[k][limb] = q * scale
-    used = [np.abs(np.array(t)) / problem.torque_limits_Nm[i][:, None] for i, t in enumerate(torques(body.T, scaled.T))]
     defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
     return Solution(
         body=body,
@@ -197,7 +221,7 @@ def _solution(
         solved=bool(stats["success"]),
         position_residual_m=float(defects[:, :3].max()),
         force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
-        torque_share=max(float(share.max()) for share in used),
+        torque_shares=_torque_shares(problem, stance, body, scaled, scale),
     )
 
 

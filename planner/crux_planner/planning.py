@@ -14,18 +14,20 @@ from crux_contracts.scenario import Scenario
 from crux_planner.build import build_problem
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.nlp import Solution, Start, solve, start_from_path
+from crux_planner.nlp import Solution, solve_within_torques
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
 from crux_planner.search.schedule import Schedule, lay_out
-from crux_planner.search.stances import Move, Reach, search
+from crux_planner.search.stances import Move, Reach, SearchReport, search
 from crux_planner.search.ways import Ways
 
 METHODS = ("auto",)
 TIME_LIMIT_S = 60.0
+QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
+GREED = 2.0  # the factor by which a sequence may be slower after that
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 Progress = Callable[[str, float], None]
@@ -57,7 +59,7 @@ def plan(
         balance = Balance(problem, problem.friction_share)
         for _ in range(ATTEMPTS):
             with work.part("contacts", 0.1):
-                moves, seen = search(problem, balance, reach, ways, at_once=at_once, deadline=deadline)
+                moves, seen = _search(problem, balance, reach, ways, at_once, deadline)
             if moves is None:
                 failure = failure or explain(problem, balance, reach, ways, seen, at_once)
                 break
@@ -72,6 +74,18 @@ def plan(
         ways.allow_all()
     assert failure is not None
     raise failure
+
+
+def _search(
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float
+) -> tuple[list[Move] | None, SearchReport]:
+    """The quickest moves, or after a third of the time left, any that are quick enough."""
+    now = time.monotonic()
+    early = now + (deadline - now) * QUICKEST_SHARE
+    moves, seen = search(problem, balance, reach, ways, at_once=at_once, greed=1.0, deadline=early)
+    if seen.timed_out:
+        moves, seen = search(problem, balance, reach, ways, at_once=at_once, greed=GREED, deadline=deadline)
+    return moves, seen
 
 
 @dataclass
@@ -120,9 +134,7 @@ def _realise(
         )
         return error, _longest(problem, moves)
     with work.part("nlp", 0.5):
-        solution = solve(problem, schedule, start_from_path(problem, path))
-        if solution.solved and solution.torque_share > 1.0:  # most climbs do without these rows
-            solution = solve(problem, schedule, Start(solution.body, solution.wrenches), torque_rows=True)
+        solution = solve_within_torques(problem, schedule, path)
     if not solution.solved:
         return InfeasibleError(
             "dynamics", f"the exact problem has no solution for the gait {_gait(schedule)} ({solution.status})"

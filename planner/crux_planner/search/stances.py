@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner.arrays import Array
+from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.ways import Ways
@@ -63,6 +63,14 @@ class Reach:
         self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])
         self.high[..., 2] = np.minimum(self.high[..., 2], problem.body.height_m[1])
 
+        low = np.maximum(self.low[:, :, None], self.low[:, None])
+        high = np.minimum(self.high[:, :, None], self.high[:, None])
+        self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
+
+    def neighbours(self, limb: int, contact: int) -> Indices:
+        """Contacts that a limb has in reach from some body position from which it also has `contact`."""
+        return np.flatnonzero(self._meet[limb, contact])
+
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
         """Bounds of the body position for all four limbs, None where they leave nothing."""
         index = (np.arange(4), list(stance))
@@ -91,8 +99,7 @@ def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, fl
     """Per limb and contact, the least knots to the goal were it alone: an exact shortest path, admissible for all."""
     tables = []
     for limb, ends in enumerate(goal_contacts(problem, reach)):
-        usable = problem.limb_contacts[limb]
-        low, high = reach.low[limb], reach.high[limb]
+        usable = set(problem.limb_contacts[limb])
         cost: dict[int, float] = {}
         queue = [(0.0, c) for c in ends]
         while queue:
@@ -100,18 +107,20 @@ def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, fl
             if c in cost:
                 continue
             cost[c] = done
-            for other in usable:
-                meet = (np.maximum(low[c], low[other]) <= np.minimum(high[c], high[other]) + 1e-9).all()
-                if other not in cost and meet and ways.swing(other, c) is not None:
+            for other in map(int, reach.neighbours(limb, c)):
+                if other in usable and other not in cost and ways.swing(other, c) is not None:
                     heapq.heappush(queue, (done + _move_cost(ways, [(other, c)]), other))
         tables.append(cost)
     return tables
 
 
 def search(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, at_once: int, deadline: float
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, at_once: int, greed: float, deadline: float
 ) -> tuple[list[Move] | None, SearchReport]:
-    """The quickest sequence of moves to the goal, `at_once` limbs (1 or 2) at a time, and what the search saw."""
+    """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
+
+    With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner.
+    """
     report = SearchReport()
     to_go = costs_to_go(problem, reach, ways)
     goal = problem.goal.body.position_m
@@ -147,23 +156,23 @@ def search(
                 if stance == report.nearest:
                     report.lifts_without_balance.update(limbs)
                 continue
-            for ends in itertools.product(*[problem.limb_contacts[limb] for limb in limbs]):
+            for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
                 after = _after(stance, limbs, ends)
                 moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
-                if estimate(after) >= UNREACHABLE or not ways.free(moves, support):
+                landing = reach.of(after)
+                if landing is None or estimate(after) >= UNREACHABLE or not ways.free(moves, support):
                     continue
                 new_cost = cost + _move_cost(ways, moves)
                 if new_cost >= best.get(after, np.inf) - 1e-9:
-                    continue
-                landing = reach.of(after)
-                if landing is None:
                     continue
                 touch_down = balance.position(support, *landing, np.clip(goal, *landing))
                 if touch_down is None:
                     continue
                 best[after] = new_cost
                 parent[after] = Move(stance, after, limbs, lift_off, touch_down)
-                heapq.heappush(open_list, (new_cost + estimate(after), next(counter), new_cost, after, touch_down))
+                heapq.heappush(
+                    open_list, (new_cost + greed * estimate(after), next(counter), new_cost, after, touch_down)
+                )
     return None, report
 
 

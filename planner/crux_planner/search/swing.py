@@ -18,6 +18,7 @@ from crux_planner.terms.obstacles import Cuboids
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: room for rounding
 HEIGHT_RESERVE_M = 0.002
 _SAMPLE_M = 0.01
+_CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # going round
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,11 @@ def column_gap(points: Array, cuboids: Cuboids) -> Array:
     return gaps
 
 
-def footprint(pose: Array, half_length: float) -> Array:
-    """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4)."""
-    along = np.linspace(-half_length, half_length, 9)
+def footprint(pose: Array, half_length: Array | float) -> Array:
+    """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4); half lengths (...) or one for all."""
+    along = np.linspace(-1.0, 1.0, 9) * np.asarray(half_length)[..., None]
     axis = np.stack([np.cos(pose[..., 3]), np.sin(pose[..., 3]), np.zeros(pose.shape[:-1])], axis=-1)
-    points: Array = pose[..., None, :3] + along[:, None] * axis[..., None, :]
+    points: Array = pose[..., None, :3] + along[..., None] * axis[..., None, :]
     return points
 
 
@@ -116,15 +117,14 @@ def _clear_height(
 ) -> float | None:
     """Height at which the polyline passes over all it must pass over; None where a cuboid is too tall for that."""
     samples = _dense(way)
-    fingers = np.concatenate(
-        [footprint(samples[i], samples[i, 4] + shape.pad_radius)[[0, -1]] for i in range(len(samples))]
-    )
-    columns = np.stack([footprint(s, shape.half_length(s[4])) for s in samples])
+    fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
+    columns = footprint(samples, shape.half_length(samples[:, 4]))
+    own_top = cuboids.top_m[[start.hold, end.hold]]
+    cuboids = cuboids.near(columns, limits.clearance_m)
     under = column_gap(fingers, cuboids) < limits.clearance_m
     beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
     top = cuboids.top_m
-    under[[start.hold, end.hold]] = True
-    height = (top[under] + limits.clearance_m).max(initial=0.0)
+    height = max(float(own_top.max()), top[under].max(initial=0.0)) + limits.clearance_m
     # What the palm passes over, or stands beside, must be lower than the palm.
     height = max(height, (top[beside] + limits.body_clearance_m - shape.finger_height).max(initial=0.0))
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
@@ -138,16 +138,22 @@ def _candidate_ways(
     ways: list[list[Array]] = [[]]
     tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
     line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
-    arm = shape.half_length(shape.open_opening) + limits.clearance_m
+    length, width = float(shape.half_length(max(start.open_m, end.open_m))), shape.pad_radius
     for v in tall:
-        if cuboids.plan_distance(line)[:, v].min() > arm:
+        if cuboids.plan_distance(line)[:, v].min() > length + limits.body_clearance_m:
             continue
         c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])
-        for signs in itertools.product((-1, 1), repeat=2):
-            corner = (cuboids.half_m[v, :2] + arm) * signs
-            ways.append(
-                [cuboids.foot_w_m[v] + np.array([c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]])]
-            )
+        turns = np.array([start.yaw_rad, end.yaw_rad]) - cuboids.yaw_rad[v]
+        room = limits.clearance_m + np.array(
+            [
+                (length * np.abs(np.cos(turns)) + width * np.abs(np.sin(turns))).max(),
+                (length * np.abs(np.sin(turns)) + width * np.abs(np.cos(turns))).max(),
+            ]
+        )
+        to_w = np.array([[c, -s], [s, c]])
+        corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + room) * sign) for sign in _CORNERS]
+        for i in range(4):  # past one corner, or along one side
+            ways += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
     return sorted(ways, key=lambda corners: _length([a, *corners, b]))
 
 

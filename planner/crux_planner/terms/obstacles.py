@@ -26,6 +26,14 @@ class Cuboids:
         """Height of the tops above the wall, (V,)."""
         return 2 * self.half_m[:, 2]
 
+    def near(self, points_w: Array, reach_m: float) -> Cuboids:
+        """Those that stand within `reach_m` of the bounding box of points (..., 3), in plan view (more at times)."""
+        flat = points_w.reshape(-1, points_w.shape[-1])[:, :2]
+        extent = np.linalg.norm(self.half_m[:, :2], axis=1)[:, None] + reach_m
+        beyond = np.maximum(flat.min(axis=0) - self.foot_w_m, self.foot_w_m - flat.max(axis=0))
+        close = (beyond <= extent).all(axis=1)
+        return Cuboids(self.foot_w_m[close], self.half_m[close], self.yaw_rad[close])
+
     def excess(self, points_w: Array) -> Array:
         """Coordinates beyond the faces, (..., V, 3), of points (..., 3): per axis |local| - half."""
         plan = points_w[..., None, :2] - self.foot_w_m
