@@ -47,7 +47,7 @@ lint: build ## ruff, mypy, clang-format, clang-tidy
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FILES)
-	clang-tidy --quiet -p build/cmake $(TIDY_FILES)
+	printf "%s\n" $(TIDY_FILES) | xargs -P $(JOBS) -n 1 clang-tidy --quiet -p build/cmake
 
 format: setup ## bring Python, C and C++ into the project's form
 	$(BIN)/ruff check --fix-only -q
