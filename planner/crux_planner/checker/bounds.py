@@ -6,13 +6,17 @@ import numpy as np
 from crux_contracts.robot import Robot
 
 from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
 
 def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
-    """Body height, tilt, speed and rate (component by component) at the knots; opening, yaw against the body, height
-    and mean speed of grippers over every interval.
+    """Body height, tilt, speed and rate at the knots; opening, yaw against the body, height and mean speed of grippers
+    over every interval.
+
+    Speeds are bounded component by component: along, across and off the wall with respect to the heading of the first
+    pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes.
     """
     times, between = plan.time_s, plan.time_s[:-1]
     length, angle = tolerances.LENGTH_M, tolerances.ANGLE_RAD
@@ -21,7 +25,8 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
     findings.add_series("body_height", np.maximum(low - height, height - high), times, "m", tolerance=length)
     tilt = np.abs(plan.body_rpy[:, :2]).max(axis=1)
     findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad", tolerance=angle)
-    speed = np.abs(plan.body_velocity).max(axis=1)
+    heading = rotation_about_z(plan.body_rpy[0, 2])
+    speed = np.abs(plan.body_velocity @ heading).max(axis=1)
     findings.add_series("body_speed", speed - robot.body.max_speed_m_s, times, "m/s", tolerance=tolerances.SPEED_M_S)
     rate = np.abs(plan.body_rate).max(axis=1)
     findings.add_series("body_rate", rate - robot.body.max_rate_rad_s, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
@@ -40,7 +45,7 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
             tolerance=length,
             limb=limb,
         )
-        yaw = plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2]
+        yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         low, high = robot.grasp.gripper_yaw_rad
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", tolerance=angle, limb=limb)
         height = plan.gripper_position[:, limb, 2] - robot.grasp.max_swing_height_m

@@ -38,6 +38,23 @@ def test_body_too_fast() -> None:
     assert found.amount == pytest.approx(0.03)
 
 
+def test_body_speed_is_bounded_along_and_across_the_heading() -> None:
+    """A body that starts at a yaw of 40 degrees may move at full speed along and across it at once, but no faster."""
+    yaw = np.deg2rad(40.0)
+    along, across = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+
+    def speed(value: np.ndarray) -> list[float]:
+        def change(plan: plan_t) -> None:
+            for knot in plan.knots:
+                add(knot, "body_rpy_rad", 2, float(yaw))
+            plan.knots[4].body_velocity_w_m_s = [*value.tolist(), 0.0]
+
+        return [v.amount for v in broken(change).violations if v.constraint == "body_speed" and v.time_s == 4 * DT]
+
+    assert speed(0.0199 * (along + across)) == []
+    assert speed(0.0199 * along - 0.021 * across) == pytest.approx([0.001])
+
+
 def test_body_turning_too_fast() -> None:
     found = the(broken(lambda p: add(p.knots[4], "body_angular_velocity_b_rad_s", 0, 0.05)), "body_rate", None, None, 4)
     assert found.amount == pytest.approx(0.03)
