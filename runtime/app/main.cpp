@@ -1,8 +1,11 @@
+#include <algorithm>
+#include <atomic>
 #include <csignal>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <thread>
 
 #include "app/cycle_loop.hpp"
@@ -122,6 +125,10 @@ int run(const Options& options) {
         std::fprintf(stderr, "crux-runtime: not in real time: %s\n", refused.c_str());
     }
     report = loop->run();
+    log_writer.set_end({{"cycles", std::to_string(report.cycles)},
+                        {"unanswered", std::to_string(report.unanswered)},
+                        {"missed_deadlines", std::to_string(report.missed_deadlines)},
+                        {"dropped_records", std::to_string(report.dropped_records)}});
   }
   print_report(report, *loop);
   return log_writer.error().empty() ? kDone : kFailed;

@@ -23,7 +23,10 @@ void LogWriter::run(const std::atomic<bool>& ended) {
         log_->flush();
         next_flush = now + kFlushPeriod;
       }
-      if (last_round && log_) log_->close();
+      if (last_round && log_) {
+        if (!end_.empty()) log_->write_metadata("crux_end", end_);
+        log_->close();
+      }
     } catch (const LogError& error) {
       fail(error);
     }

@@ -21,6 +21,10 @@ class LogWriter {
   /// records, so that nobody waits for it.
   void run(const std::atomic<bool>& ended);
 
+  /// What the log's last record says of the run. Without one, the program did not end in order. To be called before
+  /// `ended` is set.
+  void set_end(Metadata end) { end_ = std::move(end); }
+
   /// What went wrong, empty when all is well. To be read when run() has returned.
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
 
@@ -39,6 +43,7 @@ class LogWriter {
 
   SpscRing<CycleRecord>& records_;
   std::unique_ptr<McapLog> log_;
+  Metadata end_;
   std::string error_;
 };
 

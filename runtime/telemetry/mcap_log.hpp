@@ -44,7 +44,7 @@ class McapLog {
   /// Makes what was written so far safe from a kill of this program.
   void flush();
 
-  /// Ends the file. A log that is destroyed without it stays readable up to the last flush.
+  /// Writes what is left and reports errors; the destructor does so in silence.
   void close();
 
  private:

@@ -114,11 +114,18 @@ def test_order_of_messages_is_fixed(finished: Finished) -> None:
         assert by_time[cycle * PERIOD_NS] == expected
 
 
-def test_metadata_names_robot_and_pace(finished: Finished) -> None:
+def test_metadata_names_robot_pace_and_end(finished: Finished) -> None:
     from crux_contracts.robot import load_robot
 
     with finished[0].open("rb") as file:
-        (metadata,) = [m for m in make_reader(file).iter_metadata() if m.name == "crux"]
+        metadata, end = make_reader(file).iter_metadata()
+    assert (metadata.name, end.name) == ("crux", "crux_end")
+    assert end.metadata == {
+        "cycles": str(CYCLES + 1),  # the last one was not answered and is not in the log
+        "unanswered": "0",
+        "missed_deadlines": "0",
+        "dropped_records": "0",
+    }
     assert metadata.metadata["robot_sha256"] == load_robot("scaler").hash
     assert metadata.metadata["pace"] == "bus"
     assert metadata.metadata["version"]

@@ -224,6 +224,8 @@ def test_the_log_of_a_killed_runtime_opens_everywhere(start: Starter, plan: plan
     runtime = start()
     runtime.link.upload(plan)
     kill_in_mid_run(runtime, 400)
+    with runtime.log.open("rb") as file:
+        assert [m.name for m in make_reader(file).iter_metadata()] == ["crux", "crux_plan"]  # and no "crux_end"
     cycles = [s.cycle for _, s in logged(runtime.log, "/robot_state")]  # type: ignore[attr-defined]
     assert cycles == list(range(1, len(cycles) + 1))
     assert len(cycles) > 50
