@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from numpy.typing import NDArray
 
@@ -190,5 +191,5 @@ def _check_sharing(plan: PlanArrays, findings: Findings) -> None:
             shared = (held[:, first] == held[:, second]) & (held[:, first] >= 0)
             edges = np.flatnonzero(np.diff(np.concatenate(([False], shared)).astype(np.int8)) == 1)
             for k in edges:
-                detail = f"limb {first} is on {plan.cuboids.names[held[k, first]]!r} too"
+                detail = f"{LIMB_NAMES[first]} is on {plan.cuboids.names[held[k, first]]!r} too"
                 findings.add("hold_shared", 1.0, "limbs", limb=second, time_s=plan.time_s[k], detail=detail)
