@@ -30,14 +30,13 @@ START = START_CYCLE + START_GRACE_CYCLES
 
 
 class MadeUpNodes:
-    """Plays a list of Syncs and host states; controls by the holding controller unless `limp`."""
+    """Plays a list of Syncs and host states; controls by the holding controller."""
 
-    def __init__(self, plant: Plant, cycles: list[int | None], host: dict[int, int], *, limp: bool = False) -> None:
+    def __init__(self, plant: Plant, cycles: list[int | None], host: dict[int, int]) -> None:
         self._plant = plant
         self._controller = HoldingController(plant)
         self._cycles = iter(cycles)
         self._host = host
-        self._limp = limp
         self.cycle = 0
         self.published = 0
         self.controlled = 0
@@ -51,8 +50,7 @@ class MadeUpNodes:
     def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         assert plant is self._plant
         self.controlled += 1
-        torque, force = self._controller.command()
-        return (torque * 0, force * 0) if self._limp else (torque, force)
+        return self._controller.command()
 
     def publish(self, plant: Plant) -> None:
         assert plant is self._plant
@@ -122,11 +120,12 @@ def test_after_the_runtimes_death_the_nodes_are_watched_on_their_own(plant: Plan
     assert outcome.robot_on_wall is True
 
 
-def test_limp_nodes_drop_the_robot(plant: Plant) -> None:
+@pytest.mark.parametrize("grip_share", [0.0, 1.0])
+def test_limp_joints_drop_the_robot_even_where_its_grippers_hold(plant: Plant, grip_share: float) -> None:
     class Failing(MadeUpNodes):
         def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            self._limp = plant.cycle > 1500
-            return super().control(plant)
+            torque, force = super().control(plant)
+            return (torque * 0, force * grip_share) if plant.cycle > 1500 else (torque, force)
 
     outcome = run(Failing(plant, [*range(1500), None], {0: READY, START_CYCLE: CLIMBING}), plant, alive=False)
     assert outcome.robot_on_wall is False
