@@ -46,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first wall (default: %(default)s)")
     parser.add_argument("--slope", type=float, default=45.0, metavar="DEG", help="of the walls (default: %(default)s)")
     parser.add_argument(
+        "--all-limbs", action="store_true", help="demand that every limb moves to the hold above it, not the body alone"
+    )
+    parser.add_argument(
         "--output", type=Path, default=Path("out/bench-climbs"), metavar="DIR", help="for scenarios, plans and logs"
     )
 
@@ -63,10 +66,10 @@ def _crux(*words: str) -> dict[str, Any]:
     return result if isinstance(result, dict) else {"ok": False, "error": f"{words[0]} printed no object"}
 
 
-def climb_one(seed: int, slope_deg: float, folder: Path) -> WallResult:
-    """Draws, plans and climbs one wall; its files stay in `folder`."""
+def climb_one(seed: int, scenario_yaml: str, folder: Path) -> WallResult:
+    """Plans and climbs one wall; its files stay in `folder`."""
     scenario, plan, log = (folder / f"wall-{seed}{suffix}" for suffix in (".yaml", ".plan.mcap", ".log.mcap"))
-    scenario.write_text(random_wall(seed, slope_deg), encoding="utf-8")
+    scenario.write_text(scenario_yaml, encoding="utf-8")
     planned = _crux("plan", str(scenario), "-o", str(plan))
     climbed = _crux("climb", str(plan), "-o", str(log), "--seed", str(seed)) if planned.get("ok") else {}
     return WallResult(seed, planned, climbed)
@@ -95,7 +98,8 @@ def run(options: argparse.Namespace) -> int:
     results: list[WallResult] = []
     with progress("climbing random walls", options.count) as bar:
         for seed in range(options.seed, options.seed + options.count):
-            results.append(climb_one(seed, options.slope, options.output))
+            wall = random_wall(seed, options.slope, all_limbs=options.all_limbs)
+            results.append(climb_one(seed, wall, options.output))
             bar.at(len(results))
     planned = sum(result.planned for result in results)
     climbed = sum(result.climbed for result in results)

@@ -33,8 +33,8 @@ def draw_holds(random: np.random.Generator) -> tuple[NDArray[np.float64], float,
             return xy, round(advance, ROUNDING), round(lateral, ROUNDING)
 
 
-def random_wall(seed: int, slope_deg: float = 45.0) -> str:
-    """A scenario as YAML text; the same seed draws the same wall."""
+def random_wall(seed: int, slope_deg: float = 45.0, *, all_limbs: bool = False) -> str:
+    """A scenario as YAML text; the same seed draws the same wall. `all_limbs`: each limb must end on its goal hold."""
     random = np.random.default_rng(seed)
     xy_m, advance_m, lateral_m = draw_holds(random)
     yaw_deg = np.round(random.uniform(-YAW_DEG, YAW_DEG, len(xy_m)), 2)
@@ -48,7 +48,7 @@ def random_wall(seed: int, slope_deg: float = 45.0) -> str:
         }
         for index, (position, yaw) in enumerate(zip(xy_m, yaw_deg, strict=True))
     ]
-    scenario = {
+    scenario: dict[str, Any] = {
         "version": 1,
         "name": f"random-wall-{seed}",
         "robot": "scaler",
@@ -68,4 +68,6 @@ def random_wall(seed: int, slope_deg: float = 45.0) -> str:
         "goal": {"body": {"position_m": [advance_m, lateral_m, BODY_HEIGHT_M]}},
         "horizon": {"steps": 40, "dt_s": 2.0},
     }
+    if all_limbs:
+        scenario["goal"]["grasps"] = {name: {"hold": f"goal{name}", "faces": "x"} for name in LIMB_NAMES}
     return yaml.safe_dump(scenario, sort_keys=False)
