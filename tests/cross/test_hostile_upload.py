@@ -19,7 +19,7 @@ from crux_contracts.plan_file import plan_id, read_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
 from crux_tools.bench.ports import run_ports
-from crux_tools.errors import WorkFailed
+from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import built
 
@@ -223,14 +223,14 @@ BAD_PLANS: dict[str, Callable[[plan_t], None]] = {
 def test_a_sound_upload_of_an_unsound_plan(target: Target, good: plan_t, change: Callable[[plan_t], None]) -> None:
     change(good)
     good.plan_id = plan_id(good)
-    with pytest.raises(WorkFailed, match=r"refuses the plan: .+"):
+    with pytest.raises(UsageError, match=r"refuses the plan: .+"):
         target.link.upload(good)
     target.assert_alive()
 
 
 def test_a_plan_changed_after_checking(target: Target, good: plan_t) -> None:
     good.knots[0].body_position_w_m = [0.001, 0.0, 0.185]
-    with pytest.raises(WorkFailed, match=r"refuses the plan: .+"):
+    with pytest.raises(UsageError, match=r"refuses the plan: .+"):
         target.link.upload(good)
     target.assert_alive()
 

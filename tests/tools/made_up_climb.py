@@ -117,6 +117,8 @@ class Story:
     faults: tuple[tuple[int, int, int], ...] = ()  # (cycle, code, limb)
     pace: str = "bus"
     late_ns: int = 0
+    dropped: int = 0
+    whole_file: bool = False  # has a summary without an orderly end, as after each of the runtime's flushes
 
 
 def write_log(path: Path, story: Story | None = None, finish: bool = True) -> int:
@@ -144,6 +146,8 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True) -> in
         for cycle, code, limb in story.faults:
             put("/fault", cycle, cycle=cycle, code=code, limb=limb, node=0, value=0.07, limit=0.06)
         if finish:
+            writer.add_metadata("crux_end", {"cycles": str(cycles), "dropped_records": str(story.dropped)})
+        if finish or story.whole_file:
             writer.finish()  # type: ignore[no-untyped-call]
         else:
             file.flush()

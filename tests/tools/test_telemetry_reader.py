@@ -65,7 +65,7 @@ def test_rows_are_those_another_reader_finds(log_path: Path) -> None:
         row, limb = divmod(index, 4)
         assert expected[index].limb == limb
         np.testing.assert_array_equal(log.limbs["force_w_n"][row, limb], expected[index].force_w_n)
-    assert log.finished
+    assert log.end == {"cycles": str(len(log.time_s)), "dropped_records": "0"}
     assert log.notes == []
     assert [hold.name for hold in log.plan.holds] == ["a", "b", "c", "d", "e", "pillar"]
     assert list(log.plan.holds[1].position_w_m[:2]) == list(START["RF"])
@@ -75,8 +75,20 @@ def test_a_killed_runtimes_log_opens_as_far_as_it_was_written(log_path: Path, ki
     whole, killed = read_log(log_path), read_log(killed_log_path)
     assert 0 < len(killed.time_s) < len(whole.time_s)
     np.testing.assert_array_equal(killed.state, whole.state[: len(killed.state)])
-    assert not killed.finished
+    assert killed.end is None
     assert any("not closed" in remark for remark in killed.notes)
+
+
+def test_a_killed_runtimes_log_may_be_a_whole_file(tmp_path: Path) -> None:
+    path = tmp_path / "flushed.mcap"
+    write_log(path, Story(ready_cycles=3, wait_cycles=0, whole_file=True), finish=False)
+    assert any("not closed" in remark for remark in read_log(path).notes)
+
+
+def test_cycles_the_log_had_no_room_for_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "dropped.mcap"
+    write_log(path, Story(ready_cycles=3, wait_cycles=0, dropped=12))
+    assert read_log(path).notes == ["12 cycles are missing: the log's queue was full"]
 
 
 def test_a_log_cut_anywhere_opens_or_says_why_not(log_path: Path, tmp_path: Path) -> None:
@@ -92,7 +104,7 @@ def test_a_log_cut_anywhere_opens_or_says_why_not(log_path: Path, tmp_path: Path
             refused = str(error)
             opened.append(0)
         else:
-            assert not log.finished
+            assert log.end is None
             np.testing.assert_array_equal(log.inputs, whole.inputs[: len(log.inputs)])
             opened.append(len(log.inputs))
     assert str(cut) in refused

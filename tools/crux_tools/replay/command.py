@@ -74,9 +74,10 @@ def run(options: argparse.Namespace) -> int:
     from crux_tools.replay.viewer import Viewer
 
     viewer = Viewer(log, options.host, options.port)
-    note(f"view: {viewer.url} (Ctrl-C ends it)")
     try:
+        note(f"view: {viewer.url} (Ctrl-C ends it)")
         viewer.wait()
-    except KeyboardInterrupt:
-        viewer.close()
+    except KeyboardInterrupt:  # how it is meant to end
+        pass
+    viewer.close()
     return 0

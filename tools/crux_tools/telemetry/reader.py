@@ -21,7 +21,7 @@ from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_ros2.decoder import DecoderFactory
 
@@ -29,6 +29,7 @@ from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA = "crux"
+END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
 PER_LIMB = ("/limb_reference", "/limb_telemetry")
 STATE_TOPIC = "/robot_state"
@@ -52,8 +53,8 @@ class _Raw:
     payloads: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
     times_ns: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
     metadata: dict[str, str] = field(default_factory=dict)
+    end: dict[str, str] | None = None
     notes: list[str] = field(default_factory=list)
-    finished: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,8 @@ class Channels:
     messages: dict[str, list[Any]]
     times_ns: dict[str, np.ndarray]
     metadata: dict[str, str]  # what the writer says of itself: version, robot, robot_sha256, pace
+    end: dict[str, str] | None  # what the runtime counted over its run; None: it did not end in order
     notes: list[str]
-    finished: bool
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,8 @@ class Telemetry:
     acknowledgements: list[Any]
     commands: list[Any]
     metadata: dict[str, str]
+    end: dict[str, str] | None  # cycles, unanswered, missed_deadlines, dropped_records; None: killed, or still running
     notes: list[str]
-    finished: bool
 
 
 def _chunk_records(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -153,12 +154,12 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                     raw.times_ns[record.channel_id].append(record.log_time)
                 elif isinstance(record, Metadata) and record.name == METADATA:
                     raw.metadata.update(record.metadata)
-                elif isinstance(record, Footer):
-                    raw.finished = True
+                elif isinstance(record, Metadata) and record.name == END_METADATA:
+                    raw.end = dict(record.metadata)
                 elif isinstance(record, Header) and record.profile != "ros2":
                     raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
         except _READ_ERRORS:
-            raw.finished = False
+            raw.end = None  # the file is cut off
     return raw
 
 
@@ -186,13 +187,13 @@ def _decode(raw: _Raw, path: Path) -> Channels:
             what = " ".join(str(error).split())[:120]
             raise LogError(f"{path}: channel {channel.topic} does not fit its own definition: {what}") from error
         times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
-    return Channels(tables, messages, times_ns, raw.metadata, list(dict.fromkeys(raw.notes)), raw.finished)
+    return Channels(tables, messages, times_ns, raw.metadata, raw.end, list(dict.fromkeys(raw.notes)))
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
     """The channels of an MCAP file in profile ros2, all or those in `topics`.
 
-    Raises LogError when the file is no such file; a cut-off end only clears `finished`.
+    Raises LogError when the file is no such file; a cut-off end only leaves `end` out.
     """
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
@@ -249,8 +250,10 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
     # Limb channels are logged less often (log_every in msgs/channels.yaml): their newest record stands until the next.
     aligned = {topic: tables[topic][np.searchsorted(times_ns[topic], common_ns, "right") - 1] for topic in PER_CYCLE}
     notes = list(channels.notes)
-    if not channels.finished:
-        notes.append("the log was not closed (the runtime was killed or is still writing): read as far as it goes")
+    if channels.end is None:
+        notes.append("the log was not closed (cut off, or its runtime killed or still writing): read as far as it goes")
+    elif int(channels.end.get("dropped_records", "0")):
+        notes.append(f"{channels.end['dropped_records']} cycles are missing: the log's queue was full")
     plans = channels.messages.get("/plan", [])
     return Telemetry(
         path=path,
@@ -266,6 +269,6 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         acknowledgements=channels.messages.get("/acknowledgement", []),
         commands=channels.messages.get("/command", []),
         metadata=channels.metadata,
+        end=channels.end,
         notes=notes,
-        finished=channels.finished,
     )
