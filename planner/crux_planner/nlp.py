@@ -6,6 +6,7 @@ casadi function in `terms`, mapped over the knots or over all pairs of a knot an
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,20 +110,26 @@ class _Rows:
         self.high.append(np.tile(np.broadcast_to(high, rows), columns))
 
 
-def solve_within_torques(problem: Problem, schedule: Schedule, path: BodyPath) -> Solution:
+def solve_within_torques(problem: Problem, schedule: Schedule, path: BodyPath, deadline: float) -> Solution:
     """Solve P1 for a schedule. Joint torques become constraints where they are found too high: most climbs need few."""
-    solution = solve(problem, schedule, start_from_path(problem, path), frozenset())
+    solution = solve(problem, schedule, start_from_path(problem, path), frozenset(), _time_left(deadline))
     limited: frozenset[Place] = frozenset()
     for _ in range(_TORQUE_ROUNDS):
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
         if not solution.solved or not beyond:
             break
         limited |= {place for place, share in solution.torque_shares.items() if share > _TORQUE_WATCH}
-        solution = solve(problem, schedule, Start(solution.body, solution.wrenches), limited)
+        solution = solve(problem, schedule, Start(solution.body, solution.wrenches), limited, _time_left(deadline))
     return solution
 
 
-def solve(problem: Problem, schedule: Schedule, start: Start, limited: frozenset[Place]) -> Solution:
+def _time_left(deadline: float) -> float:
+    return max(deadline - time.monotonic(), 1.0)
+
+
+def solve(
+    problem: Problem, schedule: Schedule, start: Start, limited: frozenset[Place], time_limit_s: float
+) -> Solution:
     """Solve P1 for a schedule, with constraints on the joint torques at the places `limited`."""
     n, stance = problem.steps, _stance(problem, schedule)
     scale = np.array([1.0, 1.0, problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
@@ -134,8 +141,13 @@ def solve(problem: Problem, schedule: Schedule, start: Start, limited: frozenset
     wrenches = _wrench_function(scale).map(len(stance.knots))(q, stance.grasps)
     totals = wrenches @ stance.sums(n)
     rows.add(_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0)
-    friction = problem.friction_share * np.array([[c.friction for c in stance.contacts]])
-    rows.add(_cone_function(problem, scale).map(len(stance.knots))(q, a, friction), 0.0, np.inf)
+    rough = [i for i, c in enumerate(stance.contacts) if c.friction > 0.0]
+    if rough:
+        friction = problem.friction_share * np.array([[stance.contacts[i].friction for i in rough]])
+        rows.add(_cone_function(problem, scale).map(len(rough))(q[:, rough], a[:, rough], friction), 0.0, np.inf)
+    slippery = [i for i, c in enumerate(stance.contacts) if c.friction == 0.0]
+    if slippery:  # the cone has shrunk to a ray: spines carry all
+        rows.add(q[0:3, slippery] - a[:, slippery], 0.0, 0.0)
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
     grippers = schedule.poses[1:, :, :3].reshape(n, 12).T
     rows.add(_reach_function().map(n)(x[:, 1:], grippers), middle - half, middle + half)
@@ -154,7 +166,7 @@ def solve(problem: Problem, schedule: Schedule, start: Start, limited: frozenset
     spines = (problem.friction_share * spines / scale[:3]).ravel()
     variables = ca.veccat(x, q, a)
     nlp: dict[str, Any] = {"x": variables, "f": cost, "g": ca.vertcat(*rows.expressions)}
-    solver = ca.nlpsol("p1", "ipopt", nlp, _IPOPT)
+    solver = ca.nlpsol("p1", "ipopt", nlp, {**_IPOPT, "ipopt.max_wall_time": time_limit_s})
     many = len(stance.knots)
     q0 = np.array([start.wrenches[k][limb] for k, limb in zip(stance.knots, stance.limbs, strict=True)]) / scale
     result = solver(

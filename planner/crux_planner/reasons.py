@@ -36,7 +36,7 @@ def check_start(scenario: Scenario, problem: Problem, balance: Balance) -> None:
             )
     stance = problem.start_contacts
     if balance.position(stance, *[problem.start.position_m] * 3) is None:
-        lacking = balance.missing_force(stance, problem.start.position_m)
+        lacking = balance.missing_force(stance, *[problem.start.position_m] * 2)
         raise wrong(
             scenario,
             "start.grasps",
@@ -133,7 +133,7 @@ def _goal_unbalanced(problem: Problem, balance: Balance, report: SearchReport) -
     """The search reached stances with the goal in reach, but the body cannot stand there."""
     if report.nearest is None or report.nearest_cost > 1e-9:
         return None
-    lacking = balance.missing_force(report.nearest, problem.goal.body.position_m)
+    lacking = balance.missing_force(report.nearest, *[problem.goal.body.position_m] * 2)
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
@@ -144,15 +144,14 @@ def _goal_unbalanced(problem: Problem, balance: Balance, report: SearchReport) -
 def _lift_unbalanced(
     problem: Problem, balance: Balance, reach: Reach, report: SearchReport, at_once: int
 ) -> InfeasibleError | None:
-    if report.nearest is None or not report.lifts_without_balance:
+    bounds = reach.of(report.nearest) if report.nearest is not None else None
+    if report.nearest is None or bounds is None or not report.lifts_without_balance:
         return None
-    bounds = reach.of(report.nearest)
     limbs = sorted(report.lifts_without_balance) if at_once == 1 else list(range(4))
     shortages = []
     for limb in limbs:
         support = tuple(c for other, c in enumerate(report.nearest) if other != limb)
-        middle = problem.start.position_m if bounds is None else np.clip(problem.start.position_m, *bounds)
-        shortages.append((balance.missing_force(support, middle), limb))
+        shortages.append((balance.missing_force(support, *bounds), limb))
     lacking, limb = min(shortages)
     return InfeasibleError(
         "equilibrium",

@@ -64,13 +64,15 @@ class Balance:
         rows[-2:, 3:] = [[1.0, 1.0], [-1.0, 1.0]]
         return rows, np.concatenate([self.spine[contact], [self.max_normal_N] * 2])
 
-    def missing_force(self, support: tuple[int, ...], position: Array) -> float:
-        """Least force [N] (moments count over `MOMENT_ARM_M`) that balance lacks at a body position."""
-        n = WRENCH * len(support)
-        rows, bounds, low, high = self._limits(support)
+    def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
+        """Least force [N] (moments count over `MOMENT_ARM_M`) that balance lacks for body positions in [low, high]."""
+        n = 3 + WRENCH * len(support)
+        limits, bounds, wrench_low, wrench_high = self._limits(support)
+        rows = np.hstack([np.zeros((len(limits), 3)), limits])
+        low, high = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
         scale = np.array([1.0, 1.0, 1.0] + [1.0 / MOMENT_ARM_M] * 3)
-        weighted = self._map(support) * scale[:, None]
-        target = self.right_side(position) * scale
+        weighted = self._balance_matrix(support) * scale[:, None]
+        target = np.concatenate([-self.problem.weight_N, np.zeros(3)]) * scale
         result = _dense_qp(
             weighted.T @ weighted + 1e-9 * np.eye(n), -weighted.T @ target, None, None, rows, bounds, low, high
         )
@@ -92,10 +94,12 @@ class Balance:
     def _joined(self, support: tuple[int, ...]) -> Array:
         return np.concatenate(self.maps[list(support)], axis=1)
 
-    def _map(self, support: tuple[int, ...]) -> Array:
-        matrix = np.zeros((6, WRENCH * len(support)))
+    def _balance_matrix(self, support: tuple[int, ...]) -> Array:
+        """(6, 3 + 5 m): of (body position, wrenches), equal to (-M g, 0) in balance."""
+        matrix = np.zeros((6, 3 + WRENCH * len(support)))
+        matrix[3:, :3] = -self.weight_moment
         for i, c in enumerate(support):
-            matrix[:, WRENCH * i : WRENCH * i + 4] = self.maps[c]
+            matrix[:, 3 + WRENCH * i : 7 + WRENCH * i] = self.maps[c]
         return matrix
 
     def _limits(self, support: tuple[int, ...]) -> tuple[Array, Array, Array, Array]:
@@ -114,7 +118,7 @@ class Balance:
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
-        balance = np.hstack([np.vstack([np.zeros((3, 3)), -self.weight_moment]), self._map(support)])
+        balance = self._balance_matrix(support)
         cost = np.concatenate(
             [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
         )

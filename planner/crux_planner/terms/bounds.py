@@ -33,5 +33,6 @@ def body_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
 
 def wrench_bounds(problem: Problem) -> tuple[Array, Array]:
     """Bounds (5,) of a gripper's (s1, s2, m, n1, n2) in stance."""
-    high = np.array([np.inf, np.inf, np.inf, problem.patch.max_normal_N, problem.patch.max_normal_N])
+    press = problem.friction_share * problem.patch.max_normal_N
+    high = np.array([np.inf, np.inf, np.inf, press, press])
     return np.array([-np.inf, -np.inf, -np.inf, LEAST_NORMAL_N, LEAST_NORMAL_N]), high
