@@ -66,11 +66,12 @@ class OperatorLink:
         plan_id: str = "",
         at_cycle: int = 0,
         tries: int = TRIES,
+        timeout_s: float = ANSWER_TIMEOUT_S,
         is_worth_it: Callable[[], bool] = lambda: True,
     ) -> acknowledgement_t | None:
         """Sends a command (command_t constant) until it is acknowledged; None when nobody answers.
 
-        Every try is the same message with the same request id; `is_worth_it` is asked before each.
+        Every try is the same message with the same request id and waits `timeout_s`; `is_worth_it` comes first.
         """
         message = command_t()
         message.request_id = self._next_request
@@ -84,7 +85,7 @@ class OperatorLink:
             self._lcm.publish(channels.CRUX_COMMAND, message.encode())
             answer = self._await(
                 lambda a: a.subject == acknowledgement_t.COMMAND and a.request_id == message.request_id,
-                ANSWER_TIMEOUT_S,
+                timeout_s,
             )
             if answer is not None:
                 return answer

@@ -17,7 +17,7 @@ from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
 USAGE_STATUS = 2  # of the runtime: options, robot description, bus or LCM
-START_TRIES = 40  # of half a second
+START_TRIES, START_TRY_S = 400, 0.05
 GUARD_TIME_S = 10.0  # lockstep: a busy machine must not make the runtime go on without its nodes
 STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
@@ -64,7 +64,7 @@ class RuntimeProcess:
 
     def await_answer(self, link: OperatorLink) -> None:
         """Waits until the runtime acknowledges STATUS; raises UsageError or WorkFailed with its last words."""
-        if link.command(command_t.STATUS, tries=START_TRIES, is_worth_it=self.is_alive) is None:
+        if link.command(command_t.STATUS, tries=START_TRIES, timeout_s=START_TRY_S, is_worth_it=self.is_alive) is None:
             if self._process.poll() == USAGE_STATUS:
                 raise UsageError(f"crux-runtime {self.last_words()}")
             raise WorkFailed(f"crux-runtime {'does not answer' if self.is_alive() else self.last_words()}")
