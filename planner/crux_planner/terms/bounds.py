@@ -12,17 +12,18 @@ LEAST_NORMAL_N = 1.0  # a finger in stance keeps touching
 _SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
 
 
-def body_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
-    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega."""
+def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Array]:
+    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega; without a schedule, of any gripper yaws."""
     body, goal, n = problem.body, problem.goal, problem.steps
     speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
     top = [np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3]
     high = np.tile(top, (n + 1, 1))
     low = -high
     low[:, 2] = body.height_m[0]
-    yaws = schedule.poses[..., 3]
-    low[:, 5] = (yaws - problem.gripper_yaw_rad[1]).max(axis=1)
-    high[:, 5] = (yaws - problem.gripper_yaw_rad[0]).min(axis=1)
+    if schedule is not None:
+        yaws = schedule.poses[..., 3]
+        low[:, 5] = (yaws - problem.gripper_yaw_rad[1]).max(axis=1)
+        high[:, 5] = (yaws - problem.gripper_yaw_rad[0]).min(axis=1)
     low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
     room = np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)

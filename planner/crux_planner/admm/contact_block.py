@@ -1,0 +1,86 @@
+"""P2a, equation (19a): contacts by the hull MILP on stages, then all of x, u and y at the knots by one convex QP."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.admm.hull import Decision, HullMilp
+from crux_planner.admm.knot_qp import KnotSolution, solve_knots
+from crux_planner.admm.stage_cost import stage_cost
+from crux_planner.admm.stages import Stages, clash
+from crux_planner.errors import InfeasibleError
+from crux_planner.problem import Problem
+from crux_planner.search.balance import Balance
+from crux_planner.search.schedule import Schedule
+from crux_planner.search.stances import Reach
+from crux_planner.search.ways import Ways
+
+MILP_GAP = 0.02
+_CUTS = 12  # decisions thrown away in one iteration before giving up
+
+
+@dataclass(frozen=True)
+class ContactPlan:
+    """eta of the contact block with the contacts behind it."""
+
+    eta: Eta
+    schedule: Schedule
+    knots: KnotSolution
+    decision: Decision
+
+
+class ContactBlock:
+    """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""
+
+    def __init__(
+        self, problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, moments: bool = True, scales: Scales
+    ) -> None:
+        self.problem, self.moments, self.scales = problem, moments, scales
+        self.stages = Stages(problem, reach, ways)
+        self._balance = balance
+        self._hull = HullMilp(self.stages, balance, moments=moments)
+        self._last: Decision | None = None
+
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan:
+        """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
+        cost = stage_cost(self.stages, rho, target, self.scales)
+        for _ in range(_CUTS):
+            start = None if self._last is None else self._last.values
+            left = max(deadline - time.monotonic(), 1.0)
+            result = self._hull.solve(cost, gap=MILP_GAP, time_limit_s=left, start=start)
+            if result.values is None:
+                raise _nothing_found(result.infeasible)
+            decision = self._hull.decision(result)
+            together = clash(self.stages, decision.swings)
+            if together is not None:
+                self._hull.forbid(together)
+                continue
+            schedule = self.stages.schedule(decision.swings)
+            knots = solve_knots(
+                self.problem, self._balance, schedule, rho, target, self.scales, self.path(decision), self.moments
+            )
+            if knots is None:
+                self._hull.forbid_exactly(decision)
+                continue
+            self._last = decision
+            eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
+            return ContactPlan(eta, schedule, knots, decision)
+        raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
+
+    def path(self, decision: Decision) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        """Body positions (N + 1, 3) through those of the stages, each in the middle of its stage."""
+        n, stages = self.problem.steps, self.stages
+        middles = [0.5 * sum(stages.span(t)) for t in range(stages.count)]
+        middles[0], middles[-1] = 0.0, float(n)
+        knots = np.arange(n + 1)
+        return np.stack([np.interp(knots, middles, decision.body[:, axis]) for axis in range(3)], axis=1)
+
+
+def _nothing_found(infeasible: bool) -> InfeasibleError:
+    if infeasible:
+        return InfeasibleError("contacts", "no contacts on the stages of the contact block satisfy reach and balance")
+    return InfeasibleError("time limit", "the contact block found no contacts in the time allowed")

@@ -1,0 +1,241 @@
+"""The contact block's MILP: P2a on stages, one binary per limb, stage and (hold, face pair), in hull form.
+
+A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole stages). The wrench of a contact is
+its own set of variables q = (s1, s2, m / k, F+, F-, n), zero unless the contact is held, so that the limit surface
+(2)+(3) needs no big M; n is the smaller of the two normal forces n1 = n + F+ and n2 = n + F-, and the sign variable
+gamma of (12) is not needed (terms.limit_surface). Grasp points are constants, so that balance (8), moments included,
+is linear. Squares enter as tangents, in perspective form where they hang on a binary; the rows do not depend on the
+ADMM's iteration, only the cost does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from crux_planner.admm.milp import Milp, MilpResult
+from crux_planner.admm.stages import Arc, Stages, Swinging
+from crux_planner.arrays import Array, Indices
+from crux_planner.search.balance import Balance
+from crux_planner.search.body_path import SPEED_SHARE
+
+SHARES = 6  # q of one contact
+SQUARED = 5  # s1, s2, m / k, n1, n2
+_TANGENTS_N = (
+    np.array([-24.0, -10.0, 10.0, 24.0]),
+    np.array([-24.0, -10.0, 10.0, 24.0]),
+    np.array([-6.0, 6.0]),
+    np.array([4.0, 10.0, 20.0, 40.0]),
+    np.array([4.0, 10.0, 20.0, 40.0]),
+)
+_TANGENT_STEP_M = 0.04
+_FORCE_BOUND_N = 150.0
+
+
+@dataclass
+class StageCost:
+    """What the MILP minimises, equation (19a) summed over each stage's knots.
+
+    Contacts: `linear` (S, 4, C, 6) on q, `square` (S, 5) on the squares of s1, s2, m / k, n1, n2, `held` (S, 4, C) on
+    the binaries. Body: `body_linear` (S, 3) and `body_square` (S, 3). Arcs: one number each, by limb.
+    """
+
+    square: Array
+    body_linear: Array
+    body_square: Array
+    linear: Array
+    held: Array
+    arcs: list[Array]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Contacts decided: arcs taken per limb, body positions (S, 3), the objective and its proven lower bound."""
+
+    swings: list[Swinging]
+    body: Array
+    objective: float
+    bound: float
+    values: Array = field(repr=False)
+
+
+class HullMilp:
+    """The rows of P2a on stages."""
+
+    def __init__(self, stages: Stages, balance: Balance, *, moments: bool = True) -> None:
+        self.stages, self.balance, self.moments = stages, balance, moments
+        self.milp = Milp()
+        low, high = stages.body_room()
+        self.body = np.stack([self.milp.variables(3, low, high) for _ in range(stages.count)])
+        self.body_squares = np.stack([self.milp.variables(3, 0.0, np.inf) for _ in range(stages.count)])
+        self.held: list[list[dict[int, int]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
+        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
+        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
+        self.arcs: list[Indices] = []
+        for limb in range(4):
+            self._flow(limb)
+            self._reach(limb)
+        for t in range(stages.count):
+            self._one_gripper_a_hold(t)
+            self._wrenches(t)
+            self._balance(t)
+        self._body_motion()
+
+    def solve(self, cost: StageCost, *, gap: float, time_limit_s: float, start: Array | None = None) -> MilpResult:
+        """Minimise; `start` are values of an earlier decision, whose binaries are taken over."""
+        hint = None
+        if start is not None:
+            hint = np.full(self.milp.size, np.nan)
+            columns = [column for stage in self.held for limb in stage for column in limb.values()]
+            hint[columns] = np.round(start[columns])
+        return self.milp.solve(self._cost(cost), start=hint, gap=gap, time_limit_s=time_limit_s)
+
+    def decision(self, result: MilpResult) -> Decision:
+        """What a result says."""
+        assert result.values is not None
+        swings = []
+        for limb in range(4):
+            taken = [arc for arc, column in self._limb_arcs(limb) if result.values[column] > 0.5]
+            swings += [self.stages.swinging(limb, arc) for arc in sorted(taken, key=lambda arc: arc.first)]
+        return Decision(swings, result.values[self.body], result.objective, result.bound, result.values)
+
+    def forbid(self, swings: tuple[Swinging, ...]) -> None:
+        """Never take these swings together (a cut: it holds whatever the cost)."""
+        columns = [
+            column
+            for swing in swings
+            for arc, column in self._limb_arcs(swing.limb)
+            if self.stages.swinging(swing.limb, arc) == swing
+        ]
+        self.milp.row(columns, np.ones(len(columns)), -np.inf, len(columns) - 1)
+
+    def forbid_exactly(self, decision: Decision) -> None:
+        """Never decide for exactly these contacts again (a no-good cut on the binaries)."""
+        columns = [column for stage in self.held for limb in stage for column in limb.values()]
+        on = decision.values[columns] > 0.5
+        self.milp.row(columns, np.where(on, 1.0, -1.0), -np.inf, int(on.sum()) - 1)
+
+    def _limb_arcs(self, limb: int) -> list[tuple[Arc, int]]:
+        return list(zip(self.stages.arcs[limb], self.arcs[limb].tolist(), strict=True))
+
+    def _flow(self, limb: int) -> None:
+        stages, milp, start = self.stages, self.milp, self.stages.problem.start_contacts[limb]
+        self.arcs.append(milp.variables(len(stages.arcs[limb]), 0.0, 1.0))
+        last = stages.count - 1
+        for t in range(stages.count):
+            for c in stages.contacts[limb]:
+                low = 1.0 if t == 0 and c == start else 0.0
+                high = 0.0 if (t == 0 and c != start) or (t == last and c not in stages.goals[limb]) else 1.0
+                self.held[t][limb][c] = int(milp.variables(1, low, high, integer=True)[0])
+        for t in range(1, stages.count):
+            landing: dict[int, list[int]] = {c: [] for c in stages.contacts[limb]}
+            leaving: dict[int, list[int]] = {c: [] for c in stages.contacts[limb]}
+            for arc, column in self._limb_arcs(limb):
+                if arc.end == t:
+                    landing[arc.goal].append(column)
+                if arc.first == t:
+                    leaving[arc.start].append(column)
+            for c in stages.contacts[limb]:
+                now, before = self.held[t][limb][c], self.held[t - 1][limb][c]
+                milp.row([now, *landing[c]], [1.0] + [-1.0] * len(landing[c]), 0.0, np.inf)
+                columns = [now, before, *landing[c], *leaving[c]]
+                signs = [1.0, -1.0] + [-1.0] * len(landing[c]) + [1.0] * len(leaving[c])
+                milp.row(columns, signs, 0.0, 0.0)
+
+    def _reach(self, limb: int) -> None:
+        """(9a) with the body level: the body is where the contact held, or both ends of the swing, allow it."""
+        stages, reach = self.stages, self.stages.reach
+        for t in range(stages.count):
+            low: list[Array] = [reach.low[limb, c] for c in self.held[t][limb]]
+            high: list[Array] = [reach.high[limb, c] for c in self.held[t][limb]]
+            columns = list(self.held[t][limb].values())
+            for arc, column in self._limb_arcs(limb):
+                if arc.first <= t < arc.end:
+                    low.append(np.minimum(reach.low[limb, arc.start], reach.low[limb, arc.goal]))
+                    high.append(np.maximum(reach.high[limb, arc.start], reach.high[limb, arc.goal]))
+                    columns.append(column)
+            self.milp.row(columns, np.ones(len(columns)), 1.0, 1.0)
+            for axis in range(3):
+                body = int(self.body[t, axis])
+                self.milp.row([body, *columns], [1.0, *(-b[axis] for b in low)], 0.0, np.inf)
+                self.milp.row([body, *columns], [1.0, *(-b[axis] for b in high)], -np.inf, 0.0)
+
+    def _one_gripper_a_hold(self, t: int) -> None:
+        problem, by_hold = self.stages.problem, dict[int, list[int]]()
+        for limb in range(4):
+            for c, column in self.held[t][limb].items():
+                by_hold.setdefault(problem.contacts[c].hold, []).append(column)
+            for arc, column in self._limb_arcs(limb):
+                if arc.first <= t < arc.end:
+                    by_hold.setdefault(problem.contacts[arc.goal].hold, []).append(column)
+        for columns in by_hold.values():
+            self.milp.row(columns, np.ones(len(columns)), -np.inf, 1.0)
+
+    def _wrenches(self, t: int) -> None:
+        problem, balance, milp = self.stages.problem, self.balance, self.milp
+        directions = balance.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
+        high = np.array([*[_FORCE_BOUND_N] * 3, *[balance.max_normal_N] * 3])
+        low = np.array([-high[0], -high[1], -high[2], 0.0, 0.0, 0.0])
+        for limb in range(4):
+            for c, held in self.held[t][limb].items():
+                q = milp.variables(SHARES, low, high)
+                squares = milp.variables(SQUARED, 0.0, np.inf)
+                self.wrench[t][limb][c], self.squares[t][limb][c] = q, squares
+                load = balance.margin * balance.reach * balance.friction[c]
+                for direction, reach, spine in zip(directions, load, balance.spine[c], strict=True):
+                    milp.row([*q[:3], q[5], held], [*direction, -reach, -spine], -np.inf, 0.0)
+                for pull in (3, 4):
+                    milp.row([q[pull], q[5], held], [1.0, 1.0, -balance.max_normal_N], -np.inf, 0.0)
+                for i, tangents in enumerate(_TANGENTS_N):
+                    base = [int(q[i])] if i < 3 else [int(q[5]), int(q[i])]
+                    for d in tangents:
+                        columns = [int(squares[i]), *base, held]
+                        milp.row(columns, [1.0, *([-2 * d] * len(base)), d * d], 0.0, np.inf)
+
+    def _balance(self, t: int) -> None:
+        """(8a) and (8b) in balance: sum of forces = -M g, sum of moments about the origin = weight_moment r."""
+        balance, k = self.balance, self.stages.problem.patch.k_m
+        columns: list[int] = []
+        parts: list[Array] = []
+        for limb in range(4):
+            for c, q in self.wrench[t][limb].items():
+                force = balance.maps[c]
+                columns += map(int, q[:5])
+                parts.append(np.column_stack([force[:, :2], k * force[:, 2], force[:, 3], -force[:, 3]]))
+        matrix = np.hstack(parts)
+        weight = balance.problem.weight_N
+        for axis in range(3):
+            self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
+            if self.moments:
+                body = [*columns, *map(int, self.body[t])]
+                self.milp.row(body, np.concatenate([matrix[3 + axis], -balance.weight_moment[axis]]), 0.0, 0.0)
+
+    def _body_motion(self) -> None:
+        stages, problem, milp = self.stages, self.stages.problem, self.milp
+        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s * stages.knots
+        goal, room = problem.goal.body.position_m, problem.goal.position_room_m
+        low, high = stages.body_room()
+        for axis in range(3):
+            first, last = int(self.body[0, axis]), int(self.body[-1, axis])
+            milp.row([first], [1.0], problem.start.position_m[axis], problem.start.position_m[axis])
+            milp.row([last], [1.0], goal[axis] - room, goal[axis] + room)
+            for t in range(1, stages.count):
+                milp.row([int(self.body[t, axis]), int(self.body[t - 1, axis])], [1.0, -1.0], -step, step)
+            points = np.append(np.arange(low[axis], high[axis] + _TANGENT_STEP_M, _TANGENT_STEP_M), goal[axis])
+            for t in range(stages.count):
+                for d in points:
+                    milp.row([int(self.body_squares[t, axis]), int(self.body[t, axis])], [1.0, -2 * d], -d * d, np.inf)
+
+    def _cost(self, cost: StageCost) -> Array:
+        vector = np.zeros(self.milp.size)
+        vector[self.body], vector[self.body_squares] = cost.body_linear, cost.body_square
+        for t in range(self.stages.count):
+            for limb in range(4):
+                for c, held in self.held[t][limb].items():
+                    vector[held] = cost.held[t, limb, c]
+                    vector[self.wrench[t][limb][c]] = cost.linear[t, limb, c]
+                    vector[self.squares[t][limb][c]] = cost.square[t]
+        for columns, values in zip(self.arcs, cost.arcs, strict=True):
+            vector[columns] = values
+        return vector

@@ -1,0 +1,77 @@
+"""The contact MILP's cost: J (6) and the proximal term rho / 2 |eta - delta + epsilon|^2 of (19a), a stage at a time.
+
+With `target` = delta - epsilon the proximal term of a stage's knots expands into squares and linear terms of the
+wrench shares, and into constants of a contact held or a swing taken: exact but for the tangents of the squares.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.admm.consensus import Eta, Scales, finger_positions
+from crux_planner.admm.hull import SHARES, SQUARED, StageCost
+from crux_planner.admm.stages import Stages
+from crux_planner.arrays import Array
+from crux_planner.search.swing import contact_pose
+
+
+def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -> StageCost:
+    """The cost for targets at the knots; without them J alone."""
+    problem, count = stages.problem, stages.count
+    weights, k_m, contacts = problem.weights, problem.patch.k_m, len(problem.contacts)
+    pull = 0.0 if target is None else rho
+    near, force, moment = (pull * s**2 for s in (scales.position, scales.force, scales.moment))
+    each = np.array(
+        [2 * weights.wrench + force] * 2 + [2 * weights.wrench + moment * k_m**2] + [weights.wrench + force / 2] * 2
+    )
+    square = np.zeros((count, SQUARED))
+    body_square, body_linear = np.zeros((count, 3)), np.zeros((count, 3))
+    linear, held = np.zeros((count, 4, contacts, SHARES)), np.zeros((count, 4, contacts))
+    for t in range(count):
+        first, end = stages.span(t)
+        square[t] = (end - first) * each
+        body_square[t] = (end - first) * (weights.position + near / 2)
+        body_linear[t] = -2 * (end - first) * weights.position * problem.goal.body.position_m
+        if target is None:
+            continue
+        body_linear[t] -= near * target.body[first:end, 0:3].sum(axis=0)
+        for limb in range(4):
+            fingers = slice(2 * limb, 2 * limb + 2)
+            forces, moments = target.forces[first:end, fingers].sum(axis=0), target.moments[first:end, fingers]
+            for c in stages.contacts[limb]:
+                contact = problem.contacts[c]
+                shear = -force * forces.sum(axis=0) @ np.column_stack([contact.tangent, [0.0, 0.0, 1.0]])
+                twist = -moment * k_m * float(moments.sum(axis=(0, 1)) @ contact.axis)
+                normal = -force * np.array([forces[0] @ contact.axis, -forces[1] @ contact.axis])
+                linear[t, limb, c] = [*shear, twist, *normal, normal.sum()]
+                pose = np.append(contact_pose(contact), contact.separation_m / 2)
+                held[t, limb, c] = _apart(np.tile(pose, (end - first, 1)), target, limb, first, pull, scales)
+    arcs = [_arc_costs(stages, limb, target, pull, scales) for limb in range(4)]
+    return StageCost(square, body_linear, body_square, linear, held, arcs)
+
+
+def swing_cost(stages: Stages, poses: Array) -> float:
+    """What J (6) says of one swing: zeta (height), xi (opening) and S (two changes of contact)."""
+    weights = stages.problem.weights
+    return float(weights.lift * poses[:, 2].sum() + 2 * weights.opening * poses[:, 4].sum() + 2 * weights.switching)
+
+
+def _arc_costs(stages: Stages, limb: int, target: Eta | None, pull: float, scales: Scales) -> Array:
+    costs = np.zeros(len(stages.arcs[limb]))
+    for i, arc in enumerate(stages.arcs[limb]):
+        swing = stages.swinging(limb, arc)
+        way = stages.ways.swing(swing.start, swing.goal)
+        assert way is not None
+        poses = way.poses(swing.end - swing.first)[:-1]
+        costs[i] = swing_cost(stages, poses)
+        if target is not None:
+            costs[i] += _apart(poses, target, limb, swing.first, pull, scales)
+    return costs
+
+
+def _apart(poses: Array, target: Eta, limb: int, first: int, pull: float, scales: Scales) -> float:
+    """The proximal term of gripper poses (n, 5) from knot `first` on."""
+    knots = slice(first, first + len(poses))
+    fingers = finger_positions(poses[:, None]) - target.fingers[knots, 2 * limb : 2 * limb + 2]
+    yaws = poses[:, 3] - target.yaws[knots, limb]
+    return float(pull / 2 * (scales.position**2 * (fingers**2).sum() + scales.orientation**2 * (yaws**2).sum()))
