@@ -109,7 +109,9 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .rearming = rearm_cycles_ > 0,
                       .fault = fault,
                       .not_ready_reason = well ? "the robot does not stand at the plan's start"
-                                               : "not all nodes and sensors answer and are well"});
+                                          : faults_.any_latched(in)
+                                              ? "nodes hold by themselves; clear the fault to re-arm them"
+                                              : "not all nodes and sensors answer and are well"});
   if (supervisor_.rearm_requested()) {
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
@@ -173,7 +175,8 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   const double engagement = smoothstep(engaged_time_s_ / robot_.control.engage_time_s);
 
   wrenches_W_ = balanced(reference);
-  const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), dt_s);
+  // Before the plan has begun somebody may carry the body: an integral would only push against him.
+  const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) limbs_[l].follow_contact(reference.limbs[l], body_.body_W(), body_command_W);
   if (faults_.force_torque_well(in)) {
     const PerLimb<Wrench> errors = wrench_errors(reference, engagement);

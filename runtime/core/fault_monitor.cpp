@@ -1,6 +1,8 @@
 #include "core/fault_monitor.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "core/node_protocol.hpp"
 
@@ -68,6 +70,11 @@ bool FaultMonitor::all_well(const crux_msgs::control_input_t& in) const noexcept
     }
   }
   return force_torque_well(in);
+}
+
+bool FaultMonitor::any_latched(const crux_msgs::control_input_t& in) const noexcept {
+  return std::any_of(std::begin(in.joint_faults), std::end(in.joint_faults), latched) ||
+         std::any_of(std::begin(in.gripper_faults), std::end(in.gripper_faults), latched);
 }
 
 bool FaultMonitor::force_torque_well(const crux_msgs::control_input_t& in) const noexcept {

@@ -51,6 +51,8 @@ class FaultMonitor {
   /// Faults of the loop. Errors count when they last for persistence_s.
   FaultEvent loop_fault(const LoopErrors& errors, double dt_s) noexcept;
 
+  /// A node's watchdog has latched its hold: only REARM leads on.
+  bool any_latched(const crux_msgs::control_input_t& in) const noexcept;
   bool force_torque_well(const crux_msgs::control_input_t& in) const noexcept;
   std::int64_t missed_cycles() const { return missed_cycles_; }
 

@@ -177,7 +177,7 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, std::
 
 /// Quasi-random joint angles inside the limits (additive recurrence with the generalised golden ratio in 6 dimensions).
 JointVector seed_angles(const LimbDescription& limb, int index) {
-  constexpr double kGolden6 = 1.0957779;  // root of x^7 = x + 1 rounded: any irrational-like spread will do
+  constexpr double kGolden6 = 1.1127756842787055;  // root of x^7 = x + 1
   JointVector q;
   double step = 1.0;
   for (int j = 0; j < kJoints; ++j) {

@@ -92,6 +92,32 @@ TEST(Climb, StaysIdleUntilAllNodesAnswer) {
   EXPECT_TRUE(run.until(SupervisorState::kReady, 5));
 }
 
+TEST(Climb, NodesLatchedBeforeItsTimeAreRearmedOnTheOperatorsWordOnly) {
+  Climber run(sample_plan());
+  for (std::int16_t& faults : run.plant.input().joint_faults) faults = kFaultCommandTimeout;
+  run.steps(100);
+  EXPECT_EQ(run.core.state(), SupervisorState::kIdle);
+  run.step(command_t::START);
+  EXPECT_STREQ(run.result.command_refusal, "nodes hold by themselves; clear the fault to re-arm them");
+  run.step(command_t::CLEAR_FAULT);
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 100));
+}
+
+TEST(Climb, ACarriedBodyIsNotPushedAgainst) {
+  // Somebody holds the body 3 mm off its reference for ten seconds; the commands must not run away from it.
+  crux_msgs::plan_t plan = sample_plan();
+  Climber run(plan);
+  for (crux_msgs::plan_knot_t& knot : plan.knots) knot.body_position_w_m[0] += 0.003;
+  sign(plan);
+  ASSERT_EQ(run.core.load_plan(plan), "");
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(100);
+  const std::vector<double> start(run.result.output.joint_position_rad,
+                                  run.result.output.joint_position_rad + kAllJoints);
+  run.steps(5000);
+  for (int j = 0; j < kAllJoints; ++j) EXPECT_NEAR(run.result.output.joint_position_rad[j], start[j], 2e-3);
+}
+
 TEST(Climb, TheClockWaitsForTheStartToSettle) {
   Climber run(sample_plan());
   ASSERT_TRUE(run.until(SupervisorState::kReady, 20));

@@ -179,6 +179,30 @@ TEST_F(Faults, ANodeThatLatchedItsHoldMakesTheRobotHoldAndCanBeRearmed) {
   EXPECT_EQ(run_->result.state.plan_complete, 1);
 }
 
+TEST_F(Faults, AfterASilentNodeIsBackTheClimbGoesOnWithoutAJolt) {
+  for (int i = 0; i < 3600; ++i) run_->step();  // into LF's swing
+  ASSERT_EQ(run_->result.reference[0].phase, static_cast<int>(LimbPhase::kLift));
+  for (int i = 0; i < 20; ++i) {
+    input().gripper_fresh[2] = 0;
+    run_->step();
+  }
+  ASSERT_EQ(run_->core.state(), SupervisorState::kFault);
+  input().gripper_fresh[2] = 1;
+  EXPECT_EQ(run_->step(command_t::CLEAR_FAULT).state.supervisor_state, crux_msgs::robot_state_t::HOLDING);
+  std::vector<double> before(input().joint_position_rad, input().joint_position_rad + kAllJoints);
+  for (int i = 0; i < 500; ++i) {
+    run_->step();
+    for (int j = 0; j < kAllJoints; ++j) {
+      ASSERT_LT(std::abs(input().joint_position_rad[j] - before[j]), 1.0 * 0.002) << "joint " << j << " cycle " << i;
+      before[j] = input().joint_position_rad[j];
+    }
+  }
+  expect_all_joint_modes(NodeMode::kTrack);
+  EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kAccepted);
+  EXPECT_TRUE(run_->until(SupervisorState::kHolding, 20000));
+  EXPECT_EQ(run_->result.state.plan_complete, 1);
+}
+
 TEST_F(Faults, ANodeThatHoldsThoughToldToTrackIsNamed) {
   spoil_ = [](crux_msgs::control_input_t& in) { in.joint_state[0] = static_cast<std::int8_t>(NodeState::kHold); };
   expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 0, 1);
