@@ -48,7 +48,7 @@ def run_plan(args: argparse.Namespace) -> int:
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
-        with _progress() as report:
+        with _progress() as (report, log):
             from crux_planner.planning import plan
 
             result = plan(
@@ -57,6 +57,7 @@ def run_plan(args: argparse.Namespace) -> int:
                 method=args.method or scenario.planner.method,
                 time_limit_s=args.time_limit,
                 progress=report,
+                log=log,
             )
         write_plan(args.output, result.plan)
     except InfeasibleError as error:
@@ -102,10 +103,10 @@ def _show(result: PlanResult, output: Path) -> None:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[str, float], None] | None]:
-    """A progress bar on standard error where that is a terminal."""
+def _progress() -> Iterator[tuple[Callable[[str, float], None] | None, Callable[[str], None]]]:
+    """A progress bar on standard error where that is a terminal, and how to print a line beside it."""
     if not sys.stderr.isatty():
-        yield None
+        yield None, lambda line: print(line, file=sys.stderr, flush=True)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -113,4 +114,7 @@ def _progress() -> Iterator[Callable[[str, float], None] | None]:
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("planning", total=1.0)
-        yield lambda what, share: bar.update(task, completed=share, description=f"planning: {what}")
+        yield (
+            lambda what, share: bar.update(task, completed=share, description=f"planning: {what}"),
+            lambda line: bar.console.print(line, highlight=False, markup=False),
+        )

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
@@ -19,12 +19,15 @@ from crux_planner.problem import LIMBS, Problem
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
-from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
+from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import Schedule, lay_out
 from crux_planner.search.stances import Move, Reach, SearchReport, search
 from crux_planner.search.ways import Ways
 
-METHODS = ("auto",)
+if TYPE_CHECKING:
+    from crux_planner.admm.methods import Decided
+
+METHODS = ("auto", "two_block")
 TIME_LIMIT_S = 60.0
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
@@ -43,19 +46,22 @@ def plan(
     method: str = "auto",
     time_limit_s: float | None = None,
     progress: Progress | None = None,
+    log: Callable[[str], None] | None = None,
 ) -> PlanResult:
-    """Plan a climb and check it.
+    """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
 
     Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
     """
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    work = _Work(progress or (lambda _what, _share: None))
+    work = _Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     deadline = work.began + (time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)
         check_start(scenario, problem, Balance(problem, problem.friction_share))
         reach, ways = Reach(problem), Ways(problem)
+    if method != "auto":
+        return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
     failures: list[InfeasibleError] = []
     tight = TIGHTER * problem.friction_share
     for at_once in (1, 2):
@@ -85,6 +91,59 @@ def plan(
     raise failures[0]
 
 
+def _plan_by_method(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    reach: Reach,
+    ways: Ways,
+    work: _Work,
+    deadline: float,
+    method: str,
+) -> PlanResult:
+    """One of the paper's methods decides the contacts; the exact NLP and the check are the same for all."""
+    from crux_planner.admm.methods import METHODS as DECIDE
+    from crux_planner.admm.methods import Task
+
+    failure: InfeasibleError | None = None
+    for share in (problem.friction_share, TIGHTER * problem.friction_share):
+        problem = replace(problem, friction_share=share)
+        balance, options = Balance(problem, share), scenario.planner
+        with work.part("contacts", 0.1):
+            task = Task(problem, balance, reach, ways, deadline, options.rho, options.iterations, report=work.log)
+            decided = DECIDE[method](task)
+        alone = plan_message(scenario, robot, problem, decided.schedule, _as_solution(decided), method)
+        with work.part("check", 0.4):
+            alone_report = check_plan(alone, robot)
+        attempt = _finish(scenario, robot, problem, decided.schedule, decided.path, work, deadline, method)
+        if isinstance(attempt, PlanResult):
+            attempt.method, attempt.seconds = method, time.monotonic() - work.began
+            attempt.iterations, attempt.history = decided.iterations, decided.residuals
+            worst = alone_report.to_json()["worst"][:1]
+            attempt.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+            return attempt
+        failure = attempt[0]
+        if not failure.constraint.startswith("limit_surface") or time.monotonic() > deadline:
+            break
+    assert failure is not None
+    raise failure
+
+
+def _as_solution(decided: Decided) -> Solution:
+    """What a method reached by itself, for the check."""
+    return Solution(
+        body=decided.body,
+        wrenches=decided.wrenches,
+        cost=decided.cost,
+        iterations=decided.iterations,
+        status="",
+        solved=decided.converged,
+        position_residual_m=0.0,
+        force_residual_N=0.0,
+        torque_shares={},
+    )
+
+
 def _search(
     problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float
 ) -> tuple[list[Move] | None, SearchReport]:
@@ -102,6 +161,7 @@ class _Work:
     """Says what is being done and keeps the time of each part."""
 
     report: Progress
+    log: Callable[[str], None]
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -143,14 +203,28 @@ def _realise(
             "body", f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
         )
         return error, _longest(problem, moves)
+    return _finish(scenario, robot, problem, schedule, path, work, deadline)
+
+
+def _finish(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    schedule: Schedule,
+    path: BodyPath,
+    work: _Work,
+    deadline: float,
+    method: str = "auto",
+) -> PlanResult | tuple[InfeasibleError, Culprit]:
+    """The exact NLP and the check for a schedule, whatever method found it."""
     with work.part("nlp", 0.5):
         solution = solve_within_torques(problem, schedule, path, deadline)
     if not solution.solved:
         return InfeasibleError(
             "dynamics", f"the exact problem has no solution for the gait {_gait(schedule)} ({solution.status})"
-        ), _longest(problem, moves)
+        ), _longest(problem, schedule.moves)
     with work.part("check", 0.8):
-        message = plan_message(scenario, robot, problem, schedule, solution)
+        message = plan_message(scenario, robot, problem, schedule, solution, method)
         report = check_plan(message, robot)
     if not report.ok:
         return _refused(report), _blamed(report, schedule, problem)

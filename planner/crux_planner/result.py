@@ -34,7 +34,16 @@ class PlanResult:
     method: str = "auto"
     seconds: float = 0.0
     gap: float | None = None
+    history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
+    alone: dict[str, Any] | None = None  # what a method reached before the exact NLP
     timing: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """Of the consensus where the method is an ADMM, else of the exact NLP's dynamics."""
+        if self.history:
+            return self.history[-1]
+        return {"position_m": self.position_residual_m, "force_N": self.force_residual_N}
 
     def to_json(self) -> dict[str, Any]:
         """The object `crux plan --json` prints."""
@@ -45,15 +54,32 @@ class PlanResult:
             "cost": self.cost,
             "gap": self.gap,
             "iterations": self.iterations,
-            "residuals": {"position_m": self.position_residual_m, "force_N": self.force_residual_N},
+            "residuals": self.residuals,
+            "history": self.history,
+            "alone": self.alone,
             "gait": self.gait,
             "check": {"ok": self.check.ok, "worst": self.check.to_json()["worst"]},
             "timing": self.timing,
         }
 
 
-def plan_message(scenario: Scenario, robot: Robot, problem: Problem, schedule: Schedule, solution: Solution) -> Any:
+def plan_message(
+    scenario: Scenario, robot: Robot, problem: Problem, schedule: Schedule, solution: Solution, method: str = "auto"
+) -> Any:
     """The plan as a message, complete with its plan_id."""
+    plan = plan_header(scenario, robot, solution.cost, method)
+    plan.patch_k_m = problem.patch.k_m
+    plan.max_normal_n = problem.patch.max_normal_N
+    plan.spine_shear_n = problem.patch.spine_shear_N
+    plan.spine_twist_nm = problem.patch.spine_twist_Nm
+    plan.knots = [_knot(problem, schedule, solution, k) for k in range(problem.steps + 1)]
+    plan.n_knots = len(plan.knots)
+    plan.plan_id = plan_id(plan)
+    return plan
+
+
+def plan_header(scenario: Scenario, robot: Robot, cost: float, method: str = "auto") -> Any:
+    """A plan_t with all that does not depend on the contact model: names, hashes, gravity, goal tolerances, cuboids."""
     plan = crux_msgs.plan_t()
     plan.format = crux_msgs.plan_t.FORMAT
     plan.scenario_name = scenario.name
@@ -61,21 +87,14 @@ def plan_message(scenario: Scenario, robot: Robot, problem: Problem, schedule: S
     plan.scenario_sha256 = scenario.sha256
     plan.robot_name = robot.name
     plan.robot_sha256 = robot.hash
-    plan.method = "auto"
-    plan.cost = solution.cost
-    plan.dt_s = problem.dt_s
+    plan.method = method
+    plan.cost = cost
+    plan.dt_s = scenario.horizon.dt_s
     plan.gravity_w_m_s2 = list(scenario.wall.gravity_w_m_s2)
-    plan.patch_k_m = problem.patch.k_m
-    plan.max_normal_n = problem.patch.max_normal_N
-    plan.spine_shear_n = problem.patch.spine_shear_N
-    plan.spine_twist_nm = problem.patch.spine_twist_Nm
     plan.goal_tolerance_m = scenario.goal.tolerance_m
     plan.goal_tolerance_rad = scenario.goal.tolerance_rad
     plan.holds = [_hold(cuboid) for cuboid in scenario.cuboids]
     plan.n_holds = len(plan.holds)
-    plan.knots = [_knot(problem, schedule, solution, k) for k in range(problem.steps + 1)]
-    plan.n_knots = len(plan.knots)
-    plan.plan_id = plan_id(plan)
     return plan
 
 

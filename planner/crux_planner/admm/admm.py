@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from crux_planner.admm.consensus import Eta, Residuals, Scales
+from crux_planner.admm.consensus import Eta, Residuals
 from crux_planner.admm.contact_block import ContactBlock, ContactPlan
 from crux_planner.admm.motion_block import MotionBlock
 
@@ -59,8 +59,3 @@ def two_block(
             break
     assert run is not None
     return run
-
-
-def default_scales() -> Scales:
-    """The consensus norm."""
-    return Scales()

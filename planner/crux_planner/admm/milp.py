@@ -62,7 +62,7 @@ class Milp:
         kept = values != 0.0
         index, where = np.unique(np.asarray(columns, dtype=int)[kept], return_inverse=True)
         self._columns.append(index.astype(int))
-        self._values.append(np.bincount(where, values[kept], minlength=len(index)))
+        self._values.append(np.bincount(where, values[kept], minlength=len(index)).astype(float))
         self._lengths.append(len(index))
         self._row_low.append(low)
         self._row_high.append(high)

@@ -10,7 +10,7 @@ import numpy as np
 
 from crux_planner.admm.consensus import Eta, Scales, finger_positions
 from crux_planner.admm.hull import SHARES, SQUARED, StageCost
-from crux_planner.admm.stages import Stages
+from crux_planner.admm.stages import REST_KNOTS, Stages
 from crux_planner.arrays import Array
 from crux_planner.search.swing import contact_pose
 
@@ -40,11 +40,11 @@ def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -
             forces, moments = target.forces[first:end, fingers].sum(axis=0), target.moments[first:end, fingers]
             for c in stages.contacts[limb]:
                 contact = problem.contacts[c]
+                pose = _grasp_pose(stages, c)
                 shear = -force * forces.sum(axis=0) @ np.column_stack([contact.tangent, [0.0, 0.0, 1.0]])
                 twist = -moment * k_m * float(moments.sum(axis=(0, 1)) @ contact.axis)
                 normal = -force * np.array([forces[0] @ contact.axis, -forces[1] @ contact.axis])
                 linear[t, limb, c] = [*shear, twist, *normal, normal.sum()]
-                pose = np.append(contact_pose(contact), contact.separation_m / 2)
                 held[t, limb, c] = _apart(np.tile(pose, (end - first, 1)), target, limb, first, pull, scales)
     arcs = [_arc_costs(stages, limb, target, pull, scales) for limb in range(4)]
     return StageCost(square, body_linear, body_square, linear, held, arcs)
@@ -65,8 +65,15 @@ def _arc_costs(stages: Stages, limb: int, target: Eta | None, pull: float, scale
         poses = way.poses(swing.end - swing.first)[:-1]
         costs[i] = swing_cost(stages, poses)
         if target is not None:
-            costs[i] += _apart(poses, target, limb, swing.first, pull, scales)
+            rest = np.tile(_grasp_pose(stages, swing.start), (REST_KNOTS, 1))
+            costs[i] += _apart(np.vstack([rest, poses]), target, limb, swing.first - REST_KNOTS, pull, scales)
     return costs
+
+
+def _grasp_pose(stages: Stages, contact: int) -> Array:
+    grasp = stages.problem.contacts[contact]
+    pose: Array = np.append(contact_pose(grasp), grasp.separation_m / 2)
+    return pose
 
 
 def _apart(poses: Array, target: Eta, limb: int, first: int, pull: float, scales: Scales) -> float:

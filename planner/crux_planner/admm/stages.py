@@ -12,7 +12,8 @@ from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Move, Reach, Stance, goal_contacts
 from crux_planner.search.ways import Ways
 
-STAGE_KNOTS = 4
+STAGE_KNOTS = 5
+REST_KNOTS = 1  # at the beginning of a swing's first stage: wrenches of a new stance settle before a limb lets go
 _SHORTEST_SWING = 2  # knots in the air (msgs/PLAN.md)
 _ASIDE_M = 0.1  # how far beyond start and goal the body may go
 
@@ -89,7 +90,7 @@ class Stages:
 
     def swinging(self, limb: int, arc: Arc) -> Swinging:
         """An arc at the knots."""
-        return Swinging(limb, arc.first * self.knots, arc.end * self.knots, arc.start, arc.goal)
+        return Swinging(limb, arc.first * self.knots + REST_KNOTS, arc.end * self.knots, arc.start, arc.goal)
 
     def least_knots(self, start: int, goal: int) -> int:
         """Knots in the air that a swing needs."""
@@ -102,7 +103,7 @@ class Stages:
             for goal in self.contacts[limb]:
                 if goal not in near or self.ways.swing(start, goal) is None:
                     continue
-                long = -(-self.least_knots(start, goal) // self.knots)
+                long = -(-(self.least_knots(start, goal) + REST_KNOTS) // self.knots)
                 arcs += [Arc(t, t + long, start, goal) for t in range(1, self.count - long)]
         return arcs
 

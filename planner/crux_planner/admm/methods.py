@@ -1,0 +1,97 @@
+"""The methods by name: each decides the contacts, and a body path with wrenches from which the exact NLP starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crux_planner.admm.admm import ITERATIONS, RHO, Report, Run, two_block
+from crux_planner.admm.consensus import Scales
+from crux_planner.admm.contact_block import ContactBlock
+from crux_planner.admm.motion_block import MotionBlock
+from crux_planner.arrays import Array
+from crux_planner.problem import Problem
+from crux_planner.search.balance import Balance
+from crux_planner.search.body_path import BodyPath
+from crux_planner.search.schedule import Schedule
+from crux_planner.search.stances import Reach
+from crux_planner.search.ways import Ways
+
+
+@dataclass(frozen=True)
+class Task:
+    """A problem with what has been computed of it, and the method's settings."""
+
+    problem: Problem
+    balance: Balance
+    reach: Reach
+    ways: Ways
+    deadline: float  # of time.monotonic
+    rho: float | None = None
+    iterations: int | None = None
+    moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears
+    report: Report = lambda _line: None
+
+
+@dataclass(frozen=True)
+class Decided:
+    """What a method reached by itself: contacts, body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2), J."""
+
+    schedule: Schedule
+    body: Array
+    wrenches: list[dict[int, Array]]
+    cost: float
+    converged: bool
+    iterations: int
+    residuals: list[dict[str, float]] = field(default_factory=list)
+    gaits: list[list[str]] = field(default_factory=list)
+
+    @property
+    def path(self) -> BodyPath:
+        """Where the exact NLP starts."""
+        return BodyPath(self.body[:, :3], [{limb: _shared(q) for limb, q in knot.items()} for knot in self.wrenches])
+
+    def to_json(self) -> dict[str, Any]:
+        """What `crux plan --json` says of the method alone."""
+        return {"cost": self.cost, "converged": self.converged, "gait": self.schedule.gait}
+
+
+def decide_two_block(task: Task) -> Decided:
+    """Equation (19)."""
+    scales = Scales()
+    contacts = ContactBlock(task.problem, task.balance, task.reach, task.ways, moments=task.moments, scales=scales)
+    motion = MotionBlock(task.problem, scales=scales)
+    run = two_block(
+        contacts,
+        motion,
+        rho=task.rho or RHO,
+        iterations=task.iterations or ITERATIONS,
+        deadline=task.deadline,
+        report=task.report,
+    )
+    return _decided(run)
+
+
+METHODS: dict[str, Callable[[Task], Decided]] = {"two_block": decide_two_block}
+"""All raise InfeasibleError where they find no contacts."""
+
+
+def _decided(run: Run) -> Decided:
+    return Decided(
+        schedule=run.plan.schedule,
+        body=run.plan.knots.body,
+        wrenches=run.plan.knots.wrenches,
+        cost=run.plan.knots.cost,
+        converged=run.converged,
+        iterations=len(run.residuals),
+        residuals=[asdict(r) for r in run.residuals],
+        gaits=run.gaits,
+    )
+
+
+def _shared(q: Array) -> Array:
+    """(s1, s2, m, F, n): net normal force and the smaller of the two."""
+    return np.array([*q[:3], q[3] - q[4], min(q[3], q[4])])
