@@ -11,7 +11,7 @@ namespace crux {
 namespace {
 
 constexpr int kPriority = 80;  // above the kernel's threaded interrupts, below its watchdogs
-constexpr std::size_t kStackBytes = 256 * 1024;
+constexpr std::size_t kStackBytes = 1 << 18;
 constexpr std::size_t kPageBytes = 4096;
 
 /// Touches the pages below the stack pointer, so that none has to be made later.

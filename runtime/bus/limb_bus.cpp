@@ -35,7 +35,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot) : limb_(limb) {
                      std::to_string(node) + ", right are the nodes 1 to " + std::to_string(CRUX_CAN_JOINTS) +
                      ", each once");
     node_of_joint_[joint] = static_cast<std::uint8_t>(node);
-    joint_of_node_[static_cast<std::size_t>(node)] = static_cast<std::int8_t>(joint);
+    joint_of_node_[static_cast<std::size_t>(node)] = static_cast<int>(joint);
     kp_[joint] =
         crux_can_joint_command_kp_nm_rad_encode_clipped(static_cast<float>(robot.servo.position_gain_Nm_rad[joint]));
     kd_[joint] =
@@ -190,7 +190,7 @@ bool LimbBus::accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcep
 }
 
 void LimbBus::take_joint_status(const Frame& frame, std::uint8_t node) noexcept {
-  const std::int8_t joint = joint_of_node_[node];
+  const int joint = joint_of_node_[node];
   if (joint < 0) return;
   crux_can_joint_status_t status{};
   crux_can_joint_status_unpack(&status, frame.data.data(), frame.length);

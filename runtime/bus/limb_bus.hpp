@@ -108,7 +108,7 @@ class LimbBus {
 
   int limb_;
   std::array<std::uint8_t, CRUX_CAN_JOINTS> node_of_joint_{};
-  std::array<std::int8_t, CRUX_CAN_NODES + 1> joint_of_node_{};
+  std::array<int, CRUX_CAN_NODES + 1> joint_of_node_{};
   std::array<std::uint16_t, CRUX_CAN_JOINTS> kp_{}, kd_{};
   std::uint32_t parameter_hash_ = 0;  ///< what nodes made for this robot description say
 
