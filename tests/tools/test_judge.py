@@ -34,7 +34,7 @@ def make_truth() -> Truth:
     wrench = np.zeros((SAMPLES, 4, 6))
     wrench[:, :, :3] = np.array([0, 0, WEIGHT_N]) + hand_mass[:, None] * np.array(PLAN.gravity_w_m_s2)
     return Truth(
-        cycle=np.arange(SAMPLES) * PERIOD,
+        cycle=1 + np.arange(SAMPLES) * PERIOD,
         body_position_m=np.tile([0, 0, BODY_HEIGHT_M], (SAMPLES, 1)),
         body_quaternion=np.tile([1.0, 0, 0, 0], (SAMPLES, 1)),
         gripper_position_m=np.tile(GRIPPERS, (SAMPLES, 1, 1)),
@@ -54,7 +54,7 @@ def make_log() -> Any:
         cycles,
         dtype=[("cycle", "i8"), ("time_s", "f8"), ("plan_time_s", "f8"), *((n, "i1") for n in FLAGS)],
     )
-    state["cycle"] = np.arange(cycles)
+    state["cycle"] = 1 + np.arange(cycles)
     state["time_s"] = state["plan_time_s"] = state["cycle"] * 0.002
     state["supervisor_state"] = 2
     state["plan_complete"][-50:] = 1
@@ -63,7 +63,8 @@ def make_log() -> Any:
     references["gripper_position_w_m"] = GRIPPERS
     limbs = np.zeros((cycles, 4), dtype=[("force_reference_w_n", "f8", 3)])
     limbs["force_reference_w_n"] = [0, 0, WEIGHT_N]
-    return SimpleNamespace(state=state, references=references, limbs=limbs)
+    fresh = np.arange(cycles) % (2 * PERIOD) == 0
+    return SimpleNamespace(state=state, references=references, limbs=limbs, limbs_fresh=fresh)
 
 
 def verdict_on(truth: Truth, log: Any = None) -> Verdict:
@@ -155,6 +156,14 @@ def test_force_error_is_measured_in_the_wall_frame_without_the_hands_weight() ->
     assert verdict_on(truth).force_rms_n == pytest.approx(0.0, abs=1e-9)
     truth.hand_wrench_g[:, 1, :3] += np.array([2.0, 0, 0]) @ turn
     assert verdict_on(truth).force_rms_n == pytest.approx(1.0)  # one limb of four off by 2 N
+
+
+def test_limbs_are_compared_in_the_cycles_they_were_logged_in() -> None:
+    truth = make_truth()
+    truth.gripper_position_m[1::2] += 0.05  # between two logged cycles the reference is not known
+    assert verdict_on(truth).finger_max_m == 0.0
+    truth.gripper_position_m[2, 1, 2] += 0.004
+    assert verdict_on(truth).finger_max_m == pytest.approx(0.004)
 
 
 def test_before_the_start_nothing_counts() -> None:

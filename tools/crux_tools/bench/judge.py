@@ -135,9 +135,10 @@ def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
 
     body_reference_m, _ = PlanReference(plan).body(state["plan_time_s"])
     body_error = np.linalg.norm(truth.body_position_m - body_reference_m, axis=1)[run]
-    gripper_error = np.linalg.norm(truth.gripper_position_m - references["gripper_position_w_m"], axis=2)[run]
+    fresh = run & log.limbs_fresh[row] & (state["cycle"] == cycles)
+    gripper_error = np.linalg.norm(truth.gripper_position_m - references["gripper_position_w_m"], axis=2)[fresh]
     stance = (references["phase"] == STANCE) & run[:, None]
-    loaded = stance & (references["load"] > FULL_LOAD)
+    loaded = stance & fresh[:, None] & (references["load"] > FULL_LOAD)
     force_error = (
         contact_forces_w(truth, plan, robot.model.body_subtreemass[robot.gripper_bodies]) - limbs["force_reference_w_n"]
     )

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from crux_tools.bench.robot_model import RobotModel
 from crux_tools.bench.start_pose import rotation_from_rpy, take_start_pose
 
-CONTACT_PERIOD = 5  # cycles between two looks at the contacts
+# Steps between two looks at the contacts, and the first one: in lockstep the runtime's cycles 1, 6, 11 …, among which
+# are the cycles whose limbs it logs.
+CONTACT_PERIOD, FIRST_CONTACT_STEP = 5, 2
 # A hand carries the body until the nodes and the runtime stand: a stiff spring that lets go smoothly.
 HAND_STIFFNESS_N_M = 1e5
 HAND_STIFFNESS_NM_RAD = 1e3
@@ -81,7 +83,7 @@ class Plant:
         self._carry()
         mujoco.mj_step(self.model, self.data)
         self.cycle += 1
-        if self.cycle % CONTACT_PERIOD == 0:
+        if self.cycle % CONTACT_PERIOD == FIRST_CONTACT_STEP:
             self._look_at_contacts()
         self._read_sensors()
 

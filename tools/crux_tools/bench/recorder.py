@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.bench.plant import CONTACT_PERIOD, Plant
+from crux_tools.bench.plant import CONTACT_PERIOD, FIRST_CONTACT_STEP, Plant
 
 FIRST_ROWS = 8192
 # columns of a row
@@ -43,7 +43,7 @@ class Truth:
 
 
 class Recorder:
-    """Takes a sample whenever the plant has looked at its contacts."""
+    """Takes a sample in the runtime's cycles 1, 6, 11 …, when the plant has just looked at its contacts."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -54,7 +54,7 @@ class Recorder:
     def sample(self, cycle: int) -> None:
         """Call after every step; `cycle` is the runtime's count."""
         plant = self.plant
-        if plant.cycle % CONTACT_PERIOD:
+        if cycle % CONTACT_PERIOD != FIRST_CONTACT_STEP - 1:  # the step of cycle 0 is the first
             return
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])

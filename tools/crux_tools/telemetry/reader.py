@@ -84,6 +84,7 @@ class Telemetry:
     outputs: np.ndarray  # (n,) control_output
     references: np.ndarray  # (n, 4) limb_reference, the newest one up to the cycle
     limbs: np.ndarray  # (n, 4) limb_telemetry, likewise
+    limbs_fresh: np.ndarray  # (n,) whether references and limbs are of this very cycle
     timing: np.ndarray  # (m,) cycle_timing, perhaps of other cycles too
     faults: np.ndarray  # (f,) fault
     acknowledgements: list[Any]
@@ -264,6 +265,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         outputs=aligned["/control_output"],
         references=aligned["/limb_reference"],
         limbs=aligned["/limb_telemetry"],
+        limbs_fresh=np.logical_and.reduce([np.isin(common_ns, times_ns[topic]) for topic in PER_LIMB]),
         timing=tables.get("/cycle_timing", np.empty(0)),
         faults=tables.get("/fault", np.empty(0)),
         acknowledgements=channels.messages.get("/acknowledgement", []),
