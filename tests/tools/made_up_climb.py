@@ -27,6 +27,7 @@ LF_GOAL = (0.27, 0.36)
 HALF_HOLD_M = 0.03
 PAD_HEIGHT_M = 0.04
 GRASP_FORCE_N = 30.0
+ROUGHER = 2.5  # friction of the -x face of hold b
 SCENARIO_YAML = """\
 version: 1
 name: made-up
@@ -91,6 +92,7 @@ def made_up_plan() -> plan_t:
     plan.goal_tolerance_m, plan.goal_tolerance_rad = 0.01, math.radians(3)
     plan.holds = [_hold(name, x, y) for name, (x, y) in zip("abcd", START.values(), strict=True)]
     plan.holds += [_hold("e", *LF_GOAL), _hold("pillar", 0.6, 0.0, graspable=0)]
+    plan.holds[1].friction = [2.2, ROUGHER, 2.2, 2.2, 2.2]
     plan.n_holds = len(plan.holds)
     for k in range(N_KNOTS):
         knot = plan_knot_t()

@@ -13,7 +13,7 @@ from crux_tools.telemetry.summary import summarise
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from made_up_climb import CYCLE_S, DT_S, GRASP_FORCE_N, N_KNOTS, SLOPE_RAD, WEIGHT_N, Story, made_up_plan
+from made_up_climb import CYCLE_S, DT_S, GRASP_FORCE_N, N_KNOTS, ROUGHER, SLOPE_RAD, WEIGHT_N, Story, made_up_plan
 
 STORY = Story()
 PLAN_S = (N_KNOTS - 1) * DT_S
@@ -107,7 +107,9 @@ def test_margins_by_hand(log_path: Path) -> None:
     # four in stance: a finger presses with grasp force ± half the pull up the slope, and carries half the lift off it
     up, off = WEIGHT_N * math.sin(SLOPE_RAD) / 8, WEIGHT_N * math.cos(SLOPE_RAD) / 8
     demand = max(off - plan.spine_shear_n, 0)
-    assert margin[0, 1] == pytest.approx([2.2 * (GRASP_FORCE_N + sign * up) - demand for sign in (1, -1)])
+    presses = [GRASP_FORCE_N + up, GRASP_FORCE_N - up]
+    assert margin[0, 1] == pytest.approx([2.2 * presses[0] - demand, ROUGHER * presses[1] - demand])
+    assert margin[0, 2] == pytest.approx([2.2 * press - demand for press in presses])
     assert np.isnan(margin[3:5, 0]).all()
     assert not np.isnan(margin[:, 1:]).any()
     log = read_log(log_path)

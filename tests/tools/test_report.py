@@ -10,12 +10,15 @@ from pathlib import Path
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_tools import cli
-from made_up_climb import SCENARIO_YAML, made_up_plan
+from made_up_climb import CYCLE_S, DT_S, SCENARIO_YAML, SWING_KNOTS, Story, made_up_plan
 from PIL import Image
 
+STORY = Story()
 LOG_SECTIONS = ["summary", "pictures", "gait", "wrenches", "margins", "body", "grasp", "timing", "scenario"]
 PLAN_SECTIONS = ["summary", "pictures", "gait", "wrenches", "margins", "scenario"]
 MAX_BYTES = 5_000_000
+SWING_S = (SWING_KNOTS[1] + 1 - SWING_KNOTS[0]) * DT_S + STORY.wait_cycles * CYCLE_S
+MIDDLE_OF_SWING_S = STORY.ready_cycles * CYCLE_S + SWING_KNOTS[0] * DT_S + SWING_S / 2
 
 
 class Page(HTMLParser):
@@ -60,7 +63,9 @@ def test_a_climbs_page_has_everything_and_needs_no_network(log_path: Path, tmp_p
     assert all(source.startswith("data:image/") for source in page.sources)
     pictures = [source for source in page.sources if source.startswith("data:image/jpeg")]
     assert len(pictures) == 3  # start, one swing, end
-    assert "LF from a to e" in page.words
+    swing = re.search(r"LF from a to e, (\d\.\d) s", page.words)
+    assert swing is not None
+    assert float(swing[1]) == pytest.approx(MIDDLE_OF_SWING_S, abs=0.06)
     assert "largest 5.00 mm" in page.words
     assert "LF 1.00 N" in page.words
     assert SCENARIO_YAML in page.words
