@@ -30,18 +30,17 @@ TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for 
 
 
 def build_problem(scenario: Scenario, robot: Robot) -> Problem:
-    """P1 of a scenario. Raises ScenarioError and InfeasibleError."""
-    if scenario.contact.model != "patch":
-        raise wrong(
-            scenario, "contact.model", scenario.contact.model, "expected patch: the planner plans two-finger grasps"
-        )
+    """P1 of a scenario of patch contacts. Raises ScenarioError and InfeasibleError."""
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
     heading = scenario.start.body.rpy_rad[2]
     body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, robot.body.max_speed_m_s, robot.body.max_rate_rad_s)
-    start, goal = _pose(scenario.start.body, heading), _pose(scenario.goal.body, heading)
-    _check_body(scenario, body, start, goal)
+    start, goal = (
+        pose_in_heading_frame(scenario.start.body, heading),
+        pose_in_heading_frame(scenario.goal.body, heading),
+    )
+    check_body(scenario, body, start, goal)
     margins = scenario.planner.margins
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     clearance = margins.get("clearance_m", robot.grasp.swing_clearance_m)
@@ -110,7 +109,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         body=body,
         shape=shape,
         swing=limits,
-        weights=_weights(scenario),
+        weights=weights_of(scenario, Weights()),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         torque_limits_Nm=torque_share * np.stack([limb.effort_Nm for limb in robot.limbs]),
@@ -118,14 +117,15 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
     )
 
 
-def _pose(body: BodyPose, heading: float) -> Pose:
+def pose_in_heading_frame(body: BodyPose, heading: float) -> Pose:
+    """A body pose of the scenario, turned so that the start has yaw 0."""
     position = rotation_z(-heading) @ np.array(body.position_m)
     rpy = np.array(body.rpy_rad) - np.array([0.0, 0.0, heading])
     rpy[2] = math.remainder(rpy[2], 2 * math.pi)
     return Pose(position, rpy)
 
 
-def _check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) -> None:
+def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) -> None:
     """Bounds (7) of the start and the goal pose."""
     low, high = body.height_m
     tilt_deg = math.degrees(body.max_tilt_rad)
@@ -246,8 +246,9 @@ def _start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
     return composite_inertia(robot, positions)
 
 
-def _weights(scenario: Scenario) -> Weights:
-    given, usual = scenario.planner.weights, Weights()
+def weights_of(scenario: Scenario, usual: Weights) -> Weights:
+    """The usual weights with those that the scenario names put in their place."""
+    given = scenario.planner.weights
     return Weights(
         position=given.get("body", usual.position),
         orientation=given.get("body", usual.orientation),

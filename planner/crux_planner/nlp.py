@@ -30,7 +30,7 @@ _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a p
 _TORQUE_ROUNDS = 5
 _SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
 
-_IPOPT: dict[str, Any] = {
+IPOPT: dict[str, Any] = {
     "print_time": 0,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -166,7 +166,7 @@ def solve(
     spines = (problem.friction_share * spines / scale[:3]).ravel()
     variables = ca.veccat(x, q, a)
     nlp: dict[str, Any] = {"x": variables, "f": cost, "g": ca.vertcat(*rows.expressions)}
-    solver = ca.nlpsol("p1", "ipopt", nlp, {**_IPOPT, "ipopt.max_wall_time": time_limit_s})
+    solver = ca.nlpsol("p1", "ipopt", nlp, {**IPOPT, "ipopt.max_wall_time": time_limit_s})
     many = len(stance.knots)
     q0 = np.array([start.wrenches[k][limb] for k, limb in zip(stance.knots, stance.limbs, strict=True)]) / scale
     result = solver(

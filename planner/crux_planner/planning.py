@@ -56,6 +56,8 @@ def plan(
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     work = _Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     deadline = work.began + (time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S)
+    if scenario.contact.model == "point":
+        return _plan_walk(scenario, robot, work, deadline, method)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)
         check_start(scenario, problem, Balance(problem, problem.friction_share))
@@ -89,6 +91,16 @@ def plan(
                 ways.forbid(*culprit)
         ways.allow_all()
     raise failures[0]
+
+
+def _plan_walk(scenario: Scenario, robot: Robot, work: _Work, deadline: float, method: str) -> PlanResult:
+    from crux_planner.walk.planning import plan_walk
+
+    if method != "auto":
+        raise wrong(scenario, "planner.method", method, "expected auto: walks on point feet are planned by it alone")
+    result = plan_walk(scenario, robot, work, deadline)
+    result.seconds = time.monotonic() - work.began
+    return result
 
 
 def _plan_by_method(

@@ -175,9 +175,32 @@ def _limb_knot(index: int, corner: tuple[float, float], k: int, swing: tuple[int
     return limb
 
 
-def interpolation() -> dict[str, Any]:
-    """The sample plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
-    plan = sample_plan()
+def sample_walk() -> plan_t:
+    """The sample plan on point feet: LF and RR step at once, the others stand; made-up forces, five times a second."""
+    plan = sample_plan({"LF": (2, 5), "RR": (2, 5), "RF": (8, 10)}, dt_s=0.2)
+    plan.holds, plan.n_holds, plan.patch_k_m = [], 0, 0.0
+    for k, knot in enumerate(plan.knots):
+        for limb in knot.limbs:
+            standing = limb.phase == limb_knot_t.STANCE
+            limb.hold, limb.finger1_face = -1, limb_knot_t.FACE_WALL if standing else limb_knot_t.FACE_NONE
+            limb.friction = 0.6 if standing else 0.0
+            lifted = limb.gripper_position_w_m[2] > 0.05
+            limb.gripper_position_w_m[2] = 0.02 + 0.003 * k if lifted else 0.0
+            limb.finger_separation_m = 0.02
+            force = [2.0, -1.0, 15.0 + k]
+            limb.finger_force_w_n = [*force, *force] if standing else [0.0] * 6
+            limb.finger_moment_w_nm = [0.0] * 6
+    return plan
+
+
+def walking() -> dict[str, Any]:
+    """The same for point feet."""
+    return interpolation(sample_walk())
+
+
+def interpolation(plan: plan_t | None = None) -> dict[str, Any]:
+    """A plan, LCM-encoded, and what it asks for at points (interval k, share u); limbs LF, RF, LR, RR."""
+    plan = plan or sample_plan()
     reference = PlanReference(plan)
     samples = []
     for k in range(reference.intervals):
@@ -213,7 +236,12 @@ def _rounded(values: Any) -> Any:
     return texts if numbers.ndim else texts[0]
 
 
-VECTORS = {"messages.json": messages, "can_frames.json": can_frames, "interpolation.json": interpolation}
+VECTORS = {
+    "messages.json": messages,
+    "can_frames.json": can_frames,
+    "interpolation.json": interpolation,
+    "walking.json": walking,
+}
 
 
 def as_text(vectors: Any) -> str:

@@ -8,7 +8,7 @@ from crux_contracts.interpolation import PlanReference, gripper_wrench, smoothst
 from crux_msgs import limb_knot_t
 from hypothesis import given
 from hypothesis import strategies as st
-from msgs_golden import sample_plan
+from msgs_golden import sample_plan, sample_walk
 
 LF, RF, RR = 0, 1, 3
 LAST = 12  # intervals of the sample plan; LF swings over knots 2..4, RR over 8..9
@@ -67,6 +67,27 @@ def test_fingers_open_at_once_and_close_late(reference: PlanReference) -> None:
     assert reference.limb(LF, 2, 0.01).opening_m == pytest.approx(half[3])
     assert reference.limb(LF, 4, 0.59).opening_m == pytest.approx(half[4])
     assert reference.limb(LF, 4, 0.61).opening_m == pytest.approx(half[5])
+
+
+def test_a_point_foot_swings_smoothly_from_rest_to_rest() -> None:
+    plan = sample_walk()
+    walk = PlanReference(plan)
+    assert walk.point_feet
+    assert not PlanReference(sample_plan()).point_feet
+    for k in range(walk.intervals):  # through the knots
+        assert walk.limb(LF, k, 0.0).position_w_m == pytest.approx(plan.knots[k].limbs[LF].gripper_position_w_m)
+        assert walk.limb(LF, k, 1.0).position_w_m == pytest.approx(plan.knots[k + 1].limbs[LF].gripper_position_w_m)
+    h = 1e-4  # LF swings over knots 2..5: at rest where it begins (2) and ends (6), on the ground before and after
+    for k, u, side in ((2, 0.0, h), (5, 1.0, -h)):
+        rate = (walk.limb(LF, k, u + side).position_w_m - walk.limb(LF, k, u).position_w_m) / (side * plan.dt_s)
+        assert np.abs(rate).max() < 2e-3
+    assert np.ptp(walk.limb(LF, 1, np.linspace(0, 1, 9)).position_w_m, axis=0).max() == 0.0
+    # Inside, the slope is the harmonic mean of the secants (here between knots 3, 4 and 5).
+    x = [knot.limbs[LF].gripper_position_w_m[0] for knot in plan.knots]
+    left, right = (x[4] - x[3]) / 0.2, (x[5] - x[4]) / 0.2
+    rate = (walk.limb(LF, 4, 1e-6).position_w_m - walk.limb(LF, 3, 1 - 1e-6).position_w_m) / (2e-6 * 0.2)
+    assert rate[0] == pytest.approx(2 / (1 / left + 1 / right), rel=1e-4)
+    assert (walk.limb(LF, 3, np.linspace(0, 1, 9)).opening_m == 0.01).all()
 
 
 def test_gripper_wrench_by_hand() -> None:

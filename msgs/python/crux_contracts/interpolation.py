@@ -65,6 +65,12 @@ def gripper_wrench(knot: limb_knot_t) -> Array:
     return np.concatenate([forces.sum(axis=0), (np.cross(arms, forces) + moments).sum(axis=0)])
 
 
+def is_walk(plan: plan_t) -> bool:
+    """Every limb in stance stands on the surface itself (point feet)."""
+    standing = [limb for knot in plan.knots for limb in knot.limbs if limb.phase == limb_knot_t.STANCE]
+    return all(limb.finger1_face == limb_knot_t.FACE_WALL for limb in standing)
+
+
 class PlanReference:
     """Everything a plan asks for at a point of its time. Raises ValueError for a plan whose swings make no sense."""
 
@@ -77,6 +83,7 @@ class PlanReference:
         self.air = np.array([[limb.phase == limb_knot_t.AIR for limb in knot] for knot in limbs])
         """(N+1, 4)"""
         self._check_swings()
+        self.point_feet = is_walk(plan)
         self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
@@ -84,6 +91,8 @@ class PlanReference:
         poses = np.array([[*knot.body_position_w_m, *knot.body_rpy_rad] for knot in plan.knots], dtype=float)
         self._body = PchipInterpolator(np.arange(len(poses)) * plan.dt_s, poses)
         self._body_rate = self._body.derivative()
+        feet = np.concatenate([self._position_w_m, self._yaw_w_rad[..., None]], axis=2)
+        self._feet = PchipInterpolator(np.arange(len(feet)) * plan.dt_s, feet)
 
     @property
     def end_s(self) -> float:
@@ -114,8 +123,12 @@ class PlanReference:
 
     def limb(self, limb: int, k: int, u: ArrayLike) -> GripperReference:
         """Gripper pose and finger opening. Motion starts and ends smoothly where a swing does; fingers open as soon as
-        the swing begins and close from CLOSE_SHARE of its last interval."""
+        the swing begins and close from CLOSE_SHARE of its last interval. Point feet run through the knots as the body
+        does."""
         share = np.asarray(u, dtype=float)
+        if self.point_feet:
+            foot = self._feet(np.clip((k + share) * self.dt_s, 0.0, self.end_s))[..., limb, :]
+            return GripperReference(foot[..., :3], foot[..., 3], np.full_like(share, self._opening_m[k, limb]))
         here, after = self._opening_m[k, limb], self._opening_m[k + 1, limb]
         if not self.air[k, limb]:
             progress, opening = np.zeros_like(share), np.full_like(share, here)

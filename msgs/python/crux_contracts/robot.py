@@ -99,6 +99,7 @@ class Robot:
     force_torque: robot_sections.ForceTorque
     body: robot_sections.Body
     grasp: robot_sections.GraspLimits
+    walking: robot_sections.Walking
     admittance: robot_sections.Admittance
     control: robot_sections.Control
     supervisor: robot_sections.SupervisorLimits

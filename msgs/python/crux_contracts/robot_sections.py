@@ -85,6 +85,16 @@ class GraspLimits:
 
 
 @dataclass(frozen=True)
+class Walking:
+    max_speed_m_s: float
+    max_rate_rad_s: float
+    foot_speed_m_s: float
+    foot_yaw_rate_rad_s: float
+    step_height_m: float
+    foot_yaw_rad: Interval
+
+
+@dataclass(frozen=True)
 class Admittance:
     mass_kg: float
     damping_Ns_m: float
@@ -144,6 +154,7 @@ SECTIONS = {
     "force_torque": ForceTorque,
     "body": Body,
     "grasp": GraspLimits,
+    "walking": Walking,
     "admittance": Admittance,
     "control": Control,
     "supervisor": SupervisorLimits,

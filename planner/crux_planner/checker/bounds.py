@@ -11,13 +11,20 @@ from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
 
-def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
+def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Findings) -> None:
     """Body height, tilt, speed and rate at the knots; opening, yaw against the body, height and mean speed of grippers
     over every interval.
 
     Speeds are bounded component by component: along, across and off the wall with respect to the heading of the first
     pose, so that turning a whole scene about W's z changes nothing; rates about the body's own axes.
     """
+    grasp, walking = robot.grasp, robot.walking
+    if point_model:
+        body_speed, body_rate, yaw_range = walking.max_speed_m_s, walking.max_rate_rad_s, walking.foot_yaw_rad
+        limb_speed, yaw_rate = walking.foot_speed_m_s, walking.foot_yaw_rate_rad_s
+    else:
+        body_speed, body_rate, yaw_range = robot.body.max_speed_m_s, robot.body.max_rate_rad_s, grasp.gripper_yaw_rad
+        limb_speed, yaw_rate = grasp.approach_speed_m_s, grasp.yaw_rate_rad_s
     times, between = plan.time_s, plan.time_s[:-1]
     length, angle = tolerances.LENGTH_M, tolerances.ANGLE_RAD
     low, high = robot.body.height_m
@@ -27,9 +34,9 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
     findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad", tolerance=angle)
     heading = rotation_about_z(plan.body_rpy[0, 2])
     speed = np.abs(plan.body_velocity @ heading).max(axis=1)
-    findings.add_series("body_speed", speed - robot.body.max_speed_m_s, times, "m/s", tolerance=tolerances.SPEED_M_S)
+    findings.add_series("body_speed", speed - body_speed, times, "m/s", tolerance=tolerances.SPEED_M_S)
     rate = np.abs(plan.body_rate).max(axis=1)
-    findings.add_series("body_rate", rate - robot.body.max_rate_rad_s, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
+    findings.add_series("body_rate", rate - body_rate, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
     above = plan.max_normal_N - robot.gripper.max_finger_force_N
     findings.add("normal_force_bound", above, "N", tolerance=tolerances.MATCH_REL, detail="above the gripper's")
 
@@ -46,14 +53,14 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
             limb=limb,
         )
         yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
-        low, high = robot.grasp.gripper_yaw_rad
+        low, high = yaw_range
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", tolerance=angle, limb=limb)
-        height = plan.gripper_position[:, limb, 2] - robot.grasp.max_swing_height_m
+        height = plan.gripper_position[:, limb, 2] - grasp.max_swing_height_m
         findings.add_series("swing_height", height, times, "m", tolerance=length, limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
         findings.add_series(
             "swing_speed",
-            mean_speed - robot.grasp.approach_speed_m_s,
+            mean_speed - limb_speed,
             between,
             "m/s",
             tolerance=tolerances.SPEED_M_S,
@@ -62,7 +69,7 @@ def check_bounds(plan: PlanArrays, robot: Robot, findings: Findings) -> None:
         mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.dt_s
         findings.add_series(
             "swing_yaw_rate",
-            mean_rate - robot.grasp.yaw_rate_rad_s,
+            mean_rate - yaw_rate,
             between,
             "rad/s",
             tolerance=tolerances.RATE_RAD_S,

@@ -21,7 +21,7 @@ from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
-from crux_planner.checker.sampling import sample
+from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.checker.scene import Scene, read_scene
 from crux_planner.checker.terminal import check_ends
 
@@ -49,7 +49,7 @@ def check_plan(plan: Any, robot: Robot) -> CheckReport:
 def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, report: CheckReport) -> None:
     """All checks that need a plan of sound form, a robot and a scene."""
     model, point = load_model(robot), scene.point_model
-    check_bounds(plan, robot, findings)
+    check_bounds(plan, robot, point, findings)
     check_contact(plan, scene, robot, findings)
     check_ends(plan, scene.ends, findings)
     report.friction_margin_N = check_limit_surface(plan, scene.wall_friction, findings)
@@ -59,6 +59,8 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     samples = sample(plan)
     twist_length_m = robot.control.twist_length_m
     check_between_knots(plan, samples, loads, twist_length_m=twist_length_m, point_model=point, findings=findings)
+    if point:
+        samples = on_pads(samples, robot.gripper.pad_radius_m)
     continuous_Nm = np.array(robot.servo.continuous_torque_Nm)
     motions, report.joints = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
     start = np.stack([motion.q_rad[0] for motion in motions])

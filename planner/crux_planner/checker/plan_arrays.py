@@ -117,6 +117,11 @@ class PlanArrays:
         return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
 
     @property
+    def point_feet(self) -> bool:
+        """Every limb in stance stands on the wall itself: a walk (msgs/PLAN.md)."""
+        return bool((self.on_wall | ~self.stance).all())
+
+    @property
     def faces(self) -> NDArray[np.int_]:
         """Faces under fingers 1 and 2, (K, 4, 2); +x opposite -x, +y opposite -y; wall for both; 0 where none."""
         first = np.where(self.gripped, self.finger1_face, 0)

@@ -6,7 +6,7 @@ looks at some thousand moments, and must not inherit a misreading from the code 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,15 @@ class Samples:
     def opening_axis(self) -> Array:
         """e, (T, 4, 3)."""
         return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
+
+
+def on_pads(samples: Samples, pad_radius_m: float) -> Samples:
+    """Samples of point feet with the gripper where it is while its pads touch at the foot point: one pad radius above.
+    Moments are then about the gripper's centre.
+    """
+    above = np.array([0.0, 0.0, pad_radius_m])
+    moment = samples.moment + np.cross(-above, samples.force)
+    return replace(samples, gripper_position=samples.gripper_position + above, moment=moment)
 
 
 def smooth(x: Array) -> Array:
@@ -94,8 +103,14 @@ def sample_at(plan: PlanArrays, interval: NDArray[np.int_], share: Array) -> Sam
     own = plan.gripped_hold[k]
     force, moment = _blend(plan, k, u)
     load = plan.stance[k].astype(float)
+    feet = plan.point_feet
+    if feet:
+        way = np.concatenate([plan.gripper_position, plan.gripper_yaw[..., None]], axis=2)
+        way = pchip(plan.dt_s, way.reshape(plan.n_knots, -1), k, u).reshape(-1, 4, 4)
+        position, yaw = way[..., :3], way[..., 3]
     for swing in swings(plan):
-        _swing(plan, swing, k=k, u=u, position=position, yaw=yaw, opening=opening, own=own)
+        if not feet:
+            _swing(plan, swing, k=k, u=u, position=position, yaw=yaw, opening=opening, own=own)
         limb = swing.limb
         leaving, landed = k == swing.first - 1, k == swing.last + 1
         load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
-from crux_planner.problem import Problem
+from crux_planner.problem import Goal, Problem, Weights
 from crux_planner.search.schedule import Schedule
 
 
-def body_cost(x: Any, problem: Problem) -> Any:
+class HasGoal(Protocol):
+    """A climb or a walk."""
+
+    @property
+    def weights(self) -> Weights: ...
+    @property
+    def goal(self) -> Goal: ...
+
+
+def body_cost(x: Any, problem: HasGoal) -> Any:
     """|x - x_g|_Q^2 of one knot's body state (casadi)."""
     weights, goal = problem.weights, problem.goal.body
     return (

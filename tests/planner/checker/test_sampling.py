@@ -1,8 +1,12 @@
 """The checker's own reading of msgs/PLAN.md against the one that planner's and runtime's golden vectors hold fast."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from crux_contracts.interpolation import PlanReference
+from crux_msgs import plan_t
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import pchip, sample, sample_at
@@ -36,6 +40,23 @@ def test_equals_the_contracts_reading(k: int) -> None:
         wrench = np.concatenate([samples.force[:, limb], samples.moment[:, limb]], axis=1)
         np.testing.assert_allclose(wrench, REFERENCE.wrench(limb, k, u), atol=1e-9)
         np.testing.assert_allclose(samples.load[:, limb], REFERENCE.load(limb, k, u), atol=1e-12)
+
+
+def test_point_feet_equal_the_contracts_reading() -> None:
+    """The golden walk: two limbs step at once."""
+    golden = json.loads((Path(__file__).resolve().parents[3] / "msgs" / "golden" / "walking.json").read_text())
+    plan = plan_t.decode(bytes.fromhex(golden["plan_lcm"]))
+    read = read_plan(plan, Findings())
+    assert read is not None
+    for point in golden["samples"]:
+        samples = sample_at(read, np.array([point["k"]]), np.array([point["u"]]))
+        for limb, expected in enumerate(point["limbs"]):
+            assert samples.gripper_position[0, limb] == pytest.approx(expected["gripper_position_w_m"], abs=1e-10)
+            assert samples.gripper_yaw[0, limb] == pytest.approx(expected["gripper_yaw_w_rad"], abs=1e-10)
+            assert samples.opening[0, limb] == pytest.approx(expected["finger_opening_m"])
+            assert samples.load[0, limb] == pytest.approx(expected["load"], abs=1e-10)
+            wrench = np.concatenate([samples.force[0, limb], samples.moment[0, limb]])
+            assert wrench == pytest.approx(expected["wrench_w"], abs=1e-9)
 
 
 @pytest.mark.parametrize("limb", range(4))

@@ -1,0 +1,192 @@
+"""The exact walk with its gait given: body motion, foot forces, footholds under (7), (8), (9a), friction cone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from crux_planner.arrays import Array, Indices
+from crux_planner.nlp import FORCE_SCALE_N, IPOPT
+from crux_planner.terms.cost import body_cost
+from crux_planner.terms.dynamics import BODY_STATES, euler_step
+from crux_planner.terms.limit_surface import SMOOTHING_N
+from crux_planner.terms.reach import offset_in_body
+from crux_planner.walk.gait import SPEED_SHARE, Candidate
+from crux_planner.walk.problem import WalkProblem
+
+LEAST_NORMAL_N = 4.0  # a foot in stance keeps pressing
+FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
+_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
+_FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where the cost does not
+
+
+@dataclass(frozen=True)
+class WalkSolution:
+    """Body states (N + 1, 12), foot forces (N, 4, 3) [N], footholds (4 + S, 2) and how it went."""
+
+    body: Array
+    forces: Array
+    footholds: Array
+    cost: float
+    iterations: int
+    status: str
+    solved: bool
+    position_residual_m: float
+    force_residual_N: float
+
+
+def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> WalkSolution:
+    """P1 of one gait, started from its QP."""
+    n, gait = problem.steps, candidate.gait
+    stance = gait.stance[:n]
+    places = np.argwhere(stance)  # (P, 2) knot and limb
+    x = ca.MX.sym("x", BODY_STATES, n + 1)
+    f = ca.MX.sym("f", 3, len(places))  # scaled
+    h = ca.MX.sym("h", 2, len(gait.steps))
+    holds = ca.horzcat(ca.DM(problem.start_feet_w_m.T), h)
+    blend = gait.blend.reshape((n + 1) * 4, -1)
+    height = problem.step_height_m * gait.height.reshape(1, -1)
+    feet = ca.vertcat(holds @ ca.sparsify(ca.DM(blend.T)), ca.DM(height))  # (3, 4 (N + 1)), knot by knot
+    here = feet[:, (4 * places[:, 0] + places[:, 1]).tolist()]
+    sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
+
+    parts: list[tuple[Any, Any, Any]] = []
+    totals = _wrench_function().map(len(places))(f, here) @ sums
+    parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
+    parts.append((_cone_function(problem).map(len(places))(f), 0.0, np.inf))
+    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+    reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
+    parts.append((reach, middle - half, middle + half))
+    parts += _step_lengths(problem, candidate, holds)
+    of_limb = [feet[0, limb::4] for limb in range(4)]
+    for front, rear in ((0, 2), (1, 3)):
+        parts.append((of_limb[front] - of_limb[rear], FEET_APART_M, np.inf))
+
+    nominal = candidate.footholds[4:].T
+    objective = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
+    objective += problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f) / 2  # two pads share a foot's force
+    objective += _FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
+    body_low, body_high = _body_bounds(problem, candidate)
+    force_low = np.tile([-np.inf, -np.inf, LEAST_NORMAL_N / FORCE_SCALE_N], len(places))
+    force_high = np.tile([np.inf, np.inf, problem.max_normal_N / FORCE_SCALE_N], len(places))
+    free = np.full(nominal.size, np.inf)
+    solver = ca.nlpsol(
+        "walk",
+        "ipopt",
+        {
+            "x": ca.vertcat(ca.vec(x), ca.vec(f), ca.vec(h)),
+            "f": objective,
+            "g": ca.vertcat(*[ca.vec(expression) for expression, _, _ in parts]),
+        },
+        {**IPOPT, "ipopt.max_wall_time": time_limit_s},
+    )
+    body, forces = _start(problem, candidate)
+    result = solver(
+        x0=np.concatenate([body.ravel(), forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),
+        lbx=np.concatenate([body_low.ravel(), force_low, -free]),
+        ubx=np.concatenate([body_high.ravel(), force_high, free]),
+        lbg=np.concatenate([np.tile(np.broadcast_to(low, e.shape[0]), e.shape[1]) for e, low, _ in parts]),
+        ubg=np.concatenate([np.tile(np.broadcast_to(high, e.shape[0]), e.shape[1]) for e, _, high in parts]),
+    )
+    return _solution(problem, candidate, solver.stats(), result, places)
+
+
+def _step_lengths(problem: WalkProblem, candidate: Candidate, holds: Any) -> list[tuple[Any, Any, Any]]:
+    """Mean speed of a foot over every interval of its steps, as one bound of each step's length."""
+    rows = []
+    last = list(range(4))
+    for i, step in enumerate(candidate.gait.steps):
+        way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
+        room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+        longest = float((np.maximum(room, 0.0) / way**2).min())
+        rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest))
+        last[step.limb] = 4 + i
+    return rows
+
+
+def _body_bounds(problem: WalkProblem, candidate: Candidate) -> tuple[Array, Array]:
+    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega; start and goal included."""
+    body, goal, n = problem.body, problem.goal, problem.steps
+    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
+    high = np.tile([np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
+    low = -high
+    low[:, 2] = body.height_m[0]
+    yaws = candidate.gait.yaw(float(goal.body.rpy_rad[2]))
+    low[:, 5] = yaws.max(axis=1) - problem.foot_yaw_rad[1]
+    high[:, 5] = yaws.min(axis=1) - problem.foot_yaw_rad[0]
+    low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
+    pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
+    room = 0.3 * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
+    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
+    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
+    return low, high
+
+
+def _start(problem: WalkProblem, candidate: Candidate) -> tuple[Array, Array]:
+    """Body states and foot forces (N, 4, 3) of the QP: lateral forces go with the loads."""
+    n, dt = problem.steps, problem.dt_s
+    body = np.zeros((n + 1, BODY_STATES))
+    body[:, 0:2] = candidate.body
+    body[:, 2] = np.linspace(problem.start.position_m[2], problem.goal.body.position_m[2], n + 1)
+    body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
+    body[:-1, 6:9] = np.diff(body[:, 0:3], axis=0) / dt
+    lateral = problem.mass_kg * (np.diff(body[:, 6:8], axis=0) / dt - problem.gravity_w[:2])
+    shares = candidate.loads / candidate.loads.sum(axis=1, keepdims=True)
+    forces = np.concatenate([shares[:, :, None] * lateral[:, None, :], candidate.loads[:, :, None]], axis=2)
+    return body, forces
+
+
+def _solution(problem: WalkProblem, candidate: Candidate, stats: Any, result: Any, places: Indices) -> WalkSolution:
+    n, values = problem.steps, np.array(result["x"]).ravel()
+    size, count = BODY_STATES * (n + 1), 3 * len(places)
+    forces = np.zeros((n, 4, 3))
+    forces[places[:, 0], places[:, 1]] = FORCE_SCALE_N * values[size : size + count].reshape(-1, 3)
+    footholds = np.vstack([problem.start_feet_w_m, values[size + count :].reshape(-1, 2)])
+    defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
+    gait, weights = candidate.gait, problem.weights
+    changes = int(np.abs(np.diff(gait.stance.astype(int), axis=0)).sum())
+    lifted = problem.step_height_m * float(gait.height.sum())
+    return WalkSolution(
+        body=values[:size].reshape(n + 1, BODY_STATES),
+        forces=forces,
+        footholds=footholds,
+        cost=float(result["f"]) + weights.lift * lifted + weights.switching * changes,
+        iterations=int(stats["iter_count"]),
+        status=str(stats["return_status"]),
+        solved=bool(stats["success"]),
+        position_residual_m=float(defects[:, :3].max()),
+        force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
+    )
+
+
+def _wrench_function() -> ca.Function:
+    f, foot = ca.SX.sym("f", 3), ca.SX.sym("foot", 3)
+    force = FORCE_SCALE_N * f
+    return ca.Function("foot_wrench", [f, foot], [ca.vertcat(force, ca.cross(foot, force))])
+
+
+def _step_function(problem: WalkProblem) -> ca.Function:
+    x, total = ca.SX.sym("x", BODY_STATES), ca.SX.sym("total", 6)
+    step = euler_step(x, total[0:3], total[3:6], problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+    return ca.Function("euler_step", [x, total], [step])
+
+
+def _cone_function(problem: WalkProblem) -> ca.Function:
+    """Coulomb's cone exactly, smoothed from inside at its apex."""
+    f = ca.SX.sym("f", 3)
+    demand = ca.sqrt(f[0] ** 2 + f[1] ** 2 + (SMOOTHING_N / FORCE_SCALE_N) ** 2)
+    return ca.Function("cone", [f], [problem.friction * f[2] - demand])
+
+
+def _reach_function() -> ca.Function:
+    x, feet = ca.SX.sym("x", BODY_STATES), ca.SX.sym("feet", 12)
+    offsets = [offset_in_body(x[0:3], x[3:6], feet[3 * limb : 3 * limb + 3]) for limb in range(4)]
+    return ca.Function("reach", [x, feet], [ca.vertcat(*offsets)])
+
+
+def _body_cost_function(problem: WalkProblem) -> ca.Function:
+    x = ca.SX.sym("x", BODY_STATES)
+    return ca.Function("body_cost", [x], [body_cost(x, problem)])

@@ -1,0 +1,72 @@
+"""Planning a walk: gaits scored by a QP, the exact NLP of the best, the independent check."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AbstractContextManager
+from typing import Protocol
+
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.checker import check_plan
+from crux_planner.errors import InfeasibleError
+from crux_planner.result import PlanResult
+from crux_planner.walk.gait import candidates
+from crux_planner.walk.message import walk_message
+from crux_planner.walk.nlp import solve
+from crux_planner.walk.problem import build_walk
+
+ATTEMPTS = 3  # gaits of each kind that get an NLP
+
+
+class Work(Protocol):
+    """Says what is being done and keeps the time of each part."""
+
+    seconds: dict[str, float]
+
+    def part(self, name: str, share: float) -> AbstractContextManager[None]: ...
+
+
+def plan_walk(scenario: Scenario, robot: Robot, work: Work, deadline: float) -> PlanResult:
+    """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
+    with work.part("problem", 0.0):
+        problem = build_walk(scenario, robot)
+    failure = InfeasibleError(
+        "equilibrium",
+        "no gait keeps the body in balance and the feet within reach on the straight way to the goal in time",
+    )
+    for at_once in (1, 2):  # two feet at a time only where one at a time does not do
+        with work.part("contacts", 0.1):
+            found = candidates(problem, at_once)
+        for candidate in found[:ATTEMPTS]:
+            gait = candidate.gait
+            with work.part("nlp", 0.5):
+                solution = solve(problem, candidate, max(deadline - time.monotonic(), 1.0))
+            if not solution.solved:
+                text = f"the exact problem has no solution for the gait {', '.join(gait.names)} ({solution.status})"
+                failure = InfeasibleError("dynamics", text)
+                continue
+            with work.part("check", 0.8):
+                message = walk_message(scenario, robot, problem, gait, solution)
+                report = check_plan(message, robot)
+            if report.ok:
+                return PlanResult(
+                    ok=True,
+                    plan=message,
+                    check=report,
+                    cost=solution.cost,
+                    iterations=solution.iterations,
+                    gait=gait.names,
+                    position_residual_m=solution.position_residual_m,
+                    force_residual_N=solution.force_residual_N,
+                    timing=work.seconds,
+                )
+            worst = max(report.violations, key=lambda v: v.amount)
+            failure = InfeasibleError(
+                worst.constraint,
+                f"every walk found fails the check: {worst.constraint} by {worst.amount:.3g} {worst.unit}",
+            )
+            if time.monotonic() > deadline:
+                raise failure
+    raise failure

@@ -1,0 +1,145 @@
+"""The walking problem in numbers: P1 with point feet on z = 0, in the heading frame (see crux_planner.build).
+
+The gripper stands with both pads on the surface; its frame is one pad radius above the foot point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.arrays import Array
+from crux_planner.build import check_body, pose_in_heading_frame, weights_of
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.mass import composite_inertia
+from crux_planner.problem import LIMBS, BodyBounds, Goal, Pose, Weights
+from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
+
+FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
+WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
+
+
+@dataclass(frozen=True)
+class WalkProblem:
+    """P1 of a walk."""
+
+    steps: int  # N
+    dt_s: float
+    gravity_w: Array
+    mass_kg: float
+    inertia_b: Array
+    friction: float  # of the cone a plan may use
+    wall_friction: float
+    max_normal_N: float  # of a foot
+    start_feet_w_m: Array  # (4, 2)
+    start: Pose
+    goal: Goal
+    boxes: AcceptanceBoxes  # of the foot points
+    body: BodyBounds
+    foot_speed_m_s: float
+    foot_yaw_rad: tuple[float, float]  # relative to the body
+    step_height_m: float
+    weights: Weights
+    opening_m: float  # of the fingers, all the time
+    heading_rad: float  # of this frame in W
+
+
+def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
+    """P1 of a scenario with point contacts. Raises ScenarioError and InfeasibleError."""
+    if scenario.cuboids:
+        name = scenario.cuboids[0].name
+        raise wrong(
+            scenario, "holds" if scenario.holds else "obstacles", name, "expected none with contact.model point"
+        )
+    if scenario.contact.spine_shear_N or scenario.contact.spine_twist_Nm:
+        raise wrong(scenario, "contact.spine_shear_N", "above 0", "expected 0: feet on the surface have no spines")
+    heading = scenario.start.body.rpy_rad[2]
+    walking = robot.walking
+    body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s)
+    start = pose_in_heading_frame(scenario.start.body, heading)
+    goal = pose_in_heading_frame(scenario.goal.body, heading)
+    check_body(scenario, body, start, goal)
+    turn = abs(float(goal.rpy_rad[2]))
+    if turn > walking.foot_yaw_rad[1]:
+        raise InfeasibleError(
+            "goal bounds", f"goal.body.rpy_deg: the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
+        )
+    feet = np.array([scenario.start.feet[limb] for limb in LIMBS]) @ rotation_z(-heading)[:2, :2].T
+    pad = robot.gripper.pad_radius_m
+    boxes = acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            (pad, pad),
+            pad + walking.step_height_m,
+            pad + walking.step_height_m,
+            robot.body.max_tilt_rad,
+            walking.foot_yaw_rad,
+        ),
+    )
+    boxes = AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+    problem = WalkProblem(
+        steps=scenario.horizon.steps,
+        dt_s=scenario.horizon.dt_s,
+        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        mass_kg=robot.total_mass_kg,
+        inertia_b=_start_inertia(robot, start, feet),
+        friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
+        wall_friction=scenario.wall.friction,
+        max_normal_N=scenario.contact.max_normal_N,
+        start_feet_w_m=feet,
+        start=start,
+        goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
+        boxes=boxes,
+        body=body,
+        foot_speed_m_s=walking.foot_speed_m_s,
+        foot_yaw_rad=walking.foot_yaw_rad,
+        step_height_m=walking.step_height_m,
+        weights=weights_of(scenario, WEIGHTS),
+        opening_m=robot.gripper.opening_m[0],
+        heading_rad=heading,
+    )
+    _check_start(scenario, problem)
+    return problem
+
+
+def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
+    """Raise ScenarioError for a start foot out of reach, InfeasibleError where the surface is too steep to stand."""
+    rotation = rotation_from_rpy(problem.start.rpy_rad)
+    for limb, name in enumerate(LIMBS):
+        foot = np.append(problem.start_feet_w_m[limb], 0.0)
+        place = rotation.T @ (foot - problem.start.position_m)
+        beyond = np.abs(place - problem.boxes.centre_b_m[limb]) - problem.boxes.half_m
+        if beyond.max() > 0:
+            axis = int(np.argmax(beyond))
+            centre, half = problem.boxes.centre_b_m[limb][axis], problem.boxes.half_m[axis]
+            shown = "[{:g}, {:g}]".format(*scenario.start.feet[name])
+            raise wrong(
+                scenario,
+                f"start.feet.{name}",
+                shown,
+                f"out of reach by {1000 * beyond[axis]:.0f} mm: the foot is at {'xyz'[axis]} = {place[axis]:.3f} m "
+                f"in the body frame, {name} reaches {centre - half:.3f}..{centre + half:.3f} m",
+            )
+    along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
+    if along > problem.friction * max(across, 0.0):
+        needed = "no friction is enough" if across <= 0 else f"standing needs a friction of {along / across:.2f}"
+        raise InfeasibleError(
+            "equilibrium", f"wall.slope_deg: {needed}, wall.friction less its margin is {problem.friction:.2f}"
+        )
+
+
+def _start_inertia(robot: Robot, start: Pose, feet: Array) -> Array:
+    """Inertia about the body's origin in the posture of the start."""
+    rotation = rotation_from_rpy(start.rpy_rad)
+    positions: dict[str, float] = {}
+    for limb, foot in zip(robot.limbs, feet, strict=True):
+        gripper = np.array([*foot, robot.gripper.pad_radius_m])
+        q, _ = inverse(limb, rotation.T @ (gripper - start.position_m), rotation.T)
+        positions.update(zip(limb.joint_names, q, strict=True))
+        positions.update(dict.fromkeys(limb.finger_joints, robot.gripper.opening_m[0]))
+    return composite_inertia(robot, positions)

@@ -1,0 +1,113 @@
+"""Walking plans on point feet: what `plan` gives, judged by the checker and by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import ScenarioError, parse_scenario
+from crux_planner import InfeasibleError, PlanResult, plan
+from crux_planner.walk.gait import Gait, Step, candidates, lay_out
+from crux_planner.walk.problem import build_walk
+
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
+ROBOT = load_robot("scaler")
+FLAT = (SCENES / "walk-flat.yaml").read_text()
+
+
+def walk(text: str) -> PlanResult:
+    return plan(parse_scenario(text), ROBOT)
+
+
+def test_the_flat_walk_by_hand() -> None:
+    """Checked here without the checker: Newton's law, the cone, feet that rest in stance and stand on the surface."""
+    result = walk(FLAT)
+    assert result.ok
+    assert sorted(result.gait) == ["LF", "LR", "RF", "RR"]
+    knots, dt = result.plan.knots, result.plan.dt_s
+    force = np.array(
+        [[np.add(limb.finger_force_w_n[:3], limb.finger_force_w_n[3:]) for limb in k.limbs] for k in knots]
+    )
+    velocity = np.array([knot.body_velocity_w_m_s for knot in knots])
+    wanted = ROBOT.total_mass_kg * (np.diff(velocity, axis=0) / dt + np.array([0.0, 0.0, 9.81]))
+    np.testing.assert_allclose(force[:-1].sum(axis=1), wanted, atol=0.01)
+    lateral = np.hypot(force[..., 0], force[..., 1])
+    assert (lateral <= 0.6 * force[..., 2] + 1e-6).all()
+    feet = np.array([[limb.gripper_position_w_m for limb in knot.limbs] for knot in knots])
+    standing = np.array([[limb.phase == limb.STANCE for limb in knot.limbs] for knot in knots])
+    assert (feet[standing][:, 2] == 0.0).all()
+    moved = np.abs(np.diff(feet, axis=0)).max(axis=2)
+    assert (moved[standing[:-1]] < 1e-9).all()
+    assert (standing.sum(axis=1) >= 3).all()
+    assert np.linalg.norm(np.subtract(knots[-1].body_position_w_m, [0.1, 0.0, 0.185])) < 0.01
+    # Three feet carry what four do: the polygon of those in stance holds the body's middle over its loads.
+    foot_load = force[:-1, :, 2]
+    pressure = np.einsum("kl,kli->ki", foot_load, feet[:-1, :, :2]) / foot_load.sum(axis=1)[:, None]
+    assert np.abs(pressure - np.array([k.body_position_w_m[:2] for k in knots[:-1]])).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "to"),
+    [
+        ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.05, 0.04, 0.19], rpy_deg: [0, 0, 8]"),
+        ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.0, 0.0, 0.185]"),
+        ("slope_deg: 0", "slope_deg: 10"),
+    ],
+)
+def test_other_walks_pass_the_check(change: str, to: str) -> None:
+    text = FLAT.replace(change, to)
+    assert text != FLAT
+    assert walk(text).check.ok
+
+
+def test_the_shipped_slope_is_the_flat_walk_uphill() -> None:
+    assert parse_scenario((SCENES / "walk-slope.yaml").read_text()).wall.slope_deg == 10
+
+
+def test_a_step_begins_and_ends_at_rest_and_is_highest_in_the_middle() -> None:
+    way, height = Step(0, 4, 10).shares()
+    assert way[[0, 3, 6]] == pytest.approx([0.0, 0.5, 1.0])
+    assert height[[0, 3, 6]] == pytest.approx([0.0, 1.0, 0.0])
+    gait = Gait((Step(0, 4, 10), Step(0, 12, 18)), np.array([0.5, 1.0]), 21)
+    assert gait.blend.sum(axis=2) == pytest.approx(np.ones((21, 4)))
+    assert gait.blend[11, 0].argmax() == 4
+    assert gait.blend[18, 0].argmax() == 5
+    assert gait.stance[:, 0].tolist() == [True] * 4 + [False] * 6 + [True] * 2 + [False] * 6 + [True] * 3
+
+
+def test_the_cheapest_gait_comes_first_and_all_share_the_time() -> None:
+    problem = build_walk(parse_scenario(FLAT), ROBOT)
+    found = candidates(problem, 1)
+    assert len(found) >= 4
+    assert [c.cost for c in found] == sorted(c.cost for c in found)
+    for candidate in found:
+        np.testing.assert_allclose(candidate.loads.sum(axis=1), 9.81 * ROBOT.total_mass_kg, rtol=1e-4)
+    with pytest.raises(InfeasibleError, match="need at least"):
+        lay_out(problem, [(0,), (1,), (2,), (3,)], 4)
+
+
+@pytest.mark.parametrize(
+    ("change", "to", "error", "text"),
+    [
+        ("friction: 0.6", "friction: 0.0", InfeasibleError, None),
+        ("slope_deg: 0", "slope_deg: 35", InfeasibleError, "needs a friction of 0.70"),
+        ("slope_deg: 0", "slope_deg: 100", InfeasibleError, "no friction is enough"),
+        ("LF: [0.14, 0.36]", "LF: [0.14, 0.5]", ScenarioError, "start.feet.LF.*out of reach by 65 mm"),
+        ("position_m: [0.1, 0.0, 0.185]", "position_m: [1.5, 0.0, 0.185]", InfeasibleError, "horizon.steps"),
+        (
+            "horizon:",
+            "obstacles: [{name: box, position_m: [1, 1], size_m: [0.1, 0.1, 0.1]}]\nhorizon:",
+            ScenarioError,
+            "box",
+        ),
+        ("max_normal_N: 60", "max_normal_N: 60, spine_shear_N: 3", ScenarioError, "spine_shear_N"),
+        ("max_normal_N: 60", "max_normal_N: 20", InfeasibleError, None),
+    ],
+)
+def test_why_not(change: str, to: str, error: type[Exception], text: str | None) -> None:
+    scenario = FLAT.replace(change, to)
+    assert scenario != FLAT
+    with pytest.raises(error, match=text):
+        walk(scenario)
