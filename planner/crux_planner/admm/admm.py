@@ -1,10 +1,13 @@
 """The ADMM loops: (17) in general, (19) with two blocks, P3 with a block for every limb.
 
-Scaled form: with eta = [x; u] of the contact block, its copy delta, and the scaled dual epsilon,
+In scaled form, with eta = [x; u] of the contact blocks, its copy delta and the scaled dual epsilon:
 
     eta     <- argmin J + rho / 2 |eta - delta + epsilon|^2    contacts: (7), (8a), (9) linear, (10), (13), (14)
     delta   <- argmin     rho / 2 |eta - delta + epsilon|^2    motion: (7), (8), (9)
     epsilon <- epsilon + eta - delta
+
+Two blocks: one MIP for all limbs. Multi-block: the first line falls into one MIP a limb, solved in parallel; the
+body's terms of J and (8a) go to the motion NLP, whose own variables are the shared copy: it is the projection.
 """
 
 from __future__ import annotations
@@ -13,12 +16,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from crux_planner.admm.consensus import Eta, Residuals
-from crux_planner.admm.contact_block import ContactBlock, ContactPlan
-from crux_planner.admm.motion_block import MotionBlock
+import numpy as np
 
-RHO = 10.0  # the paper's, for climbing
-ITERATIONS = 10
+from crux_planner.admm.consensus import Eta, Residuals, Scales
+from crux_planner.admm.contact_block import ContactBlock, ContactPlan
+from crux_planner.admm.knot_qp import KnotSolution, plan_cost
+from crux_planner.admm.limb_block import LimbPlan, ParallelLimbs
+from crux_planner.admm.motion_block import MotionBlock
+from crux_planner.admm.stages import Stages
+from crux_planner.arrays import Array
+
+RHO, MULTI_RHO = 10.0, 40.0
+ITERATIONS, MULTI_ITERATIONS = 10, 40
+_RIGHT_OF_WAY = 5.0  # cost of a stage in the air beside another limb, in the first guess only
 
 Report = Callable[[str], None]
 
@@ -59,3 +69,70 @@ def two_block(
             break
     assert run is not None
     return run
+
+
+def multi_block(
+    stages: Stages,
+    limbs: ParallelLimbs,
+    motion: MotionBlock,
+    scales: Scales,
+    *,
+    rho: float,
+    iterations: int,
+    deadline: float,
+    report: Report,
+) -> Run:
+    """P3. Stops at the thresholds, after `iterations`, or when the time is up."""
+    problem = motion.problem
+    epsilon = Eta.zeros(problem.steps)
+    delta = _first_guess(stages, limbs, motion, rho, scales)
+    nowhere = np.zeros((4, stages.count))
+    run: Run | None = None
+    for iteration in range(1, iterations + 1):
+        plans = limbs.minimise(rho, delta - epsilon, nowhere, scales)
+        eta = _joined(stages, plans, delta.body - epsilon.body)
+        delta = motion.project(eta.eta + epsilon, rho)
+        epsilon = epsilon + eta.eta - delta
+        wrenches = eta.knots.wrenches
+        cost = plan_cost(problem, eta.schedule, delta.body, wrenches)
+        run = run or Run(eta)
+        run.plan = ContactPlan(eta.eta, eta.schedule, KnotSolution(delta.body, wrenches, cost))
+        run.residuals.append(Residuals.of(eta.eta - delta, body=False))
+        run.gaits.append(eta.schedule.gait)
+        report(run.residuals[-1].line(iteration))
+        if run.converged or time.monotonic() > deadline:
+            break
+    assert run is not None
+    return run
+
+
+def _first_guess(stages: Stages, limbs: ParallelLimbs, motion: MotionBlock, rho: float, scales: Scales) -> Eta:
+    """A first copy: forces that carry the body at the start, and poses of limbs that choose one after the other.
+
+    All limbs are alike to begin with; without an order they would let go together, and stay together.
+    """
+    problem = motion.problem
+    pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
+    body = np.tile(pose, (problem.steps + 1, 1))
+    nothing: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
+    standing = motion.project(Eta.of_contacts(problem, stages.schedule([]), body, nothing), rho)
+    forces_alone = Scales(0.0, scales.orientation, scales.rate, scales.force, scales.moment)
+    air_cost = np.zeros((4, stages.count))
+    plans: list[LimbPlan] = []
+    for limb in range(4):
+        plans.append(limbs.minimise_one(limb, rho, standing, air_cost[limb], forces_alone))
+        for swing in plans[-1].swings:
+            air_cost[:, swing.first // stages.knots : (swing.end - 1) // stages.knots + 1] += _RIGHT_OF_WAY
+    chosen = _joined(stages, plans, standing.body).eta
+    return Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
+
+
+def _joined(stages: Stages, plans: list[LimbPlan], body: Array) -> ContactPlan:
+    """The limbs' answers as one eta; `body`, which is in no limb's block, keeps what the motion block wants."""
+    schedule = stages.schedule([swing for plan in plans for swing in plan.swings])
+    wrenches = [
+        {limb: plan.wrenches[k] for limb, plan in enumerate(plans) if k in plan.wrenches}
+        for k in range(stages.problem.steps)
+    ]
+    eta = Eta.of_contacts(stages.problem, schedule, body, wrenches)
+    return ContactPlan(eta, schedule, KnotSolution(body, wrenches, np.inf))

@@ -94,11 +94,12 @@ class Residuals:
     moment_rms_Nm: float
 
     @classmethod
-    def of(cls, difference: Eta) -> Residuals:
-        """Of eta - delta; positions are the body's and the fingers', as the paper counts them."""
+    def of(cls, difference: Eta, *, body: bool = True) -> Residuals:
+        """Of eta - delta; positions are the body's and the fingers', without `body` (one block alone has it) theirs."""
+        shared = difference.body if body else difference.body[:0]
         groups = (
-            np.concatenate([difference.body[:, 0:3].ravel(), difference.fingers.ravel()]),
-            np.concatenate([difference.body[:, 3:6].ravel(), difference.yaws.ravel()]),
+            np.concatenate([shared[:, 0:3].ravel(), difference.fingers.ravel()]),
+            np.concatenate([shared[:, 3:6].ravel(), difference.yaws.ravel()]),
             difference.forces.ravel(),
             difference.moments.ravel(),
         )

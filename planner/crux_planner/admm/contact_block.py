@@ -12,6 +12,7 @@ from crux_planner.admm.hull import Decision, HullMilp
 from crux_planner.admm.knot_qp import KnotSolution, solve_knots
 from crux_planner.admm.stage_cost import stage_cost
 from crux_planner.admm.stages import Stages, clash
+from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
@@ -25,12 +26,11 @@ _CUTS = 12  # decisions thrown away in one iteration before giving up
 
 @dataclass(frozen=True)
 class ContactPlan:
-    """eta of the contact block with the contacts behind it."""
+    """eta of the contact blocks with the contacts behind it."""
 
     eta: Eta
     schedule: Schedule
     knots: KnotSolution
-    decision: Decision
 
 
 class ContactBlock:
@@ -68,10 +68,10 @@ class ContactBlock:
                 continue
             self._last = decision
             eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
-            return ContactPlan(eta, schedule, knots, decision)
+            return ContactPlan(eta, schedule, knots)
         raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
 
-    def path(self, decision: Decision) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def path(self, decision: Decision) -> Array:
         """Body positions (N + 1, 3) through those of the stages, each in the middle of its stage."""
         n, stages = self.problem.steps, self.stages
         middles = [0.5 * sum(stages.span(t)) for t in range(stages.count)]

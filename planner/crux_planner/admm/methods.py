@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from crux_planner.admm.admm import ITERATIONS, RHO, Report, Run, two_block
+from crux_planner.admm.admm import ITERATIONS, MULTI_ITERATIONS, MULTI_RHO, RHO, Report, Run, multi_block, two_block
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.contact_block import ContactBlock
+from crux_planner.admm.limb_block import ParallelLimbs
 from crux_planner.admm.motion_block import MotionBlock
+from crux_planner.admm.stages import Stages
 from crux_planner.arrays import Array
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
@@ -19,6 +21,8 @@ from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach
 from crux_planner.search.ways import Ways
+
+MULTI_SCALES = Scales(position=3.0)  # limbs that know nothing of the body follow it faster so
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,27 @@ def decide_two_block(task: Task) -> Decided:
     return _decided(run)
 
 
-METHODS: dict[str, Callable[[Task], Decided]] = {"two_block": decide_two_block}
+def decide_multi_block(task: Task) -> Decided:
+    """P3: one MIP a limb in parallel processes, one NLP."""
+    stages = Stages(task.problem, task.reach, task.ways)
+    with ParallelLimbs(stages, task.balance) as limbs:
+        run = multi_block(
+            stages,
+            limbs,
+            MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),
+            MULTI_SCALES,
+            rho=task.rho or MULTI_RHO,
+            iterations=task.iterations or MULTI_ITERATIONS,
+            deadline=task.deadline,
+            report=task.report,
+        )
+    return _decided(run)
+
+
+METHODS: dict[str, Callable[[Task], Decided]] = {
+    "two_block": decide_two_block,
+    "multi_block": decide_multi_block,
+}
 """All raise InfeasibleError where they find no contacts."""
 
 

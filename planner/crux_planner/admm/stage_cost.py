@@ -40,13 +40,13 @@ def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -
             forces, moments = target.forces[first:end, fingers].sum(axis=0), target.moments[first:end, fingers]
             for c in stages.contacts[limb]:
                 contact = problem.contacts[c]
-                pose = _grasp_pose(stages, c)
                 shear = -force * forces.sum(axis=0) @ np.column_stack([contact.tangent, [0.0, 0.0, 1.0]])
                 twist = -moment * k_m * float(moments.sum(axis=(0, 1)) @ contact.axis)
                 normal = -force * np.array([forces[0] @ contact.axis, -forces[1] @ contact.axis])
                 linear[t, limb, c] = [*shear, twist, *normal, normal.sum()]
-                held[t, limb, c] = _apart(np.tile(pose, (end - first, 1)), target, limb, first, pull, scales)
-    arcs = [_arc_costs(stages, limb, target, pull, scales) for limb in range(4)]
+    if target is not None:
+        held = np.stack([held_costs(stages, limb, target, pull, scales) for limb in range(4)], axis=1)
+    arcs = [arc_costs(stages, limb, target, pull, scales) for limb in range(4)]
     return StageCost(square, body_linear, body_square, linear, held, arcs)
 
 
@@ -56,7 +56,19 @@ def swing_cost(stages: Stages, poses: Array) -> float:
     return float(weights.lift * poses[:, 2].sum() + 2 * weights.opening * poses[:, 4].sum() + 2 * weights.switching)
 
 
-def _arc_costs(stages: Stages, limb: int, target: Eta | None, pull: float, scales: Scales) -> Array:
+def held_costs(stages: Stages, limb: int, target: Eta, pull: float, scales: Scales) -> Array:
+    """(S, C): the proximal term of a gripper's pose while it holds each of its contacts through a stage."""
+    costs = np.zeros((stages.count, len(stages.problem.contacts)))
+    for t in range(stages.count):
+        first, end = stages.span(t)
+        for c in stages.contacts[limb]:
+            poses = np.tile(_grasp_pose(stages, c), (end - first, 1))
+            costs[t, c] = _apart(poses, target, limb, first, pull, scales)
+    return costs
+
+
+def arc_costs(stages: Stages, limb: int, target: Eta | None, pull: float, scales: Scales) -> Array:
+    """J and the proximal term of each of a limb's swings, the knots at rest before it included."""
     costs = np.zeros(len(stages.arcs[limb]))
     for i, arc in enumerate(stages.arcs[limb]):
         swing = stages.swinging(limb, arc)
