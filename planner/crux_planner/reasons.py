@@ -107,7 +107,7 @@ def _chain_broken(problem: Problem, reach: Reach, ways: Ways) -> InfeasibleError
             span = f"{_point(problem, line[first])} and {_point(problem, line[after - 1])}"
             return InfeasibleError("reach", f"no hold within reach of {LIMBS[limb]} for a body between {span}")
         hold = problem.hold_names[problem.contacts[problem.start_contacts[limb]].hold]
-        if ways.forbidden:
+        if ways.any_forbidden:
             return InfeasibleError(
                 "passage", f"{LIMBS[limb]} gets from {hold} to no hold towards the goal without touching something"
             )

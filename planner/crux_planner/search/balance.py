@@ -65,14 +65,19 @@ class Balance:
         return rows, np.concatenate([self.spine[contact], [self.max_normal_N] * 2])
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
-        """Least force [N] (moments count over `MOMENT_ARM_M`) that balance lacks for body positions in [low, high]."""
+        """Least force [N] that balance lacks for body positions in [low, high].
+
+        Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
+        """
         n = 3 + WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         low, high = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
-        scale = np.array([1.0, 1.0, 1.0] + [1.0 / MOMENT_ARM_M] * 3)
-        weighted = self._balance_matrix(support) * scale[:, None]
-        target = np.concatenate([-self.problem.weight_N, np.zeros(3)]) * scale
+        middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
+        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about_middle[3:] /= MOMENT_ARM_M
+        weighted = about_middle @ self._balance_matrix(support)
+        target = about_middle @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
         result = _dense_qp(
             weighted.T @ weighted + 1e-9 * np.eye(n), -weighted.T @ target, None, None, rows, bounds, low, high
         )

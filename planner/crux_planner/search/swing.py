@@ -18,6 +18,7 @@ from crux_planner.terms.obstacles import Cuboids
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: room for rounding
 HEIGHT_RESERVE_M = 0.002
 _SAMPLE_M = 0.01
+_BODY_SIDE = 0.5  # way that a metre nearer to the body is worth
 _CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # going round
 
 
@@ -68,13 +69,27 @@ class Swing:
 
 
 def plan_swing(
-    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+    start: Contact,
+    end: Contact,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    *,
+    body_line_w_m: Array | None = None,
+    skip: int = 0,
 ) -> Swing | None:
-    """The shortest way found from `start` to `end`, or None where tall cuboids leave none."""
-    for corners in _candidate_ways(start, end, cuboids, shape, limits):
+    """The best way found from `start` to `end`, or None where tall cuboids leave none.
+
+    The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_w_m`
+    (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
+    """
+    for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_w_m):
         way = _stations(start, end, corners)
         height = _clear_height(start, end, way, cuboids, shape, limits)
         if height is None:
+            continue
+        if skip > 0:
+            skip -= 1
             continue
         way[:, 2] = max(height, start.centre_w_m[2], end.centre_w_m[2])
         reach = STEP_SHARE * limits.speed_m_s * limits.dt_s
@@ -131,9 +146,14 @@ def _clear_height(
 
 
 def _candidate_ways(
-    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+    start: Contact,
+    end: Contact,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    body_line: Array | None,
 ) -> list[list[Array]]:
-    """The straight way, and ways around each cuboid that it meets and cannot pass over, shortest first."""
+    """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
     a, b = start.centre_w_m[:2], end.centre_w_m[:2]
     ways: list[list[Array]] = [[]]
     tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
@@ -154,7 +174,12 @@ def _candidate_ways(
         corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + room) * sign) for sign in _CORNERS]
         for i in range(4):  # past one corner, or along one side
             ways += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
-    return sorted(ways, key=lambda corners: _length([a, *corners, b]))
+
+    def badness(corners: list[Array]) -> float:
+        aside = 0.0 if body_line is None or not corners else max(_beside(corner, body_line) for corner in corners)
+        return _length([a, *corners, b]) + _BODY_SIDE * aside
+
+    return sorted(ways, key=badness)
 
 
 def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:
@@ -187,6 +212,13 @@ def _open(contact: Contact) -> Array:
 
 def _line(a: Array, b: Array, intervals: int) -> Array:
     return a + np.linspace(0.0, 1.0, intervals + 1)[:, None] * (b - a)
+
+
+def _beside(point: Array, line: Array) -> float:
+    """Distance of a point (2,) from a segment (2, 2)."""
+    along = line[1] - line[0]
+    share = np.clip((point - line[0]) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(point - line[0] - share * along))
 
 
 def _length(points: list[Array]) -> float:

@@ -14,7 +14,7 @@ class Ways:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.forbidden: set[tuple[int, int]] = set()
+        self._skipped: dict[tuple[int, int], int] = {}
         self._swings: dict[tuple[int, int], Swing | None] = {}
         self._columns: dict[tuple[int, int], Array] = {}
         self._gaps: dict[tuple[int, int, int], bool] = {}
@@ -30,9 +30,19 @@ class Ways:
         key = (start, end)
         if key not in self._swings:
             a, b = self.problem.contacts[start], self.problem.contacts[end]
-            ok = start != end and key not in self.forbidden
+            problem, skip = self.problem, self._skipped.get(key, 0)
             self._swings[key] = (
-                plan_swing(a, b, self.problem.cuboids, self.problem.shape, self.problem.swing) if ok else None
+                plan_swing(
+                    a,
+                    b,
+                    problem.cuboids,
+                    problem.shape,
+                    problem.swing,
+                    body_line_w_m=np.stack([problem.start.position_m[:2], problem.goal.body.position_m[:2]]),
+                    skip=skip,
+                )
+                if start != end
+                else None
             )
         return self._swings[key]
 
@@ -56,16 +66,27 @@ class Ways:
             return gripper_gap(self._column(moves[0]), self._column(moves[1])) >= self._touching
         return True
 
+    @property
+    def any_forbidden(self) -> bool:
+        """Whether some way was found wrong."""
+        return bool(self._skipped)
+
     def forbid(self, start: int, end: int) -> None:
-        """Never use this way again."""
-        self.forbidden.add((start, end))
-        self._swings.pop((start, end), None)
+        """Never use this way from one contact to the other again; the next best takes its place, if there is one."""
+        self._skipped[start, end] = self._skipped.get((start, end), 0) + 1
+        self._forget((start, end))
 
     def allow_all(self) -> None:
         """Forget what was forbidden."""
-        for key in self.forbidden:
-            self._swings.pop(key, None)
-        self.forbidden.clear()
+        for move in self._skipped:
+            self._forget(move)
+        self._skipped.clear()
+
+    def _forget(self, move: tuple[int, int]) -> None:
+        self._swings.pop(move, None)
+        self._columns.pop(move, None)
+        for key in [key for key in self._gaps if key[:2] == move]:
+            del self._gaps[key]
 
     def _clear(self, move: tuple[int, int], standing: int) -> bool:
         key = (*move, standing)

@@ -1,0 +1,62 @@
+"""`crux plan` as a command: exit status, what goes where, and nothing written unless the plan is good."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crux_contracts.plan_file import read_plan
+from crux_planner.cli import add_plan_parser, run_plan
+from walls import text, two_rows
+
+
+def crux_plan(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    add_plan_parser(parser.add_subparsers())
+    return run_plan(parser.parse_args(["plan", *words]))
+
+
+def write(folder: Path, content: dict[str, Any]) -> tuple[str, Path]:
+    (folder / "wall.yaml").write_text(text(content))
+    return str(folder / "wall.yaml"), folder / "plan.mcap"
+
+
+def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wall, output = write(tmp_path, two_rows())
+    assert crux_plan(wall, "-o", str(output), "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["ok"] is True
+    assert said["method"] == "auto"
+    assert said["check"]["ok"] is True
+    assert {"seconds", "cost", "gap", "iterations", "gait"} <= said.keys()
+    assert {"position_m", "force_N"} == said["residuals"].keys()
+    assert read_plan(output).plan_id == said["plan_id"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.mcap", "wall.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "message"),
+    [({"horizon": {"steps": 6, "dt_s": 2.0}}, 1, "needs"), ({"wall": {"slope": 45}}, 2, "slope")],
+)
+def test_a_failure_writes_nothing(
+    change: dict[str, Any], status: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wall, output = write(tmp_path, {**two_rows(), **change})
+    output.write_bytes(b"an older plan")
+    assert crux_plan(wall, "-o", str(output), "--json") == status
+    out, errors = capsys.readouterr()
+    assert message in errors
+    assert json.loads(out)["ok"] is False
+    assert output.read_bytes() == b"an older plan"
+
+
+def test_a_missing_scenario_and_a_missing_folder_are_usage_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert crux_plan(str(tmp_path / "none.yaml"), "-o", str(tmp_path / "plan.mcap")) == 2
+    wall, _ = write(tmp_path, two_rows())
+    assert crux_plan(wall, "-o", str(tmp_path / "nowhere" / "plan.mcap")) == 2
+    assert "nowhere" in capsys.readouterr().err

@@ -1,0 +1,134 @@
+"""When there is no plan, the message names the constraint, the limb and the place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import crux_planner
+import pytest
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import ScenarioError
+from crux_planner.errors import InfeasibleError
+from walls import hold, scenario, two_rows
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def far_goal(wall: dict[str, Any]) -> None:
+    wall["goal"] = {"body": {"position_m": [1.0, 0.0, 0.185]}}
+
+
+def gap_in_the_holds(wall: dict[str, Any]) -> None:
+    wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (0.86, 1.14) for y in (0.36, -0.36)]
+    wall["goal"] = {"body": {"position_m": [1.0, 0.0, 0.185]}}
+
+
+def smooth_target_holds(wall: dict[str, Any]) -> None:
+    wall["contact"].update(spine_shear_N=0)
+    for part in wall["holds"]:
+        part["friction"] = 0.5
+
+
+def swap_left_grasps(wall: dict[str, Any]) -> None:
+    grasps = wall["goal"]["grasps"]
+    grasps["LF"], grasps["LR"] = grasps["LR"], grasps["LF"]
+
+
+INFEASIBLE: dict[str, tuple[Change, str, str]] = {
+    "goal out of reach": (
+        far_goal,
+        "reach",
+        r"no hold within reach of LF .* \[1\.00, 0\.00, 0\.185\] m.* LF-high, is \d+ mm",
+    ),
+    "gap": (gap_in_the_holds, "reach", r"no hold within reach of LF for a body between \[0\.\d+, .* and \[0\.\d+, "),
+    "horizon": (lambda wall: wall["horizon"].update(steps=8), "horizon", r"needs \d+ steps of 2 s, the horizon has 8"),
+    "goal too high": (
+        lambda wall: wall["goal"]["body"].update(position_m=[0.1, 0, 0.4]),
+        "goal bounds",
+        r"position_m\[2\].*0\.165\.\.0\.21 m",
+    ),
+    "goal tilted": (
+        lambda wall: wall["goal"]["body"].update(rpy_deg=[0, 25, 0]),
+        "goal bounds",
+        r"rpy_deg.*3\.4 degrees",
+    ),
+    "goal grasp out of reach": (
+        lambda wall: wall["goal"]["grasps"].update(
+            LR={"hold": "LF-high", "faces": "x"}, LF={"hold": "LR-high", "faces": "x"}
+        ),
+        "reach",
+        r"goal\.grasps\.LF: LR-high is out of reach .* \d+ mm outside LF's workspace",
+    ),
+    "friction too low to lift": (
+        smooth_target_holds,
+        "equilibrium",
+        r"no equilibrium when \w\w lifts off .*short by \d+\.\d N",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", INFEASIBLE.values(), ids=INFEASIBLE.keys())
+def test_what_cannot_be_done_says_why_and_where(robot: Robot, case: tuple[Change, str, str]) -> None:
+    change, constraint, message = case
+    wall = two_rows()
+    change(wall)
+    with pytest.raises(InfeasibleError, match=message) as error:
+        crux_planner.plan(scenario(wall), robot)
+    assert error.value.constraint == constraint
+
+
+def hold_moved_away(wall: dict[str, Any]) -> None:
+    wall["holds"][1]["position_m"] = [0.14, -0.55]
+
+
+def grease(wall: dict[str, Any]) -> None:
+    wall["contact"].update(spine_shear_N=0)
+    for part in wall["holds"]:
+        part["friction"] = 0.02
+
+
+WRONG: dict[str, tuple[Change, str]] = {
+    "start out of reach": (
+        hold_moved_away,
+        r"start\.grasps\.RF\.hold: RF-low: out of reach by 125 mm.* -0\.425\.\.-0\.275 m",
+    ),
+    "start slips": (grease, r"start\.grasps: .*not in equilibrium.* \d+\.\d N"),
+    "body too low": (
+        lambda wall: wall["start"]["body"].update(position_m=[0, 0, 0.1]),
+        r"start\.body\.position_m\[2\]: 0\.1: expected 0\.165",
+    ),
+    "body tilted": (
+        lambda wall: wall["start"]["body"].update(rpy_deg=[9, 0, 0]),
+        r"start\.body\.rpy_deg: 9, 0: .* 3\.4 degrees",
+    ),
+    "hold too wide": (
+        lambda wall: wall["holds"][0].update(size_m=[0.12, 0.06, 0.06]),
+        r"start\.grasps\.LF: .* 0\.12 m wide",
+    ),
+    "hold too flat": (
+        lambda wall: wall["holds"][0].update(size_m=[0.06, 0.06, 0.03]),
+        r"start\.grasps\.LF: .* 0\.03 m high",
+    ),
+    "squeeze too strong": (lambda wall: wall["contact"].update(max_normal_N=90), r"contact\.max_normal_N: 90: .* 60 N"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG.values(), ids=WRONG.keys())
+def test_a_start_that_cannot_be_is_the_scenarios_error(robot: Robot, case: tuple[Change, str]) -> None:
+    change, message = case
+    wall = two_rows()
+    change(wall)
+    with pytest.raises(ScenarioError, match=message):
+        crux_planner.plan(scenario(wall), robot)
+
+
+def test_an_unknown_method_names_those_there_are(robot: Robot) -> None:
+    with pytest.raises(ScenarioError, match=r"planner\.method: magic: expected .*auto"):
+        crux_planner.plan(scenario(two_rows()), robot, method="magic")
+
+
+def test_a_time_limit_that_is_too_short_is_told(robot: Robot) -> None:
+    with pytest.raises(InfeasibleError) as error:
+        crux_planner.plan(scenario(two_rows()), robot, time_limit_s=1e-3)
+    assert error.value.constraint == "time limit"

@@ -1,0 +1,63 @@
+"""Walls for the planner's tests, as scenario text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import Scenario, parse_scenario
+
+FEET = {"LF": (0.14, 0.36), "RF": (0.14, -0.36), "LR": (-0.14, 0.36), "RR": (-0.14, -0.36)}
+
+
+def hold(name: str, x: float, y: float, **more: Any) -> dict[str, Any]:
+    """A hold of 60 mm, friction 2.2."""
+    return {"name": name, "position_m": [x, y], "size_m": [0.06, 0.06, 0.06], "friction": 2.2, **more}
+
+
+def two_rows(
+    advance_m: float = 0.15, *, slope_deg: float = 45.0, steps: int = 40, all_limbs: bool = True
+) -> dict[str, Any]:
+    """A start hold under every gripper and one `advance_m` further up for each."""
+    near = {limb: hold(f"{limb}-low", x, y) for limb, (x, y) in FEET.items()}
+    far = {limb: hold(f"{limb}-high", x + advance_m, y + 0.01, yaw_deg=4) for limb, (x, y) in FEET.items()}
+    goal: dict[str, Any] = {"body": {"position_m": [advance_m, 0.0, 0.185]}}
+    if all_limbs:
+        goal["grasps"] = {limb: {"hold": f"{limb}-high", "faces": "x"} for limb in LIMB_NAMES}
+    return {
+        "version": 1,
+        "name": "two-rows",
+        "robot": "scaler",
+        "wall": {"slope_deg": slope_deg},
+        "contact": {"model": "patch", "max_normal_N": 60, "spine_shear_N": 5, "spine_twist_Nm": 0.05},
+        "holds": [*near.values(), *far.values()],
+        "start": {
+            "body": {"position_m": [0.0, 0.0, 0.185]},
+            "grasps": {limb: {"hold": f"{limb}-low", "faces": "x"} for limb in LIMB_NAMES},
+        },
+        "goal": goal,
+        "horizon": {"steps": steps, "dt_s": 2.0},
+    }
+
+
+def three_rows() -> dict[str, Any]:
+    """The start holds and a third row 0.28 m above the upper ones: the front limbs must climb to it."""
+    wall = two_rows(0.28, all_limbs=False, steps=60)
+    wall["holds"] = [part for part in wall["holds"] if part["name"] not in ("LR-high", "RR-high")]
+    return wall
+
+
+class _Plain(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True
+
+
+def scenario(content: dict[str, Any]) -> Scenario:
+    """Read a wall as the planner would from its file."""
+    return parse_scenario(text(content), "wall.yaml")
+
+
+def text(content: dict[str, Any]) -> str:
+    """The wall as YAML."""
+    return str(yaml.dump(content, Dumper=_Plain, sort_keys=False))
