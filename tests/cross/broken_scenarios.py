@@ -123,8 +123,8 @@ OUT_OF_REACH = [
     _swap("goal inside the wall", "[0.15, 0.0, 0.185]", "[0.15, 0.0, 0.02]", "goal.body", "0.02", status=INFEASIBLE),
     _swap(
         "goal grasp out of reach",
-        "tolerance_deg: 3}",
-        "tolerance_deg: 3}\n  grasps: {LF: {hold: right-rear-low, faces: x}}",
+        "LF: {hold: left-front-high",
+        "LF: {hold: right-rear-low",
         "goal.grasps.LF",
         "right-rear-low",
         status=INFEASIBLE,
