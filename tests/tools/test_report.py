@@ -115,6 +115,13 @@ def test_a_killed_runtimes_log_gets_a_page_that_says_so(killed_log_path: Path, t
     assert "the log was not closed" in page.words
 
 
+def test_a_real_time_run_with_a_fault(faulty_log_path: Path, tmp_path: Path) -> None:
+    page, _ = _report(faulty_log_path, tmp_path)
+    assert "7 body_error: body is 0.07 m off its reference" in page.words
+    assert "period" in page.words
+    assert "In lockstep" not in page.words
+
+
 def test_words_from_outside_are_escaped(tmp_path: Path) -> None:
     plan = made_up_plan()
     plan.scenario_name = "<script>alert(1)</script>"

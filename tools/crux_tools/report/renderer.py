@@ -32,15 +32,10 @@ class Renderer:
 
     def render(self, data: mujoco.MjData, eye_m: np.ndarray, look_at_m: np.ndarray, up: np.ndarray) -> np.ndarray:
         """Pixels (height, width, 3), uint8, seen from `eye_m` towards `look_at_m` with `up` upwards."""
-        mujoco.mjv_updateScene(
-            self._model,
-            data,
-            mujoco.MjvOption(),
-            None,
-            mujoco.MjvCamera(),
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self.scene,
-        )
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        option = mujoco.MjvOption()
+        option.sitegroup[:] = 0  # sensor frames are nothing to look at
+        mujoco.mjv_updateScene(self._model, data, option, None, mujoco.MjvCamera(), everything, self.scene)
         forward = (look_at_m - eye_m) / np.linalg.norm(look_at_m - eye_m)
         upright = up - forward * (up @ forward)
         for camera in self.scene.camera:
