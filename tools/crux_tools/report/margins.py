@@ -4,6 +4,7 @@ For a plan the fingers' wrenches are known. A log holds the wrench of the grippe
 two fingers' shares follow from them: one actuator drives both, so the squeeze is the mean of the two normal forces and
 the wrench's part along the opening axis their difference; the fingers share tangential force and twist equally (4);
 what is left of the moment, across the opening axis, is a couple of tangential forces on the arm between the pads.
+A foot on the wall itself stands on both pads alike.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.summary import in_full_stance
 
 _FACES = 4  # +x, -x, +y, -y
-Z = np.array([0.0, 0.0, 1.0])
+X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+FLAT = 0.5  # z of the normal: above it the face is the wall itself, below it a side of a hold
 
 
 def _surfaces(plan: Any, series: PlanSeries) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +44,8 @@ def _margin(
     plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, friction: np.ndarray, spines: np.ndarray
 ) -> np.ndarray:
     """mu fz - demand [N] of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
-    tangent = np.cross(Z, outward)
+    on_wall = (outward[..., 2] > FLAT)[..., None]
+    tangent = np.where(on_wall, X, np.cross(Z, outward))
     other_tangent = np.cross(outward, tangent)
     return np.asarray(
         -cone_excess(
@@ -57,12 +60,17 @@ def _margin(
     )
 
 
+def _outward(axis: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
+    """Normals under fingers 1 and 2 (..., 4, 2, 3): along the opening axis on a hold, off the wall on the wall."""
+    return np.where(on_wall[..., None, None], Z, np.stack([axis, -axis], axis=-2))
+
+
 def planned_margin_n(plan: Any) -> np.ndarray:
     """Margin of fingers 1 and 2 of every limb at every knot, (K, 4, 2) [N]; NaN in the air."""
     series = plan_series(plan)
     friction, spines = _surfaces(plan, series)
     axis = series.opening_axis
-    outward = np.stack([axis, -axis], axis=2)
+    outward = _outward(axis, series.on_wall)
     margin = _margin(plan, series.finger_force_n, series.finger_moment_nm, outward, friction, spines)
     return np.where(series.stance[..., None], margin, np.nan)
 
@@ -95,7 +103,10 @@ def measured_margin_n(log: Telemetry, rows: np.ndarray) -> np.ndarray:
     force, moment = split_between_fingers(
         limbs["force_w_n"], limbs["moment_w_nm"], axis, log.inputs["finger_opening_m"][rows], limbs["grasp_force_n"]
     )
-    outward = np.stack([axis, -axis], axis=2)
+    on_wall = series.on_wall[knot][..., None, None]
+    halves = [np.stack([part, part], axis=2) / 2 for part in (limbs["force_w_n"], limbs["moment_w_nm"])]
+    force, moment = np.where(on_wall, halves[0], force), np.where(on_wall, halves[1], moment)
+    outward = _outward(axis, series.on_wall[knot])
     margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
     loaded = in_full_stance(log)[rows]
     return np.where((loaded & series.stance[knot])[..., None], margin, np.nan)

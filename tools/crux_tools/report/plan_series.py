@@ -31,6 +31,7 @@ class PlanSeries:
     time_s: np.ndarray  # (K,)
     stance: np.ndarray  # (K, 4) bool
     hold: np.ndarray  # (K, 4) index into holds, -1 in the air
+    on_wall: np.ndarray  # (K, 4) bool: a foot on the wall itself
     hold_names: list[str]
     body_position_m: np.ndarray  # (K, 3)
     body_rpy_rad: np.ndarray  # (K, 3)
@@ -88,6 +89,7 @@ def plan_series(plan: Any) -> PlanSeries:
         time_s=np.array([knot.time_s for knot in knots]),
         stance=per_limb("phase") == limb_knot_t.STANCE,
         hold=per_limb("hold"),
+        on_wall=per_limb("finger1_face") == limb_knot_t.FACE_WALL,
         hold_names=[hold.name for hold in plan.holds],
         body_position_m=np.array([list(knot.body_position_w_m) for knot in knots]),
         body_rpy_rad=np.array([list(knot.body_rpy_rad) for knot in knots]),

@@ -49,7 +49,7 @@ def _plan_pictures(plan: Any, series: PlanSeries) -> Section:
         wanted.append((len(series.time_s) - 1, "goal"))
         shots = []
         for knot, caption in wanted:
-            stage.show_pose(RobotPose.of_knot(plan.knots[knot]))
+            stage.show_pose(RobotPose.of_knot(plan.knots[knot], stage.robot))
             shots.append(stage.picture(caption))
         return shots
 

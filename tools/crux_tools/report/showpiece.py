@@ -38,7 +38,7 @@ def showpiece(plan: Any, log: Telemetry | None) -> bytes:
                 swings = plan_series(plan).swings()
                 middle = swings[len(swings) // 2] if swings else None
                 knot = (middle.first + middle.last + 1) // 2 if middle else 0
-                stage.show_pose(RobotPose.of_knot(plan.knots[knot]))
+                stage.show_pose(RobotPose.of_knot(plan.knots[knot], stage.robot))
             image = stage.image()
     except NoGraphicsError as error:
         raise WorkFailed(f"no picture: this machine has no OpenGL to render it with ({error})") from error
