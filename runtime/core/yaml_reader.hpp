@@ -13,7 +13,7 @@ namespace crux {
 /// A mapping inside a YAML file. Throws std::runtime_error with the user's sentence.
 class YamlReader {
  public:
-  YamlReader(YAML::Node node, std::string where) : node_(std::move(node)), where_(std::move(where)) {
+  YamlReader(const YAML::Node& node, std::string where) : node_(node), where_(std::move(where)) {
     if (!node_ || !node_.IsMap()) throw std::runtime_error(where_ + ": expected a mapping");
   }
 
