@@ -238,6 +238,14 @@ TEST_F(Faults, ALostGripIsNamed) {
   EXPECT_NEAR(run_->result.fault.value, 0.5, 1e-12);
 }
 
+TEST_F(Faults, AGripThatFlickersIsNotLost) {
+  for (int i = 0; i < 300; ++i) {
+    if (i % 3 != 0) input().finger_force_n[2] = 0.5;
+    run_->step();
+  }
+  EXPECT_EQ(run_->core.state(), SupervisorState::kClimbing);
+}
+
 TEST_F(Faults, AnEventThatDoesNotComeEndsInHolding) {
   spoil_ = [this](crux_msgs::control_input_t& in) {
     if (run_->result.reference[0].load < 0.5) in.ft_force_g_n[0] += 6.0;  // LF never unloads

@@ -1,0 +1,132 @@
+// The closed loop of the core, seen from outside: what it does with wrench errors, bias, load and reach.
+#include <Eigen/Geometry>
+
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+class Loop : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+    run_.steps(1000);
+  }
+  /// Adds a force [N] in W to what the sensor of a limb reads next.
+  void add_force_W(int limb, const Vector3& force_W_N) {
+    const double* q = run_.result.telemetry[limb].gripper_quaternion_w;
+    const Vector3 force_G_N = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).conjugate() * force_W_N;
+    for (int i = 0; i < 3; ++i) run_.plant.input().ft_force_g_n[3 * limb + i] += force_G_N[i];
+  }
+  Vector3 offset_m(int limb) const { return Vector3(run_.result.telemetry[limb].admittance_offset_m); }
+  Vector3 gripper_W_m(int limb) const { return Vector3(run_.result.telemetry[limb].gripper_position_w_m); }
+
+  Climber run_{sample_plan()};
+};
+
+TEST_F(Loop, LimbsYieldToASqueezeBetweenThem) {
+  const Vector3 line = (gripper_W_m(1) - gripper_W_m(0)).normalized();
+  const Vector3 before = offset_m(0), other = offset_m(1);
+  for (int i = 0; i < 250; ++i) {  // 0.5 s: the holds push limbs 0 and 1 together
+    add_force_W(0, 4.0 * line);
+    add_force_W(1, -4.0 * line);
+    run_.step();
+  }
+  const double expected_m = 4.0 / robot().admittance.damping_Ns_m * 0.5;
+  EXPECT_NEAR((offset_m(0) - before).dot(line), expected_m, 0.2 * expected_m);
+  EXPECT_NEAR((offset_m(1) - other).dot(line), -expected_m, 0.2 * expected_m);
+}
+
+TEST_F(Loop, ACommonErrorOfAllLimbsMovesNothing) {
+  PerLimb<Vector3> before;
+  for (int l = 0; l < kLimbs; ++l) before[l] = offset_m(l);
+  for (int i = 0; i < 500; ++i) {
+    for (int l = 0; l < kLimbs; ++l) add_force_W(l, {2.0, 1.0, -1.0});
+    run_.step();
+  }
+  // 2.4 N would have carried a limb 6 mm in that second. A small moment about the centre of mass remains of it.
+  for (int l = 0; l < kLimbs; ++l) EXPECT_LT((offset_m(l) - before[l]).norm(), 1.5e-3) << "limb " << l;
+}
+
+TEST_F(Loop, ReferencesHoldTheRobotsWeightInEveryPhase) {
+  run_.step(command_t::START);
+  const Vector3 gravity(sample_plan().gravity_w_m_s2);
+  for (int i = 0; i < 12000; ++i) {
+    run_.step();
+    Vector3 force = Vector3::Zero(), moment = Vector3::Zero();
+    for (int l = 0; l < kLimbs; ++l) {
+      const crux_msgs::limb_telemetry_t& limb = run_.result.telemetry[l];
+      const Vector3 arm = gripper_W_m(l) - Vector3(run_.result.state.centre_of_mass_w_m);
+      force += Vector3(limb.force_reference_w_n);
+      moment += arm.cross(Vector3(limb.force_reference_w_n)) + Vector3(limb.moment_reference_w_nm);
+    }
+    ASSERT_LT((force + 9.6 * gravity).norm(), 1e-3) << "cycle " << i;
+    ASSERT_LT(moment.norm(), 0.1) << "cycle " << i;  // planned places against measured ones: a millimetre of 94 N
+  }
+}
+
+TEST_F(Loop, TheGraspIsNeverWeakerThanTheLoadDemands) {
+  run_.step(command_t::START);
+  for (int i = 0; i < 12000; ++i) {
+    run_.step();
+    for (int l = 0; l < kLimbs; ++l) {
+      const crux_msgs::limb_reference_t& reference = run_.result.reference[l];
+      if (reference.load < 0.05 || run_.result.state.plan_time_s == 0.0) continue;
+      const crux_msgs::limb_telemetry_t& limb = run_.result.telemetry[l];
+      const Wrench wrench = {Vector3(limb.force_reference_w_n), Vector3(limb.moment_reference_w_nm)};
+      const Vector3 axis = rotation_z(reference.gripper_yaw_w_rad).col(0);
+      const double demand_N = required_grasp_force_N(wrench, axis, {reference.friction, 0.0134, 60.0}, robot().control);
+      ASSERT_GT(limb.grasp_force_n, demand_N - 0.25) << "limb " << l << " at " << run_.result.state.plan_time_s << " s";
+    }
+  }
+}
+
+TEST_F(Loop, TheSensorsBiasIsLearntInTheSwing) {
+  run_.step(command_t::START);
+  const auto spoiled_step = [&] {
+    run_.plant.input().ft_force_g_n[1] += 0.8;
+    run_.plant.input().ft_moment_g_nm[2] += 0.03;
+    run_.step();
+  };
+  for (int i = 0; i < 3500; ++i) spoiled_step();
+  EXPECT_EQ(run_.result.telemetry[0].tare_force_g_n[1], 0.0) << "not before the swing";
+  for (int i = 0; i < 3000; ++i) spoiled_step();
+  EXPECT_NEAR(run_.result.telemetry[0].tare_force_g_n[1], 0.8, 0.01);
+  EXPECT_NEAR(run_.result.telemetry[0].tare_moment_g_nm[2], 0.03, 1e-3);
+}
+
+TEST(LimbController, DoesNotYieldFurtherThanItReaches) {
+  LimbController limb(robot(), 0);
+  crux_msgs::control_input_t in = ObedientPlant(sample_plan()).input();
+  const Pose body_W = {Matrix3::Identity(), {0.0, 0.0, 0.185}};
+  const crux_msgs::limb_knot_t& start = sample_plan().knots[0].limbs[0];
+  LimbReference reference;
+  reference.gripper_position_W_m = Vector3(start.gripper_position_w_m);
+  reference.gripper_yaw_W_rad = start.gripper_yaw_w_rad;
+  limb.sense(in);
+  limb.engage(reference, body_W);
+  crux_msgs::limb_telemetry_t telemetry{};
+  crux_msgs::control_output_t out{};
+  // The reference wanders out of reach while the hold pulls the same way.
+  const Vector3 outwards(0.3, 0.95, 0.0);
+  double where_it_stopped_m = 0.0;
+  for (int i = 0; i < 2000; ++i) {
+    reference.gripper_position_W_m += 1.5e-4 * outwards;
+    limb.follow_contact(reference, body_W, body_W);
+    limb.comply(reference, {8.0 * outwards, Vector3::Zero()}, body_W.rotation, 0.002);
+    limb.drive(reference, {}, {0.0, 0.0, -9.81}, body_W, 1.0, 0.002);
+    limb.write(NodeMode::kTrack, NodeMode::kTrack, out);
+    std::copy(out.joint_position_rad, out.joint_position_rad + kJoints, in.joint_position_rad);
+    limb.sense(in);
+    limb.write(body_W, {}, telemetry);
+    if (telemetry.ik_limited == 0) where_it_stopped_m = Vector3(telemetry.admittance_offset_m).norm();
+  }
+  EXPECT_NE(telemetry.ik_limited, 0);
+  EXPECT_NEAR(Vector3(telemetry.admittance_offset_m).norm(), where_it_stopped_m, 5e-4);
+  EXPECT_LT(where_it_stopped_m, 0.8 * robot().admittance.max_offset_m);
+}
+
+}  // namespace
+}  // namespace crux_test
