@@ -85,11 +85,12 @@ def multi_block(
     """P3. Stops at the thresholds, after `iterations`, or when the time is up."""
     problem = motion.problem
     epsilon = Eta.zeros(problem.steps)
-    delta = _first_guess(stages, limbs, motion, rho, scales)
+    delta, others = _first_guess(stages, limbs, motion, rho, scales)
     nowhere = np.zeros((4, stages.count))
     run: Run | None = None
     for iteration in range(1, iterations + 1):
-        plans = limbs.minimise(rho, delta - epsilon, nowhere, scales)
+        plans = limbs.minimise(rho, delta - epsilon, nowhere, others, scales)
+        others = _contacts(stages, plans)
         eta = _joined(stages, plans, delta.body - epsilon.body)
         delta = motion.project(eta.eta + epsilon, rho)
         epsilon = epsilon + eta.eta - delta
@@ -106,7 +107,9 @@ def multi_block(
     return run
 
 
-def _first_guess(stages: Stages, limbs: ParallelLimbs, motion: MotionBlock, rho: float, scales: Scales) -> Eta:
+def _first_guess(
+    stages: Stages, limbs: ParallelLimbs, motion: MotionBlock, rho: float, scales: Scales
+) -> tuple[Eta, Array]:
     """A first copy: forces that carry the body at the start, and poses of limbs that choose one after the other.
 
     All limbs are alike to begin with; without an order they would let go together, and stay together.
@@ -120,11 +123,19 @@ def _first_guess(stages: Stages, limbs: ParallelLimbs, motion: MotionBlock, rho:
     air_cost = np.zeros((4, stages.count))
     plans: list[LimbPlan] = []
     for limb in range(4):
-        plans.append(limbs.minimise_one(limb, rho, standing, air_cost[limb], forces_alone))
+        plans.append(limbs.minimise_one(limb, rho, standing, air_cost[limb], _contacts(stages, plans), forces_alone))
         for swing in plans[-1].swings:
             air_cost[:, swing.first // stages.knots : (swing.end - 1) // stages.knots + 1] += _RIGHT_OF_WAY
     chosen = _joined(stages, plans, standing.body).eta
-    return Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
+    delta = Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
+    return delta, _contacts(stages, plans)
+
+
+def _contacts(stages: Stages, plans: list[LimbPlan]) -> Array:
+    """(4, S): the contacts of the limbs planned so far, -1 in the air; of the others the start's."""
+    swings = [swing for plan in plans for swing in plan.swings]
+    held = [stages.held(limb, swings) for limb in range(4)]
+    return np.array([[-1 if c is None else c for c in limb] for limb in held])
 
 
 def _joined(stages: Stages, plans: list[LimbPlan], body: Array) -> ContactPlan:

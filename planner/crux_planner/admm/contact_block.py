@@ -11,16 +11,19 @@ from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.hull import Decision, HullMilp
 from crux_planner.admm.knot_qp import KnotSolution, solve_knots
 from crux_planner.admm.stage_cost import stage_cost
-from crux_planner.admm.stages import Stages, clash
+from crux_planner.admm.stages import Stages, Swinging, clash
 from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.schedule import Schedule
-from crux_planner.search.stances import Reach
+from crux_planner.search.stances import Reach, search
 from crux_planner.search.ways import Ways
 
 MILP_GAP = 0.02
+MILP_TIME_S = 6.0  # of one iteration, once some contacts are known
+_SEARCH_TIME_S = 2.0
+GREED = 1.5  # of that search
 _CUTS = 12  # decisions thrown away in one iteration before giving up
 
 
@@ -43,15 +46,16 @@ class ContactBlock:
         self.stages = Stages(problem, reach, ways)
         self._balance = balance
         self._hull = HullMilp(self.stages, balance, moments=moments)
-        self._last: Decision | None = None
+        self._known = self._searched()
+        self.bound = -np.inf  # proven, of the last MILP's objective
 
     def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         cost = stage_cost(self.stages, rho, target, self.scales)
         for _ in range(_CUTS):
-            start = None if self._last is None else self._last.values
-            left = max(deadline - time.monotonic(), 1.0)
-            result = self._hull.solve(cost, gap=MILP_GAP, time_limit_s=left, start=start)
+            left = deadline - time.monotonic()
+            limit = max(left if self._known is None else min(MILP_TIME_S, left), 1.0)
+            result = self._hull.solve(cost, gap=MILP_GAP, time_limit_s=limit, start=self._known)
             if result.values is None:
                 raise _nothing_found(result.infeasible)
             decision = self._hull.decision(result)
@@ -66,10 +70,19 @@ class ContactBlock:
             if knots is None:
                 self._hull.forbid_exactly(decision)
                 continue
-            self._last = decision
+            self._known, self.bound = decision.swings, result.bound
             eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
             return ContactPlan(eta, schedule, knots)
         raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
+
+    def _searched(self) -> list[Swinging] | None:
+        """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
+        until = time.monotonic() + _SEARCH_TIME_S
+        stages = self.stages
+        moves, _ = search(
+            self.problem, self._balance, stages.reach, stages.ways, at_once=1, greed=GREED, deadline=until
+        )
+        return None if moves is None else stages.one_by_one(moves)
 
     def path(self, decision: Decision) -> Array:
         """Body positions (N + 1, 3) through those of the stages, each in the middle of its stage."""

@@ -78,17 +78,22 @@ class HullMilp:
             self._reach(limb)
         for t in range(stages.count):
             self._one_gripper_a_hold(t)
+            self._out_of_the_way(t)
             self._wrenches(t)
             self._balance(t)
         self._body_motion()
 
-    def solve(self, cost: StageCost, *, gap: float, time_limit_s: float, start: Array | None = None) -> MilpResult:
-        """Minimise; `start` are values of an earlier decision, whose binaries are taken over."""
+    def solve(
+        self, cost: StageCost, *, gap: float, time_limit_s: float, start: list[Swinging] | None = None
+    ) -> MilpResult:
+        """Minimise; `start` are swings known to be good, such as those of an earlier decision."""
         hint = None
         if start is not None:
             hint = np.full(self.milp.size, np.nan)
-            columns = [column for stage in self.held for limb in stage for column in limb.values()]
-            hint[columns] = np.round(start[columns])
+            for limb in range(4):
+                for t, contact in enumerate(self.stages.held(limb, start)):
+                    for c, column in self.held[t][limb].items():
+                        hint[column] = float(c == contact)
         return self.milp.solve(self._cost(cost), start=hint, gap=gap, time_limit_s=time_limit_s)
 
     def decision(self, result: MilpResult) -> Decision:
@@ -171,6 +176,16 @@ class HullMilp:
                     by_hold.setdefault(problem.contacts[arc.goal].hold, []).append(column)
         for columns in by_hold.values():
             self.milp.row(columns, np.ones(len(columns)), -np.inf, 1.0)
+
+    def _out_of_the_way(self, t: int) -> None:
+        """No swing passes a gripper that stands in its way."""
+        for limb in range(4):
+            over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
+            for other in range(4):
+                for c, held in self.held[t][other].items():
+                    blocked = [column for arc, column in over if self.stages.blocks(limb, arc, other, c)]
+                    if blocked:
+                        self.milp.row([held, *blocked], np.ones(len(blocked) + 1), -np.inf, 1.0)
 
     def _wrenches(self, t: int) -> None:
         problem, balance, milp = self.stages.problem, self.balance, self.milp

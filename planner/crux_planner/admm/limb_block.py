@@ -17,7 +17,7 @@ import piqp
 
 from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.stage_cost import arc_costs, held_costs
-from crux_planner.admm.stages import REST_KNOTS, Stages, Swinging
+from crux_planner.admm.stages import REST_KNOTS, Arc, Stages, Swinging
 from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS
@@ -42,9 +42,10 @@ class LimbBlock:
     balance: Balance
     limb: int
 
-    def minimise(self, rho: float, target: Eta, air_cost: Array, scales: Scales) -> LimbPlan:
+    def minimise(self, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> LimbPlan:
         """Minimise the limb's part of J and of rho / 2 |eta - target|^2; `air_cost` (S,) is added in the air.
 
+        `others` (4, S) are the contacts of all limbs as last known, -1 in the air.
         Raises InfeasibleError where no path leads from the start's contact to one of the goal's.
         """
         stages, limb = self.stages, self.limb
@@ -56,10 +57,20 @@ class LimbBlock:
         arcs = arc_costs(stages, limb, target, rho, scales)
         for i, arc in enumerate(stages.arcs[limb]):
             rest = stages.span(arc.first)[0]
+            if self._blocked(arc, others):
+                arcs[i] += _BLOCKED
             arcs[i] += effort[rest : rest + REST_KNOTS, arc.start].sum() + air_cost[arc.first : arc.end].sum()
         swings = self._shortest(held, arcs)
         contacts = [knot[limb] for knot in stages.schedule(swings).contacts[: stages.problem.steps]]
         return LimbPlan(swings, {k: wrenches[k][c] for k, c in enumerate(contacts) if c is not None})
+
+    def _blocked(self, arc: Arc, others: Array) -> bool:
+        return any(
+            self.stages.blocks(self.limb, arc, other, int(c))
+            for other in range(4)
+            for c in set(others[other, arc.first : arc.end].tolist())
+            if c >= 0
+        )
 
     def _shortest(self, held: Array, arcs: Array) -> list[Swinging]:
         stages, limb = self.stages, self.limb
@@ -125,6 +136,7 @@ class LimbBlock:
         return answers, costs
 
 
+_BLOCKED = 1e3  # cost of a swing past a gripper that stands in its way, as far as known
 _BLOCKS: list[LimbBlock] = []  # of a worker process, inherited when it is forked
 
 
@@ -137,14 +149,16 @@ class ParallelLimbs:
         self._pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork"))
         list(self._pool.map(abs, range(workers)))  # the workers inherit the blocks now
 
-    def minimise(self, rho: float, target: Eta, air_cost: Array, scales: Scales) -> list[LimbPlan]:
+    def minimise(self, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> list[LimbPlan]:
         """All limbs' plans; `air_cost` (4, S)."""
-        waiting = [self._pool.submit(_minimise, limb, rho, target, air_cost[limb], scales) for limb in range(4)]
+        waiting = [self._pool.submit(_minimise, limb, rho, target, air_cost[limb], others, scales) for limb in range(4)]
         return [each.result() for each in waiting]
 
-    def minimise_one(self, limb: int, rho: float, target: Eta, air_cost: Array, scales: Scales) -> LimbPlan:
+    def minimise_one(
+        self, limb: int, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales
+    ) -> LimbPlan:
         """One limb's plan."""
-        return self._pool.submit(_minimise, limb, rho, target, air_cost, scales).result()
+        return self._pool.submit(_minimise, limb, rho, target, air_cost, others, scales).result()
 
     def __enter__(self) -> ParallelLimbs:
         return self
@@ -153,5 +167,5 @@ class ParallelLimbs:
         self._pool.shutdown(cancel_futures=True)
 
 
-def _minimise(limb: int, rho: float, target: Eta, air_cost: Array, scales: Scales) -> LimbPlan:
-    return _BLOCKS[limb].minimise(rho, target, air_cost, scales)
+def _minimise(limb: int, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> LimbPlan:
+    return _BLOCKS[limb].minimise(rho, target, air_cost, others, scales)

@@ -92,6 +92,31 @@ class Stages:
         """An arc at the knots."""
         return Swinging(limb, arc.first * self.knots + REST_KNOTS, arc.end * self.knots, arc.start, arc.goal)
 
+    def held(self, limb: int, swings: list[Swinging]) -> list[int | None]:
+        """The contact of a limb through each stage, None in the air."""
+        contacts: list[int | None] = []
+        own = [swing for swing in swings if swing.limb == limb]
+        for t in range(self.count):
+            over = [s for s in own if s.end <= self.span(t)[0]]
+            current = over[-1].goal if over else self.problem.start_contacts[limb]
+            flying = any(s.first // self.knots <= t <= (s.end - 1) // self.knots for s in own)
+            contacts.append(None if flying else current)
+        return contacts
+
+    def one_by_one(self, moves: list[Move]) -> list[Swinging] | None:
+        """Moves laid out over the stages one after the other; None where they take too long."""
+        swings, t = [], 1
+        for move in moves:
+            legs = [(limb, move.before[limb], move.after[limb]) for limb in move.limbs]
+            last = t + max(self._stages_for(start, goal) for _, start, goal in legs)
+            swings += [self.swinging(limb, Arc(t, last, start, goal)) for limb, start, goal in legs]
+            t = last
+        return swings if t < self.count else None
+
+    def blocks(self, limb: int, arc: Arc, other: int, contact: int) -> bool:
+        """Whether a gripper of limb `other` on `contact` stands in an arc's way."""
+        return limb != other and not self.ways.free([(arc.start, arc.goal)], (contact,))
+
     def least_knots(self, start: int, goal: int) -> int:
         """Knots in the air that a swing needs."""
         return max(self.ways.intervals(start, goal), _SHORTEST_SWING)
@@ -103,9 +128,12 @@ class Stages:
             for goal in self.contacts[limb]:
                 if goal not in near or self.ways.swing(start, goal) is None:
                     continue
-                long = -(-(self.least_knots(start, goal) + REST_KNOTS) // self.knots)
+                long = self._stages_for(start, goal)
                 arcs += [Arc(t, t + long, start, goal) for t in range(1, self.count - long)]
         return arcs
+
+    def _stages_for(self, start: int, goal: int) -> int:
+        return -(-(self.least_knots(start, goal) + REST_KNOTS) // self.knots)
 
     def _stand(
         self, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
