@@ -92,9 +92,9 @@ void print_notice(const RobotDescription& robot, const NodeNotice& notice) {
   }
 }
 
-void print_malformed(crux_msgs::Channel channel, unsigned bytes, std::uint64_t count) {
+void print_malformed(crux_msgs::Channel channel, std::size_t bytes, std::uint64_t count) {
   if (!std::has_single_bit(count)) return;
-  std::fprintf(stderr, "crux-runtime: LCM %s: %u bytes that are no such message, ignored (%" PRIu64 " so far)\n",
+  std::fprintf(stderr, "crux-runtime: LCM %s: %zu bytes that are no such message, ignored (%" PRIu64 " so far)\n",
                crux_msgs::channel_info(channel).name, bytes, count);
 }
 

@@ -1,6 +1,7 @@
 // One line on standard error for what an operator at the machine should read.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "bus/limb_bus.hpp"
@@ -16,6 +17,6 @@ void print_fault(const RobotDescription& robot, const crux_msgs::fault_t& fault)
 void print_notice(const RobotDescription& robot, const NodeNotice& notice);
 
 /// `count`: how many there have been; only the 1st, 2nd, 4th, 8th .. are told of, a flood fills no disk.
-void print_malformed(crux_msgs::Channel channel, unsigned bytes, std::uint64_t count);
+void print_malformed(crux_msgs::Channel channel, std::size_t bytes, std::uint64_t count);
 
 }  // namespace crux

@@ -48,8 +48,16 @@ OperatorServer::OperatorServer(const std::string& url, const RobotDescription& r
     throw LcmError(
         "LCM at '" + url +
         "' cannot be opened; right is for example udpm://239.255.76.67:7667?ttl=0, and multicast needs a route");
-  lcm_.subscribe(channel_info(Channel::kPlanPiece).name, &OperatorServer::on_piece, this);
-  lcm_.subscribe(channel_info(Channel::kCommand).name, &OperatorServer::on_command, this);
+  // Functions, not members: g++ 12 with UBSan calls through a pointer to member on a wrong object.
+  using Self = OperatorServer*;
+  const auto on_piece = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
+    self->on_piece(bytes_of(*buffer));
+  };
+  const auto on_command = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
+    self->on_command(bytes_of(*buffer));
+  };
+  lcm_.subscribeFunction<Self>(channel_info(Channel::kPlanPiece).name, on_piece, this);
+  lcm_.subscribeFunction<Self>(channel_info(Channel::kCommand).name, on_command, this);
 }
 
 void OperatorServer::run(const std::atomic<bool>& ended) {
@@ -108,10 +116,9 @@ void OperatorServer::answer_at_once(const acknowledgement_t& acknowledgement, st
 
 // ---- plans
 
-void OperatorServer::on_piece(const lcm::ReceiveBuffer* buffer, const std::string&) {
+void OperatorServer::on_piece(std::span<const std::uint8_t> bytes) {
   plan_piece_t piece{};
-  if (!crux_msgs::decode_lcm(bytes_of(*buffer), piece))
-    return print_malformed(Channel::kPlanPiece, buffer->data_size, ++malformed_);
+  if (!crux_msgs::decode_lcm(bytes, piece)) return print_malformed(Channel::kPlanPiece, bytes.size(), ++malformed_);
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::PLAN_PIECE, piece.transfer_id, piece.plan_id);
   acknowledgement.piece = piece.piece;
@@ -179,11 +186,9 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
 
 // ---- commands
 
-void OperatorServer::on_command(const lcm::ReceiveBuffer* buffer, const std::string&) {
+void OperatorServer::on_command(std::span<const std::uint8_t> bytes) {
   command_t command{};
-  const auto bytes = bytes_of(*buffer);
-  if (!crux_msgs::decode_lcm(bytes, command))
-    return print_malformed(Channel::kCommand, buffer->data_size, ++malformed_);
+  if (!crux_msgs::decode_lcm(bytes, command)) return print_malformed(Channel::kCommand, bytes.size(), ++malformed_);
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_id_);
   if (command.command == command_t::STATUS) return publish(Channel::kAcknowledgement, acknowledgement);

@@ -55,8 +55,8 @@ class OperatorServer {
     std::optional<crux_msgs::acknowledgement_t> acknowledgement;
   };
 
-  void on_piece(const lcm::ReceiveBuffer* buffer, const std::string& channel);
-  void on_command(const lcm::ReceiveBuffer* buffer, const std::string& channel);
+  void on_piece(std::span<const std::uint8_t> bytes);
+  void on_command(std::span<const std::uint8_t> bytes);
 
   bool repeated_after_verdict(const crux_msgs::plan_piece_t& piece);
   void judge_plan(const std::string& plan_id);
