@@ -114,6 +114,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         torque_limits_Nm=torque_share * np.stack([limb.effort_Nm for limb in robot.limbs]),
         heading_rad=heading,
+        limit_surface=scenario.planner.limit_surface,
     )
 
 

@@ -21,7 +21,7 @@ from crux_planner.search.schedule import Schedule
 from crux_planner.terms.bounds import body_bounds, wrench_bounds
 from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
-from crux_planner.terms.limit_surface import cone_demand
+from crux_planner.terms.limit_surface import surface_room
 from crux_planner.terms.reach import offset_in_body
 from crux_planner.terms.torque import joint_torques
 
@@ -144,7 +144,7 @@ def solve(
     rough = [i for i, c in enumerate(stance.contacts) if c.friction > 0.0]
     if rough:
         friction = problem.friction_share * np.array([[stance.contacts[i].friction for i in rough]])
-        rows.add(_cone_function(problem, scale).map(len(rough))(q[:, rough], a[:, rough], friction), 0.0, np.inf)
+        rows.add(_surface_function(problem, scale).map(len(rough))(q[:, rough], a[:, rough], friction), 0.0, np.inf)
     slippery = [i for i, c in enumerate(stance.contacts) if c.friction == 0.0]
     if slippery:  # the cone has shrunk to a ray: spines carry all
         rows.add(q[0:3, slippery] - a[:, slippery], 0.0, 0.0)
@@ -249,11 +249,11 @@ def _step_function(problem: Problem) -> ca.Function:
     return ca.Function("euler_step", [x, total], [step])
 
 
-def _cone_function(problem: Problem, scale: Array) -> ca.Function:
+def _surface_function(problem: Problem, scale: Array) -> ca.Function:
     q, a, friction = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("a", 3), ca.SX.sym("friction")
-    demand = cone_demand(q[0:3] * scale[:3], a * scale[:3], problem.patch.k_m)
-    room = ca.vertcat(friction * q[3] * scale[3] - demand, friction * q[4] * scale[4] - demand)
-    return ca.Function("cone", [q, a, friction], [room / FORCE_SCALE_N])
+    loads = friction * q[3:5] * scale[3:]
+    room = surface_room(problem.limit_surface, q[0:3] * scale[:3], a * scale[:3], loads, problem.patch.k_m)
+    return ca.Function("limit_surface", [q, a, friction], [room / FORCE_SCALE_N])
 
 
 def _reach_function() -> ca.Function:

@@ -106,6 +106,7 @@ class Problem:
     limb_masses: tuple[LimbMasses, ...]
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     heading_rad: float  # of this frame in W
+    limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (terms.limit_surface)
 
     @property
     def weight_N(self) -> Array:

@@ -16,6 +16,7 @@ Defaults of optional keys
 | goal.body.tolerance_m, tolerance_deg | 0.01, 3 |
 | goal.grasps | none |
 | planner.method | auto |
+| planner.limit_surface | cone: (2) exactly; inner: a polytope within it; paper: (11), partly outside (2) |
 | planner.rho, iterations, time_limit_s, seed, weights, margins | the planner's own |
 """
 
@@ -32,6 +33,7 @@ from .yaml_document import DocumentError, read_bytes
 Faces = Literal["x", "y"]
 FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 METHODS = ("auto", "two_block", "multi_block", "benchmark")
+LIMIT_SURFACES = ("cone", "inner", "paper")
 WEIGHTS = ("body", "wrench", "lift", "opening", "switching")
 MARGINS = ("friction", "clearance_m", "torque")
 GRAVITY_M_S2 = 9.81
@@ -160,6 +162,7 @@ class PlannerOptions:
     iterations: int | None = None
     time_limit_s: float | None = None
     seed: int | None = None
+    limit_surface: str = "cone"
     weights: dict[str, float] = field(default_factory=dict)
     margins: dict[str, float] = field(default_factory=dict)
 

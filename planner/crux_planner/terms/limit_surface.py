@@ -35,6 +35,31 @@ def polytope_directions(k_m: float) -> tuple[Array, Array, Array]:
     return signs * scale, reach, np.abs(signs) * scale
 
 
+def paper_directions(k_m: float) -> tuple[Array, Array]:
+    """Rows of the paper's stand-in (11) for (2): G (10, 3), reach (10,), G @ (s1, s2, m) <= reach mu n.
+
+    |s| + |m| / k <= mu n is four linear rows an axis: the binary gamma of (12) for the sign of m is not needed. It
+    lets s1 = s2 = mu n pass, which (2) does not.
+    """
+    signs = np.array(
+        [[a * (axis == 0), a * (axis == 1), b] for axis in (0, 1) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+        + [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]
+    )
+    return signs * np.array([1.0, 1.0, 1.0 / k_m]), np.ones(len(signs))
+
+
+def surface_room(variant: str, wrench: Any, spine_share: Any, loads: Any, k_m: float) -> Any:
+    """What must not be negative [N] for a gripper's two fingers, with loads mu n each (casadi).
+
+    `variant`: `cone` is (2), `inner` its inscribed polytope, `paper` (11).
+    """
+    if variant == "cone":
+        return loads - cone_demand(wrench, spine_share, k_m)
+    directions, reach = polytope_directions(k_m)[:2] if variant == "inner" else paper_directions(k_m)
+    demand = ca.mtimes(ca.DM(directions), wrench - spine_share)
+    return ca.vertcat(*[ca.DM(reach) * loads[finger] - demand for finger in (0, 1)])
+
+
 def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:
     """Normal force times friction [N] that (2) asks of each finger, smoothed from above (casadi).
 
