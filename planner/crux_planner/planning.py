@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import METHODS, Scenario
 
 from crux_planner.build import build_problem
 from crux_planner.checker import CheckReport, check_plan
@@ -27,7 +27,6 @@ from crux_planner.search.ways import Ways
 if TYPE_CHECKING:
     from crux_planner.admm.methods import Decided
 
-METHODS = ("auto", "two_block", "multi_block")
 TIME_LIMIT_S = 60.0
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from crux_planner.admm.admm import ITERATIONS, MULTI_ITERATIONS, MULTI_RHO, RHO, Report, Run, multi_block, two_block
+from crux_planner.admm.benchmark import Benchmark
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.contact_block import ContactBlock
 from crux_planner.admm.limb_block import ParallelLimbs
@@ -96,9 +97,17 @@ def decide_multi_block(task: Task) -> Decided:
     return _decided(run)
 
 
+def decide_benchmark(task: Task) -> Decided:
+    """P1 as one NLP."""
+    benchmark = Benchmark(Stages(task.problem, task.reach, task.ways))
+    schedule, body, wrenches, cost, iterations = benchmark.solve(task.deadline)
+    return Decided(schedule, body, wrenches, cost, converged=True, iterations=iterations)
+
+
 METHODS: dict[str, Callable[[Task], Decided]] = {
     "two_block": decide_two_block,
     "multi_block": decide_multi_block,
+    "benchmark": decide_benchmark,
 }
 """All raise InfeasibleError where they find no contacts."""
 

@@ -139,7 +139,7 @@ def _poses(eta: Eta) -> Array:
     return flat
 
 
-def _fingers(g: Any) -> list[Any]:
+def gripper_fingers(g: Any) -> list[Any]:
     """(9b): the eight finger positions."""
     points = []
     for limb in range(4):
@@ -152,7 +152,7 @@ def _fingers(g: Any) -> list[Any]:
 def _kinematics() -> ca.Function:
     x, g = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", 4 * _POSE)
     yaws = [g[_POSE * limb + 3] for limb in range(4)]
-    return ca.Function("kinematics", [x, g], [ca.vertcat(x, *_fingers(g), *yaws)])
+    return ca.Function("kinematics", [x, g], [ca.vertcat(x, *gripper_fingers(g), *yaws)])
 
 
 def _step(problem: Problem) -> ca.Function:
@@ -160,7 +160,7 @@ def _step(problem: Problem) -> ca.Function:
     x, g, u = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", 4 * _POSE), ca.SX.sym("u", 6 * FINGERS)
     scaled = u * _INPUT_UNITS
     force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
-    for i, point in enumerate(_fingers(g)):
+    for i, point in enumerate(gripper_fingers(g)):
         each = scaled[3 * i : 3 * i + 3]
         force += each
         moment += ca.cross(point, each) + scaled[3 * (FINGERS + i) : 3 * (FINGERS + i) + 3]
