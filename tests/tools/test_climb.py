@@ -101,7 +101,8 @@ def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> N
     log = tmp_path / "log.mcap"
     bench = start_climb(saved(tmp_path, climbing_plan()), log)
     enough = 3_000_000  # bytes: well into the climb, past the first second
-    _wait_for(lambda: log.exists() and log.stat().st_size > enough)
+    _wait_for(lambda: bench.poll() is not None or (log.exists() and log.stat().st_size > enough))
+    assert bench.poll() is None, bench.communicate()
     os.kill(_runtime_of(bench), signal.SIGKILL)
     status, result = finish_climb(bench)
     assert status == 1
