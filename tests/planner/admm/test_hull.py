@@ -1,0 +1,136 @@
+"""The contact MILP against enumeration, and its cost against the definition of the proximal term."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, StageCost
+from crux_planner.admm.stage_cost import stage_cost
+from crux_planner.admm.stages import Swinging
+from crux_planner.terms.cost import schedule_cost
+
+from .scenes import Scene, scene
+
+
+def linear_cost(small: Scene, seed: int) -> StageCost:
+    """Random prices of holding contacts and of swings, nothing else."""
+    stages, rng = small.stages, np.random.default_rng(seed)
+    many = len(small.problem.contacts)
+    return StageCost(
+        square=np.zeros((stages.count, SQUARED)),
+        body_linear=np.zeros((stages.count, 3)),
+        body_square=np.zeros((stages.count, 3)),
+        linear=np.zeros((stages.count, 4, many, SHARES)),
+        held=rng.uniform(-1, 1, (stages.count, 4, many)),
+        arcs=[rng.uniform(-1, 1, len(arcs)) for arcs in stages.arcs],
+    )
+
+
+def can_stand(small: Scene, swings: list[Swinging]) -> bool:
+    """Whether reach, balance and free ways hold in every stage, by the search's own oracle."""
+    stages, reach, problem = small.stages, small.reach, small.problem
+    held = [stages.held(limb, swings) for limb in range(4)]
+    for t in range(stages.count):
+        low, high = stages.body_room()
+        if t == 0:
+            low = high = problem.start.position_m
+        if t == stages.count - 1:
+            room = problem.goal.position_room_m
+            low, high = problem.goal.body.position_m - room, problem.goal.body.position_m + room
+        support = []
+        for limb in range(4):
+            c = held[limb][t]
+            flying = [
+                s for s in swings if s.limb == limb and s.first <= stages.span(t)[1] - 1 and s.end > stages.span(t)[0]
+            ]
+            ends = [c] if c is not None else [flying[0].start, flying[0].goal]
+            low = np.maximum(low, reach.low[limb, ends].min(axis=0))
+            high = np.minimum(high, reach.high[limb, ends].max(axis=0))
+            if c is not None:
+                support.append(c)
+            elif any(
+                not small.ways.free([(flying[0].start, flying[0].goal)], (o,))
+                for o in [h[t] for h in held]
+                if o is not None
+            ):
+                return False
+        if (
+            not support
+            or (low > high + 1e-9).any()
+            or small.balance.position(tuple(support), low, high, (low + high) / 2) is None
+        ):
+            return False
+    return True
+
+
+def test_the_optimum_is_that_of_enumeration() -> None:
+    small = scene(20, width_m=0.2, goal_m=0.06)
+    stages = small.stages
+    assert max(map(len, stages.contacts)) <= 3  # few enough to enumerate
+    milp = HullMilp(stages, small.balance)
+    for seed in range(3):
+        cost = linear_cost(small, seed)
+        options: list[list[tuple[float, list[Swinging]]]] = []
+        for limb in range(4):
+            ways = [(0.0, list[Swinging]())]
+            ways += [
+                (cost.arcs[limb][i], [stages.swinging(limb, arc)])
+                for i, arc in enumerate(stages.arcs[limb])
+                if arc.start == small.problem.start_contacts[limb]
+            ]
+            options.append([way for way in ways if stages.held(limb, way[1])[-1] in stages.goals[limb]])
+        best = np.inf
+        for chosen in itertools.product(*options):
+            swings = [swing for _, way in chosen for swing in way]
+            total = sum(price for price, _ in chosen)
+            for limb in range(4):
+                total += sum(cost.held[t, limb, c] for t, c in enumerate(stages.held(limb, swings)) if c is not None)
+            if total < best - 1e-12 and can_stand(small, swings):
+                best = total
+        result = milp.solve(cost, gap=1e-7, time_limit_s=20.0)
+        assert result.values is not None
+        assert abs(result.objective - best) < 1e-5
+        assert result.bound <= best + 1e-5
+
+
+def test_without_moments_the_block_allows_more() -> None:
+    small = scene(20, width_m=0.2, goal_m=0.06)
+    cost = linear_cost(small, 0)
+    for arcs in cost.arcs:
+        arcs[:] = -10.0  # everybody wants to let go
+    with_moments = HullMilp(small.stages, small.balance).solve(cost, gap=1e-6, time_limit_s=20.0)
+    without = HullMilp(small.stages, small.balance, moments=False).solve(cost, gap=1e-6, time_limit_s=20.0)
+    assert without.objective < with_moments.objective - 1.0
+
+
+def test_the_proximal_term_of_poses_is_exact() -> None:
+    small, rho = scene(40), 10.0
+    stages, problem, scales = small.stages, small.problem, Scales()
+    rng = np.random.default_rng(5)
+    target = Eta.zeros(problem.steps)
+    target.fingers[:] = rng.normal(size=target.fingers.shape)
+    target.yaws[:] = rng.normal(size=target.yaws.shape)
+    cost = stage_cost(stages, rho, target, scales)
+    values = []
+    for limb, number in ((0, 0), (0, 7), (3, 4)):
+        arc = stages.arcs[limb][number]
+        if arc.start != problem.start_contacts[limb]:
+            continue
+        swings = [stages.swinging(limb, arc)]
+        schedule = stages.schedule(swings)
+        eta = Eta.of_contacts(problem, schedule, np.zeros((problem.steps + 1, 12)), [{} for _ in range(problem.steps)])
+        difference = eta - target
+        direct = rho / 2 * ((difference.fingers[:-1] ** 2).sum() + (difference.yaws[:-1] ** 2).sum())
+        direct += schedule_cost(schedule, problem)
+        summed = cost.arcs[limb][number] + sum(
+            cost.held[t, other, c]
+            for other in range(4)
+            for t, c in enumerate(stages.held(other, swings))
+            if c is not None
+        )
+        values.append(summed - direct)
+    assert len(values) >= 2
+    np.testing.assert_allclose(values, values[0], atol=1e-8)
+    np.testing.assert_allclose(values[0], 0.0, atol=1e-8)

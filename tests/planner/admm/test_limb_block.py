@@ -1,0 +1,80 @@
+"""A limb's MIP against enumeration and sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.admm.limb_block import LimbBlock
+
+from .scenes import scene
+
+LIMB, RHO, SCALES = 0, 10.0, Scales()
+
+
+def target_of(steps: int, seed: int) -> Eta:
+    rng = np.random.default_rng(seed)
+    target = Eta.zeros(steps)
+    target.fingers[:] = np.array([0.2, 0.36, 0.035]) + rng.normal(scale=0.1, size=target.fingers.shape)
+    target.forces[:] = rng.normal(scale=10.0, size=target.forces.shape)
+    return target
+
+
+def test_the_path_is_the_best_of_all() -> None:
+    small = scene(20, width_m=0.2, goal_m=0.06)
+    stages = small.stages
+    block = LimbBlock(stages, small.balance, LIMB)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        held = rng.normal(size=(stages.count, len(small.problem.contacts)))
+        arcs = rng.normal(size=len(stages.arcs[LIMB]))
+        start = small.problem.start_contacts[LIMB]
+        prices = []
+        for taken in [None, *range(len(arcs))]:
+            if taken is not None and stages.arcs[LIMB][taken].start != start:
+                continue
+            swings = [] if taken is None else [stages.swinging(LIMB, stages.arcs[LIMB][taken])]
+            contacts = stages.held(LIMB, swings)
+            if contacts[-1] in stages.goals[LIMB]:
+                price = 0.0 if taken is None else arcs[taken]
+                prices.append(price + sum(held[t, c] for t, c in enumerate(contacts) if c is not None))
+        found = block._shortest(held, arcs)
+        contacts = stages.held(LIMB, found)
+        number = {stages.swinging(LIMB, arc): i for i, arc in enumerate(stages.arcs[LIMB])}
+        price = sum(arcs[number[swing]] for swing in found)
+        price += sum(held[t, c] for t, c in enumerate(contacts) if c is not None)
+        assert price <= min(prices) + 1e-9
+
+
+def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
+    small = scene(20, width_m=0.2, goal_m=0.06)
+    target = target_of(20, 2)
+    answers, costs = LimbBlock(small.stages, small.balance, LIMB)._wrenches(RHO, target, SCALES)
+    balance, problem = small.balance, small.problem
+    rng = np.random.default_rng(0)
+    for k in (0, 7, 19):
+        for c, q in answers[k].items():
+            load = balance.margin * balance.reach * balance.friction[c]
+            for normal in (3, 4):
+                assert (balance.directions @ q[:3] <= load * q[normal] + balance.spine[c] + 1e-4).all()
+            contact = problem.contacts[c]
+
+            def price(w: np.ndarray, contact: object = contact, k: int = k) -> float:
+                e, t = contact.axis, contact.tangent  # type: ignore[attr-defined]
+                shear = w[0] * t + w[1] * np.array([0, 0, 1.0])
+                forces = np.stack([w[3] * e + shear, -w[4] * e + shear])
+                goal = target.forces[k, 2 * LIMB : 2 * LIMB + 2]
+                near = RHO / 2 * SCALES.force**2 * (((forces - goal) ** 2).sum() - (goal**2).sum())
+                turn = RHO / 2 * SCALES.moment**2 * 2 * w[2] ** 2
+                twist = (w[2] / problem.patch.k_m) ** 2
+                return float(
+                    near + turn + problem.weights.wrench * (2 * (w[0] ** 2 + w[1] ** 2 + twist) + w[3] ** 2 + w[4] ** 2)
+                )
+
+            assert abs(price(q) - costs[k, c]) < 1e-6
+            for _ in range(200):
+                other = q + rng.normal(scale=[2.0, 2.0, 0.02, 2.0, 2.0])
+                inside = all(
+                    (balance.directions @ other[:3] <= load * other[n] + balance.spine[c]).all() for n in (3, 4)
+                )
+                if inside and (other[3:] >= 1.0).all() and (other[3:] <= balance.max_normal_N).all():
+                    assert price(other) >= price(q) - 1e-4
