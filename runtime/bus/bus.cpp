@@ -1,4 +1,4 @@
-#include "bus.hpp"
+#include "bus/bus.hpp"
 
 #include <poll.h>
 
@@ -6,8 +6,8 @@
 #include <array>
 #include <charconv>
 
-#include "socketcan_bus.hpp"
-#include "udp_bus.hpp"
+#include "bus/socketcan_bus.hpp"
+#include "bus/udp_bus.hpp"
 
 namespace crux {
 namespace {

@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "frame.hpp"
+#include "bus/frame.hpp"
 
 namespace crux {
 

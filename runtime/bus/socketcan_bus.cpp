@@ -1,4 +1,4 @@
-#include "socketcan_bus.hpp"
+#include "bus/socketcan_bus.hpp"
 
 #include <linux/can/error.h>
 #include <linux/can/raw.h>

@@ -6,8 +6,8 @@
 #include <array>
 #include <string_view>
 
-#include "bus.hpp"
-#include "descriptor.hpp"
+#include "bus/bus.hpp"
+#include "bus/descriptor.hpp"
 
 namespace crux {
 

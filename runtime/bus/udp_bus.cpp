@@ -1,4 +1,4 @@
-#include "udp_bus.hpp"
+#include "bus/udp_bus.hpp"
 
 #include <arpa/inet.h>
 

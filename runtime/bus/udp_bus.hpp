@@ -6,9 +6,9 @@
 #include <array>
 #include <string_view>
 
-#include "bus.hpp"
-#include "descriptor.hpp"
-#include "udp_codec.hpp"
+#include "bus/bus.hpp"
+#include "bus/descriptor.hpp"
+#include "bus/udp_codec.hpp"
 
 namespace crux {
 

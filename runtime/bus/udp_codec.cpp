@@ -1,4 +1,4 @@
-#include "udp_codec.hpp"
+#include "bus/udp_codec.hpp"
 
 #include <algorithm>
 #include <cstring>

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <span>
 
-#include "frame.hpp"
+#include "bus/frame.hpp"
 
 namespace crux {
 
