@@ -1,5 +1,7 @@
 #include "core/control_core.hpp"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 
@@ -73,7 +75,8 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
     limbs_[l].sense(in);
     anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
     grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
-    weights[l] = reference_.limbs[l].load;
+    const bool found = limbs_[l].in_contact() || !reference_.limbs[l].point_foot;
+    weights[l] = found ? reference_.limbs[l].load : 0.0;
   }
   if (!plan_) return;
   body_.update(anchors_W_m, grippers_B_m, weights);
@@ -147,6 +150,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
 }
 
 PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noexcept {
+  if (plan_->point_feet) return balanced_on_feet(reference);
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
@@ -154,6 +158,21 @@ PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noex
   }
   return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
                            robot_.control.twist_length_m);
+}
+
+PerLimb<Wrench> ControlCore::balanced_on_feet(const PlanReference& reference) const noexcept {
+  // Forces act at the foot points; the plan's own sum of forces stands, for a walk accelerates.
+  const Vector3 below(0.0, 0.0, -robot_.gripper.pad_radius_m);
+  PerLimb<Bearer> bearers;
+  Vector3 total_N = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    bearers[l] = {limbs_[l].anchor_W_m(limb) + below, Vector3::Zero(), limb.load, {limb.wrench_W.force_N, {0, 0, 0}}};
+    total_N += limb.wrench_W.force_N;
+  }
+  PerLimb<Wrench> wrenches = balanced_wrenches(bearers, com_W_m_, -total_N, 0.0);
+  for (Wrench& wrench : wrenches) wrench.moment_Nm += below.cross(wrench.force_N);
+  return wrenches;
 }
 
 PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, double engagement) const noexcept {
@@ -195,6 +214,10 @@ double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const W
 }
 
 void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {
+  if (plan_->point_feet) {
+    for (int l = 0; l < kLimbs; ++l) limbs_[l].grasp(reference.limbs[l], 0.0, dt_s);
+    return;
+  }
   // The grasp leads the load: it is strong enough for what comes within the lead time as well.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
   const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
@@ -216,7 +239,7 @@ LoopErrors ControlCore::loop_errors() const noexcept {
     errors.tracking_error_rad[l] = limbs_[l].tracking_error_rad(errors.worst_joint[l]);
     errors.ik_error_m[l] = limbs_[l].ik_error_m();
     errors.finger_force_N[l] = limbs_[l].finger_force_N();
-    errors.must_grip[l] = started_ && reference_.limbs[l].load > kStandingLoad;
+    errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
   }
   if (supervisor_.state() == SupervisorState::kClimbing) {
     errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;

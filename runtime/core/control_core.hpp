@@ -62,6 +62,7 @@ class ControlCore {
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors() const noexcept;
   PerLimb<Wrench> balanced(const PlanReference& reference) const noexcept;
+  PerLimb<Wrench> balanced_on_feet(const PlanReference& reference) const noexcept;
   void write(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
   void write_reference(CycleResult& out) const noexcept;
   void write_modes(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;

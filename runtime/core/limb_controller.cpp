@@ -9,8 +9,14 @@ namespace crux {
 
 namespace {
 
-/// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered.
-bool on_hold(const LimbReference& reference) { return reference.gripping() || reference.phase == LimbPhase::kOpen; }
+constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
+
+/// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
+/// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
+bool on_hold(const LimbReference& reference) {
+  if (reference.point_foot && reference.phase == LimbPhase::kLoad) return reference.load > kFoundLoad;
+  return reference.gripping() || reference.phase == LimbPhase::kOpen;
+}
 
 }  // namespace
 
@@ -83,6 +89,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   double distance_m = 0.0, angle_rad = 0.0;
   pose_error(reference, body_W, distance_m, angle_rad);
+  if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   gripped_time_s_ = finger_force_N_ >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
   return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
           .opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m,
@@ -103,7 +110,8 @@ void LimbController::follow_contact(const LimbReference& reference, const Pose& 
     // The same gripper pose seen from the body, expressed from the new aim.
     const Pose continued_W = aim_W * (aim_W_.inverse() * target_W(reference));
     if (contact) {
-      const Vector3 found_m = (body_estimate_W * state_.gripper_B).position_m - reference.gripper_position_W_m;
+      Vector3 found_m = (body_estimate_W * state_.gripper_B).position_m - reference.gripper_position_W_m;
+      if (reference.point_foot) found_m.z() = 0.0;  // the surface is where it is
       contact_offset_W_m_ = clamped_norm(found_m, control_.max_contact_offset_m);
     } else {
       contact_offset_W_m_.setZero();
@@ -122,12 +130,13 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
   } else if (reference.phase != LimbPhase::kOpen) {
     admittance_.fade(control_.swing_decay_s, dt_s);
   }
-  const bool free = reference.phase == LimbPhase::kSwing && finger_force_N_ < 0.2 * control_.contact_force_N;
+  const bool free =
+      reference.phase == LimbPhase::kSwing && !reference.point_foot && finger_force_N_ < 0.2 * control_.contact_force_N;
   if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
 }
 
 void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
-  if (reference.gripping() || reference.closing()) {
+  if (!reference.point_foot && (reference.gripping() || reference.closing())) {
     grasp_.press(force_N, finger_force_N_, dt_s);
   } else {
     grasp_.open_to(reference.finger_opening_m, dt_s);

@@ -40,6 +40,9 @@ class LimbController {
     return reference.gripper_position_W_m + contact_offset_W_m_;
   }
 
+  /// The limb's place in W is known: it stands or grips there.
+  bool in_contact() const { return in_contact_; }
+
   /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
   /// one in the air. Commands are continuous over both.
   void follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;

@@ -82,9 +82,9 @@ std::string size_defect(const plan_t& plan) {
   if (!std::isfinite(plan.dt_s) || plan.dt_s <= 0.0)
     return Sentence() << "dt_s is " << plan.dt_s << "; it must be above 0";
   if (!all_finite(plan.gravity_w_m_s2, 3)) return "gravity_w_m_s2 is not finite";
-  if (!std::isfinite(plan.patch_k_m) || plan.patch_k_m <= 0.0) {
+  if (is_walk(plan) ? plan.patch_k_m != 0.0 : !std::isfinite(plan.patch_k_m) || plan.patch_k_m <= 0.0) {
     return Sentence() << "patch_k_m is " << plan.patch_k_m
-                      << "; grippers climb with patch contacts, it must be above 0";
+                      << "; it must be above 0 for grippers on holds, 0 for feet on the wall itself";
   }
   if (!std::isfinite(plan.max_normal_n) || plan.max_normal_n <= 0.0) {
     return Sentence() << "max_normal_n is " << plan.max_normal_n << "; it must be above 0";
@@ -111,14 +111,28 @@ double finger_normal_N(const limb_knot_t& limb, int finger) {
   return sign * (f[0] * std::cos(limb.gripper_yaw_w_rad) + f[1] * std::sin(limb.gripper_yaw_w_rad));
 }
 
-std::string stance_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
+/// A foot stands on the wall and presses on it.
+std::string foot_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  if (limb.hold != -1) return Sentence() << where << "hold is " << limb.hold << "; a foot on the wall has -1";
+  if (!(std::abs(limb.gripper_position_w_m[2]) <= kPoseTolerance)) {
+    return Sentence() << where << "the foot stands " << limb.gripper_position_w_m[2] << " m off the wall";
+  }
+  const double normal_N = limb.finger_force_w_n[2] + limb.finger_force_w_n[5];
+  if (normal_N < -kForceTolerance_N || normal_N > plan.max_normal_n + kForceTolerance_N) {
+    return Sentence() << where << "the foot presses with " << normal_N << " N; possible is 0.." << plan.max_normal_n
+                      << " N";
+  }
+  return {};
+}
+
+std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
   const limb_knot_t& limb = plan.knots[k].limbs[l];
   const std::string where = place(robot, k, l);
   if (limb.hold < 0 || limb.hold >= plan.n_holds) {
     return Sentence() << where << "hold is " << limb.hold << "; the plan has holds 0.." << plan.n_holds - 1;
   }
-  if (!(limb.friction > 0.0))
-    return Sentence() << where << "friction is " << limb.friction << "; a grasp needs more than 0";
   const double max_normal_N = std::min(plan.max_normal_n, robot.gripper.max_finger_force_N);
   for (int finger = 0; finger < 2; ++finger) {
     const double normal_N = finger_normal_N(limb, finger);
@@ -127,6 +141,16 @@ std::string stance_defect(const RobotDescription& robot, const plan_t& plan, std
                         << max_normal_N << " N";
     }
   }
+  return {};
+}
+
+std::string stance_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
+  const limb_knot_t& limb = plan.knots[k].limbs[l];
+  const std::string where = place(robot, k, l);
+  const std::string defect = walk ? foot_defect(robot, plan, k, l) : grasp_defect(robot, plan, k, l);
+  if (!defect.empty()) return defect;
+  if (!(limb.friction > 0.0))
+    return Sentence() << where << "friction is " << limb.friction << "; a limb in stance needs more than 0";
   const limb_knot_t& before = plan.knots[k == 0 ? 0 : k - 1].limbs[l];
   if (before.phase == limb_knot_t::STANCE) {
     double moved = std::abs(limb.gripper_yaw_w_rad - before.gripper_yaw_w_rad);
@@ -140,7 +164,7 @@ std::string stance_defect(const RobotDescription& robot, const plan_t& plan, std
   return {};
 }
 
-std::string limb_defect(const RobotDescription& robot, const plan_t& plan, std::size_t k, int l) {
+std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
   const limb_knot_t& limb = plan.knots[k].limbs[l];
   const std::string where = place(robot, k, l);
   if (limb.phase != limb_knot_t::STANCE && limb.phase != limb_knot_t::AIR) {
@@ -163,7 +187,7 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, std::
                         << robot.force_torque.range_N << " N";
     }
   }
-  if (limb.phase == limb_knot_t::STANCE) return stance_defect(robot, plan, k, l);
+  if (limb.phase == limb_knot_t::STANCE) return stance_defect(robot, plan, walk, k, l);
   if (k == 0 || k + 1 == plan.knots.size()) return Sentence() << where << "all limbs must grip at both ends of a plan";
   const bool alone = plan.knots[k - 1].limbs[l].phase == limb_knot_t::STANCE &&
                      plan.knots[k + 1].limbs[l].phase == limb_knot_t::STANCE;
@@ -226,10 +250,11 @@ std::string limb_reach_defect(const RobotDescription& robot, const PreparedPlan&
 std::string plan_message_defect(const RobotDescription& robot, const plan_t& plan) {
   if (std::string defect = identity_defect(robot, plan); !defect.empty()) return defect;
   if (std::string defect = size_defect(plan); !defect.empty()) return defect;
+  const bool walk = is_walk(plan);
   for (std::size_t k = 0; k < plan.knots.size(); ++k) {
     if (std::string defect = knot_defect(plan, k); !defect.empty()) return defect;
     for (int l = 0; l < kLimbs; ++l) {
-      if (std::string defect = limb_defect(robot, plan, k, l); !defect.empty()) return defect;
+      if (std::string defect = limb_defect(robot, plan, walk, k, l); !defect.empty()) return defect;
     }
   }
   return {};

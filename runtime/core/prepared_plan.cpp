@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 
 #include <cmath>
+#include <utility>
 
 #include "core/plan_validation.hpp"
 
@@ -20,6 +21,40 @@ Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
     sum = sum + Wrench{force, arm.cross(force) + moment};
   }
   return sum;
+}
+
+/// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
+template <class Value, class Slope>
+void fill_slopes(std::size_t knots, int dimensions, double dt_s, Value value, Slope slope) {
+  std::vector<double> values(knots);
+  for (int i = 0; i < dimensions; ++i) {
+    for (std::size_t k = 0; k < knots; ++k) values[k] = value(k, i);
+    const std::vector<double> slopes = pchip_slopes(values, dt_s);
+    for (std::size_t k = 0; k < knots; ++k) slope(k, i) = slopes[k];
+  }
+}
+
+void tabulate_feet(PreparedPlan& plan) {
+  const std::size_t n = plan.limbs.size();
+  plan.foot_slope.resize(n);
+  for (int l = 0; l < kLimbs; ++l) {
+    const auto pose = [&](std::size_t k, int i) {
+      const LimbKnot& knot = plan.limbs[k][l];
+      return i < 3 ? knot.gripper_position_W_m[i] : knot.gripper_yaw_W_rad;
+    };
+    fill_slopes(n, 4, plan.dt_s, pose, [&](std::size_t k, int i) -> double& { return plan.foot_slope[k][l][i]; });
+  }
+}
+
+/// From foot points to grippers on their pads: `radius_m` above, moments about the gripper centre.
+void stand_on_pads(PreparedPlan& plan, double radius_m) {
+  const Vector3 above(0.0, 0.0, radius_m);
+  for (PerLimb<LimbKnot>& knot : plan.limbs) {
+    for (LimbKnot& limb : knot) {
+      limb.gripper_position_W_m += above;
+      limb.wrench_W.moment_Nm -= above.cross(limb.wrench_W.force_N);
+    }
+  }
 }
 
 /// Three-point derivative at an end, kept from overshooting.
@@ -48,9 +83,20 @@ std::vector<double> pchip_slopes(const std::vector<double>& values, double dt_s)
   return slopes;
 }
 
+bool is_walk(const crux_msgs::plan_t& plan) {
+  using crux_msgs::limb_knot_t;
+  for (const crux_msgs::plan_knot_t& knot : plan.knots) {
+    for (const limb_knot_t& limb : knot.limbs) {
+      if (limb.phase == limb_knot_t::STANCE && limb.finger1_face != limb_knot_t::FACE_WALL) return false;
+    }
+  }
+  return true;
+}
+
 std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
   auto prepared = std::make_unique<PreparedPlan>();
   prepared->plan_id = plan.plan_id;
+  prepared->point_feet = is_walk(plan);
   prepared->dt_s = plan.dt_s;
   prepared->gravity_W_m_s2 = Vector3(plan.gravity_w_m_s2);
   prepared->patch_k_m = plan.patch_k_m;
@@ -80,18 +126,18 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
       if (prepared->lets_go(k, l)) prepared->release[k] = 1;
     }
   }
-  std::vector<double> values(n);
-  for (int i = 0; i < 6; ++i) {
-    for (std::size_t k = 0; k < n; ++k) values[k] = prepared->body[k][i];
-    const std::vector<double> slopes = pchip_slopes(values, plan.dt_s);
-    for (std::size_t k = 0; k < n; ++k) prepared->body_slope[k][i] = slopes[k];
-  }
+  fill_slopes(
+      n, 6, plan.dt_s, [&](std::size_t k, int i) { return prepared->body[k][i]; },
+      [&](std::size_t k, int i) -> double& { return prepared->body_slope[k][i]; });
+  if (prepared->point_feet) tabulate_feet(*prepared);
   return prepared;
 }
 
 Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan) {
   if (std::string defect = plan_message_defect(robot, plan); !defect.empty()) return Refusal{defect};
-  std::unique_ptr<const PreparedPlan> prepared = tabulate(plan);
+  std::unique_ptr<PreparedPlan> tables = tabulate(plan);
+  if (tables->point_feet) stand_on_pads(*tables, robot.gripper.pad_radius_m);
+  std::unique_ptr<const PreparedPlan> prepared = std::move(tables);
   if (std::string defect = plan_reach_defect(robot, *prepared); !defect.empty()) return Refusal{defect};
   return prepared;
 }

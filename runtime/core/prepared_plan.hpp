@@ -22,8 +22,11 @@ struct LimbKnot {
   Wrench wrench_W;  ///< on the robot about the gripper centre, piecewise constant over the interval that begins here
 };
 
+using FootPose = Eigen::Vector4d;  ///< x, y, z, yaw
+
 struct PreparedPlan {
   std::string plan_id;
+  bool point_feet = false;  ///< a walk: limbs in stance stand on the wall itself
   double dt_s = 0.0;
   Vector3 gravity_W_m_s2 = Vector3::Zero();
   double patch_k_m = 0.0;
@@ -31,7 +34,8 @@ struct PreparedPlan {
   std::vector<Vector6> body;        ///< position, roll-pitch-yaw at the knots
   std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
   std::vector<PerLimb<LimbKnot>> limbs;
-  std::vector<char> release;  ///< 1: some limb lets go at this knot (k0 of PLAN.md)
+  std::vector<PerLimb<FootPose>> foot_slope;  ///< PCHIP derivatives of the gripper poses [1/s]; point feet only
+  std::vector<char> release;                  ///< 1: some limb lets go at this knot (k0 of PLAN.md)
 
   int intervals() const { return static_cast<int>(limbs.size()) - 1; }
   double end_s() const { return intervals() * dt_s; }
@@ -45,7 +49,10 @@ struct PreparedPlan {
 /// value do not fit, and what would.
 Result<std::unique_ptr<const PreparedPlan>> prepare_plan(const RobotDescription& robot, const crux_msgs::plan_t& plan);
 
-/// The tables of a plan, without asking whether it makes sense.
+/// Every limb in stance stands on the wall itself.
+bool is_walk(const crux_msgs::plan_t& plan);
+
+/// The tables of a plan, without asking whether it makes sense. Point feet are at their foot points.
 std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan);
 
 /// Slopes of the monotone piecewise cubic through values[i] at i·dt (Fritsch & Carlson 1980; one-sided three-point

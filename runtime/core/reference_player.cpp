@@ -9,12 +9,17 @@ double load_ramp(double u) { return smoothstep((u - kLoadBegin) / kLoadSpan); }
 
 double unload_ramp(double u) { return smoothstep((u - kUnloadBegin) / kUnloadSpan); }
 
-Pose body_pose(const PreparedPlan& plan, int k, double u) {
-  // Cubic Hermite polynomials on [0, 1].
+/// Cubic Hermite polynomial on [0, 1] between values a and b with slopes da and db over an interval of dt.
+template <class Vector>
+Vector hermite(const Vector& a, const Vector& b, const Vector& da, const Vector& db, double dt_s, double u) {
   const double u2 = u * u, u3 = u2 * u;
   const double h00 = 2.0 * u3 - 3.0 * u2 + 1.0, h10 = u3 - 2.0 * u2 + u, h01 = 3.0 * u2 - 2.0 * u3, h11 = u3 - u2;
-  const Vector6 pose = h00 * plan.body[k] + h01 * plan.body[k + 1] +
-                       plan.dt_s * (h10 * plan.body_slope[k] + h11 * plan.body_slope[k + 1]);
+  return h00 * a + h01 * b + dt_s * (h10 * da + h11 * db);
+}
+
+Pose body_pose(const PreparedPlan& plan, int k, double u) {
+  const Vector6 pose =
+      hermite(plan.body[k], plan.body[k + 1], plan.body_slope[k], plan.body_slope[k + 1], plan.dt_s, u);
   return {rotation_from_rpy(pose.tail<3>()), pose.head<3>()};
 }
 
@@ -61,6 +66,32 @@ void play_air(const PreparedPlan& plan, int k, double u, int l, LimbReference& o
   }
 }
 
+FootPose foot_pose(const LimbKnot& knot) {
+  FootPose pose;
+  pose << knot.gripper_position_W_m, knot.gripper_yaw_W_rad;
+  return pose;
+}
+
+/// Point feet: stance as on a hold, and in the air a way without fingers.
+void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& out) {
+  const LimbKnot& here = plan.limbs[k][l];
+  out.point_foot = true;
+  out.finger_opening_m = here.finger_opening_m;
+  if (here.air) {
+    out.load = 0.0;
+    out.phase = plan.lets_go(k, l)          ? LimbPhase::kLift
+                : plan.takes_hold(k + 1, l) ? LimbPhase::kDescend
+                                            : LimbPhase::kSwing;
+    out.friction = plan.limbs[k + 1][l].friction;
+  } else {
+    play_stance(plan, k, u, l, out);
+  }
+  const FootPose pose = hermite(foot_pose(here), foot_pose(plan.limbs[k + 1][l]), plan.foot_slope[k][l],
+                                plan.foot_slope[k + 1][l], plan.dt_s, u);
+  out.gripper_position_W_m = pose.head<3>();
+  out.gripper_yaw_W_rad = pose[3];
+}
+
 Wrench planned_wrench(const PreparedPlan& plan, int k, double u, int l) {
   const Wrench& here = plan.limbs[k][l].wrench_W;
   // Where a limb has just let go the shift was made before.
@@ -79,7 +110,11 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
   reference.body_W = body_pose(plan, k, u);
   for (int l = 0; l < kLimbs; ++l) {
     LimbReference& limb = reference.limbs[l];
-    plan.limbs[k][l].air ? play_air(plan, k, u, l, limb) : play_stance(plan, k, u, l, limb);
+    if (plan.point_feet) {
+      play_foot(plan, k, u, l, limb);
+    } else {
+      plan.limbs[k][l].air ? play_air(plan, k, u, l, limb) : play_stance(plan, k, u, l, limb);
+    }
     limb.wrench_W = planned_wrench(plan, k, u, l);
   }
   return reference;

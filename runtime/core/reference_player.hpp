@@ -39,8 +39,9 @@ struct LimbReference {
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;
-  Wrench wrench_W;        ///< on the robot about the gripper centre
-  double friction = 0.0;  ///< of the hold gripped or about to be gripped
+  Wrench wrench_W;          ///< on the robot about the gripper centre
+  double friction = 0.0;    ///< of the hold gripped or about to be gripped
+  bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
 
   bool gripping() const {
     return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;

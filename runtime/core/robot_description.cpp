@@ -156,7 +156,8 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                    .max_opening_m = opening[1],
                    .max_finger_force_N = gripper.positive("max_finger_force_N"),
                    .max_finger_speed_m_s = gripper.positive("max_finger_speed_m_s"),
-                   .stiffness_N_m = gripper.positive("stiffness_N_m")};
+                   .stiffness_N_m = gripper.positive("stiffness_N_m"),
+                   .pad_radius_m = gripper.positive("pad_radius_m")};
 
   const YamlReader ft = file.section("force_torque");
   robot.force_torque = {.range_N = ft.positive("range_N"), .range_Nm = ft.positive("range_Nm")};

@@ -47,6 +47,7 @@ struct GripperDescription {
   double max_finger_force_N = 0.0;
   double max_finger_speed_m_s = 0.0;
   double stiffness_N_m = 0.0;  ///< of the actuator's position loop, a finger
+  double pad_radius_m = 0.0;
 };
 
 struct ForceTorqueDescription {

@@ -20,12 +20,13 @@ void expect_equal(const nlohmann::json& expected, const double* actual, const st
   }
 }
 
-TEST(ReferencePlayer, EqualsTheGoldenVectors) {
-  const nlohmann::json golden = crux_test::golden("interpolation.json");
+void expect_golden(const char* name, bool point_feet) {
+  const nlohmann::json golden = crux_test::golden(name);
   const std::vector<std::uint8_t> bytes = bytes_of(golden["plan_lcm"]);
   crux_msgs::plan_t message;
   ASSERT_GT(message.decode(bytes.data(), 0, static_cast<int>(bytes.size())), 0);
   const std::unique_ptr<PreparedPlan> plan = tabulate(message);
+  ASSERT_EQ(plan->point_feet, point_feet);
   ASSERT_GT(golden["samples"].size(), 10U);
   for (const nlohmann::json& sample : golden["samples"]) {
     const int k = sample["k"];
@@ -50,6 +51,10 @@ TEST(ReferencePlayer, EqualsTheGoldenVectors) {
   }
 }
 
+TEST(ReferencePlayer, EqualsTheGoldenVectors) { expect_golden("interpolation.json", false); }
+
+TEST(ReferencePlayer, EqualsTheGoldenVectorsOfPointFeet) { expect_golden("walking.json", true); }
+
 TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
   std::vector<LimbPhase> seen;
@@ -60,6 +65,41 @@ TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
   }
   using enum LimbPhase;
   EXPECT_EQ(seen, (std::vector<LimbPhase>{kStance, kUnload, kOpen, kLift, kSwing, kDescend, kClose, kLoad, kStance}));
+}
+
+TEST(ReferencePlayer, PhasesChangeAtTheInstantsOfThePlansDefinition) {
+  const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
+  const auto phase = [&](int k, double u) { return play(*plan, {k, u * plan->dt_s}).limbs[0].phase; };
+  EXPECT_EQ(phase(2, 0.49), LimbPhase::kStance);
+  EXPECT_EQ(phase(2, 0.51), LimbPhase::kUnload);
+  EXPECT_EQ(phase(3, 0.49), LimbPhase::kOpen);
+  EXPECT_EQ(phase(3, 0.51), LimbPhase::kLift);
+  EXPECT_EQ(phase(5, 0.59), LimbPhase::kDescend);
+  EXPECT_EQ(phase(5, 0.61), LimbPhase::kClose);
+  EXPECT_EQ(phase(6, 0.41), LimbPhase::kLoad);
+  EXPECT_EQ(phase(6, 0.43), LimbPhase::kStance);
+}
+
+TEST(Pchip, SlopesEqualSciPys) {
+  struct Case {
+    double dt_s;
+    std::vector<double> values, slopes;
+  };
+  // scipy.interpolate.PchipInterpolator(t, values).derivative()(t), SciPy 1.17.
+  const std::vector<Case> cases = {
+      {2.0, {0, 1, 4, 9, 9, 7, 7.5, 3}, {0, 0.75, 1.875, 0, 0, 0, 0, -3.5}},
+      {0.5, {0, 0.1, 2, 2.1}, {0, 0.38, 0.38, 0}},
+      {1.0, {1, 0.9, 3, -2, -2.05}, {-0.3, 0, 0, -0.09900990099009867, 0}},
+      {2.0, {0, 1}, {0.5, 0.5}},
+      {2.0, {0, 3, 0}, {3, 0, -3}},
+      {1.0, {0, 0.1, 5, 4}, {0, 0.196, 0, -3}},
+      {1.0, {5, 4.9, 0, 3, 2.9}, {0, -0.196, 0, 0, -0.3}},
+  };
+  for (const Case& c : cases) {
+    const std::vector<double> slopes = pchip_slopes(c.values, c.dt_s);
+    ASSERT_EQ(slopes.size(), c.slopes.size());
+    for (std::size_t i = 0; i < slopes.size(); ++i) EXPECT_NEAR(slopes[i], c.slopes[i], 1e-12) << "knot " << i;
+  }
 }
 
 TEST(ReferencePlayer, LaterCrossesKnotsAndStopsAtTheEnd) {
