@@ -1,6 +1,7 @@
 """Judges a climb on what happened in physics; the runtime's log only tells what it meant to do at each cycle.
 
 A slip: a pad that moved more than 5 mm along its face while loaded, counted from the pose in which the load began.
+On point feet: more than 10 mm along the wall, for a foot that comes down late or early rubs a little.
 A fall: the body more than 100 mm off its reference, or a limb in stance whose pad lost its hold. Goal: the body at rest
 within the scenario's tolerance of the goal pose, on truth, not on the runtime's estimate.
 """
@@ -22,6 +23,7 @@ from crux_tools.bench.robot_model import RobotModel
 from crux_tools.bench.start_pose import rotation_from_rpy
 
 SLIP_M = 0.005
+WALK_SLIP_M = 0.010  # of a point foot
 FALL_M = 0.100
 LOST_HOLD_S = 0.1  # without contact in stance; shorter is chatter of one pad
 UNLOADED_SHARE = 0.4  # of the contact force: below it a loaded pad counts as unloaded again
@@ -77,10 +79,11 @@ def angle_between(a: Floats, b: Floats) -> float:
     return float(np.arctan2(np.linalg.norm(skew), np.trace(turn) - 1))
 
 
-def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float) -> list[float]:
+def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet: bool = False) -> list[float]:
     """Largest tangential travel [m] of every loaded episode of every pad.
 
-    An episode begins when a pad on a hold presses with `contact_force_n` and ends when it all but lets go.
+    An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when it all
+    but lets go.
     """
     travels: list[float] = []
     for pad in range(truth.pad_force_n.shape[1]):
@@ -88,13 +91,14 @@ def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float) -> list[fl
         normal = np.zeros(3)
         furthest = 0.0
         force, face = truth.pad_force_n[:, pad], truth.pad_face[:, pad]
-        on_hold = (face >= 0) & (face_hold[face] >= 0)
+        on_hold = (face >= 0) & ((face_hold[face] < 0) == point_feet)
         for i in range(len(force)):
             position = truth.pad_position_m[i, pad]
             if start is None:
                 if on_hold[i] and force[i] >= contact_force_n:
                     start, furthest = position, 0.0
-                    normal = truth.gripper_rotation[i, pad // 2, :, 0]  # pads press along the gripper's opening axis
+                    # pads press along the gripper's opening axis, feet along its z
+                    normal = truth.gripper_rotation[i, pad // 2, :, 2 if point_feet else 0]
                 continue
             if not on_hold[i] or force[i] < UNLOADED_SHARE * contact_force_n:
                 travels.append(furthest)
@@ -148,12 +152,14 @@ def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
     if np.any(body_error > FALL_M):
         at = float(state["time_s"][run][np.argmax(body_error > FALL_M)])
         reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its reference at {at:.1f} s")
-    without = (truth.pad_face.reshape(-1, 4, 2) < 0).any(axis=2) & stance
+    off = truth.pad_face.reshape(-1, 4, 2) < 0
+    without = (off.all(axis=2) if robot.point_feet else off.any(axis=2)) & stance  # a foot stands on one pad too
     for limb, name in enumerate(LIMB_NAMES):
         if longest_run(without[:, limb]) * period_s > LOST_HOLD_S:
             at = float(state["time_s"][np.argmax(without[:, limb])])
             reasons.append(f"limb {name} lost its hold in stance at {at:.1f} s")
-    travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N)
+    travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N, robot.point_feet)
+    slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
     goal_error_m = float(np.linalg.norm(truth.body_position_m[-1] - goal_position))
     goal_error_rad = angle_between(goal_rotation, rotations_from_quaternions(truth.body_quaternion[-1:])[0])
@@ -162,7 +168,7 @@ def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
         reached_goal=complete and goal_error_m <= plan.goal_tolerance_m and goal_error_rad <= plan.goal_tolerance_rad,
         fell=bool(reasons),
         fall_reason="; ".join(reasons),
-        slips=sum(travel > SLIP_M for travel in travels),
+        slips=sum(travel > slip_m for travel in travels),
         largest_slip_m=max(travels, default=0.0),
         body_max_m=float(body_error.max(initial=0.0)),
         body_rms_m=float(np.sqrt(np.mean(body_error**2))) if len(body_error) else 0.0,

@@ -88,7 +88,9 @@ class Plant:
         self._read_sensors()
 
     def limbs_on_holds(self) -> NDArray[np.bool_]:
-        """(4,) whether both pads of a limb touch a hold, as of the last look at the contacts."""
+        """(4,) whether both pads of a limb touch a hold (point feet: one the wall) at the last look."""
+        if self.robot.point_feet:
+            return np.asarray((self.pad_face >= 0).reshape(4, 2).any(axis=1))
         on_hold = (self.pad_face >= 0) & (self.robot.face_hold[self.pad_face] >= 0)
         return np.asarray(on_hold.reshape(4, 2).all(axis=1))
 

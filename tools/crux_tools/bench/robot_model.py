@@ -4,7 +4,8 @@ MuJoCo reads the URDF itself (an implementation independent of the runtime's kin
 from robot.yaml: rotor inertia, friction, pads, the gripper's one actuator. Contacts follow the limit surface (2): a
 spherical pad with condim 4 in the elliptic cone and friction (mu, mu, k mu) is exactly
 (fx^2 + fy^2)/(mu fz)^2 + tz^2/(k mu fz)^2 <= 1. Micro-spines are an adhesion of spine_shear/mu per finger: an
-ellipsoid instead of the box (3), with that much pull-off.
+ellipsoid instead of the box (3), with that much pull-off. Point feet stand on both pads and have Coulomb's
+cone, condim 3.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Limb, Robot
 from numpy.typing import NDArray
 
@@ -57,6 +59,7 @@ class RobotModel:
     pad_of_geom: Ints  # (ngeom,) pad index or -1
     face_of_geom: Ints  # (ngeom,) index into faces or -1
     face_hold: Ints  # (nfaces,)
+    point_feet: bool  # the plan is a walk on the wall itself
     adhesion_of_face: Floats  # (nfaces,) control of the adhesion actuator that a pad on this face gets
 
 
@@ -143,11 +146,12 @@ def set_solver_options(spec: mujoco.MjSpec) -> None:
 
 def add_pad_contacts(spec: mujoco.MjSpec, pads: list[str], faces: list[Face], patch_k_m: float) -> None:
     """Lets every pad geom touch every face by the limit surface (2)."""
+    rough = 4 if patch_k_m > 0 else 3
     for pad in pads:
         for face in faces:
             mu = face.friction
             spec.add_pair(
-                geomname1=pad, geomname2=face.geom, condim=4 if mu > 0 else 1, solref=CONTACT_SOLREF,
+                geomname1=pad, geomname2=face.geom, condim=rough if mu > 0 else 1, solref=CONTACT_SOLREF,
                 solimp=CONTACT_SOLIMP, friction=[mu, mu, patch_k_m * mu, 1e-3, 1e-3],
             )  # fmt: skip
 
@@ -180,10 +184,10 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
         for name in fingers:
             add_spines(spec, _spines(name), spec.joint(name).parent.name, plan.spine_shear_n)
     scenery(spec)
-    return _with_addresses(spec.compile(), robot, faces)
+    return _with_addresses(spec.compile(), robot, faces, is_walk(plan))
 
 
-def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face]) -> RobotModel:
+def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:
     joints = [name for limb in robot.limbs for name in limb.joint_names]
     fingers = finger_joints(robot)
     sites = np.array([model.site(_sensor_site(limb)).id for limb in robot.limbs])
@@ -217,5 +221,6 @@ def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face]) -> R
         pad_of_geom=pad_of_geom,
         face_of_geom=face_of_geom,
         face_hold=np.array([face.hold for face in faces]),
+        point_feet=point_feet,
         adhesion_of_face=np.array([1 / face.friction if face.spines and face.friction > 0 else 0.0 for face in faces]),
     )

@@ -81,12 +81,13 @@ class RobotPose:
     finger_opening_m: Floats  # (4,) pad face to gripper centre
 
     @classmethod
-    def of_knot(cls, knot: Any) -> RobotPose:
-        """Pose of a plan's knot (plan_knot_t)."""
+    def of_knot(cls, knot: Any, robot: RobotModel) -> RobotPose:
+        """Pose of a plan's knot (plan_knot_t). Grippers of a walk stand one pad radius above their foot points."""
+        lift = robot.robot.gripper.pad_radius_m if robot.point_feet else 0.0
         return cls(
             np.array(knot.body_position_w_m),
             np.array(knot.body_rpy_rad),
-            np.array([limb.gripper_position_w_m for limb in knot.limbs]),
+            np.array([limb.gripper_position_w_m for limb in knot.limbs]) + np.array([0.0, 0.0, lift]),
             np.array([limb.gripper_yaw_w_rad for limb in knot.limbs]),
             np.array([limb.finger_separation_m / 2 for limb in knot.limbs]),
         )
@@ -106,7 +107,7 @@ def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose) -> list[i
 
 def take_start_pose(robot: RobotModel, data: mujoco.MjData, plan: Any) -> None:
     """Body and grippers of `data` at knot 0 of `plan`, pads just touching. Raises StartPoseError when out of reach."""
-    pose = RobotPose.of_knot(plan.knots[0])
+    pose = RobotPose.of_knot(plan.knots[0], robot)
     for limb in take_pose(robot, data, pose):
         raise StartPoseError(
             f"limb {robot.robot.limbs[limb].name} cannot take its start grasp at "

@@ -58,7 +58,8 @@ def add_wall(spec: mujoco.MjSpec, plan: Any) -> list[Face]:
     """Adds the wall plane, the holds and the obstacles to `spec`; returns every touchable face."""
     world = spec.worldbody
     friction = wall_friction(plan)
-    centres = np.array([hold.position_w_m[:2] for hold in plan.holds])
+    ends = [knot.body_position_w_m[:2] for knot in (plan.knots[0], plan.knots[-1])]
+    centres = np.array([hold.position_w_m[:2] for hold in plan.holds] or ends)
     middle = (centres.max(axis=0) + centres.min(axis=0)) / 2
     extent = (centres.max(axis=0) - centres.min(axis=0)) / 2 + WALL_MARGIN_M
     world.add_geom(

@@ -1,0 +1,47 @@
+"""Walking on point feet in hardware-in-the-loop. Needs the build."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import load_scenario
+from crux_planner import plan
+from crux_tools.bench.judge import pad_travel
+
+SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
+
+
+def test_the_flat_walk_reaches_its_goal(tmp_path: Path) -> None:
+    path, log = tmp_path / "walk.mcap", tmp_path / "log.mcap"
+    write_plan(path, plan(load_scenario(SCENES / "walk-flat.yaml"), load_robot("scaler")).plan)
+    words = [sys.executable, "-m", "crux_tools.cli", "climb", str(path), "-o", str(log), "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    result = json.loads(done.stdout)
+    assert done.returncode == 0, result
+    assert result["reached_goal"]
+    assert not result["fell"]
+    assert result["slips"] == 0
+    assert result["tracking"]["body_m"] < 0.02
+
+
+@pytest.mark.parametrize(("axis", "slid"), [(0, 0.02), (1, 0.02), (2, 0.0)])
+def test_a_foot_slips_along_the_wall_only(axis: int, slid: float) -> None:
+    position = np.zeros((40, 8, 3))
+    position[20:, 3, axis] = 0.02
+    truth: Any = SimpleNamespace(
+        pad_position_m=position,
+        pad_force_n=np.full((40, 8), 12.0),
+        pad_face=np.zeros((40, 8), dtype=int),  # face 0 is the wall
+        gripper_rotation=np.tile(np.eye(3), (40, 4, 1, 1)),
+    )
+    assert max(pad_travel(truth, np.array([-1]), 5.0, point_feet=True)) == pytest.approx(slid)
+    assert pad_travel(truth, np.array([-1]), 5.0) == []
