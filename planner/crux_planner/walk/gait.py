@@ -21,7 +21,7 @@ from crux_planner.terms.reach import body_positions, turned_half
 from crux_planner.walk.problem import WalkProblem
 
 LEAST_AIR = 3  # knots
-LEAST_SHARE = 0.05  # of the weight on a foot in stance: keeps the body off the edge of its support
+LEAST_SHARE = 0.15  # of the weight on a foot in stance: keeps the body off the edge of its support
 SPEED_SHARE = 0.95
 STRIDE_SHARE = 0.5  # of the workspace's length that a step may take on the straight way
 AIR_SHARE = 0.62  # of the time, with some foot in the air

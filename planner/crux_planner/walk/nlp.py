@@ -14,10 +14,10 @@ from crux_planner.terms.cost import body_cost
 from crux_planner.terms.dynamics import BODY_STATES, euler_step
 from crux_planner.terms.limit_surface import SMOOTHING_N
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.walk.gait import SPEED_SHARE, Candidate
+from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, Candidate
 from crux_planner.walk.problem import WalkProblem
 
-LEAST_NORMAL_N = 4.0  # a foot in stance keeps pressing
+_LEAST_SHARE = 0.85  # of the QP's least load of a foot in stance that the exact problem keeps
 FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
 _SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
 _FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where the cost does not
@@ -70,7 +70,8 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     objective += problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f) / 2  # two pads share a foot's force
     objective += _FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
     body_low, body_high = _body_bounds(problem, candidate)
-    force_low = np.tile([-np.inf, -np.inf, LEAST_NORMAL_N / FORCE_SCALE_N], len(places))
+    least_N = -_LEAST_SHARE * LEAST_SHARE * problem.mass_kg * float(problem.gravity_w[2])
+    force_low = np.tile([-np.inf, -np.inf, least_N / FORCE_SCALE_N], len(places))
     force_high = np.tile([np.inf, np.inf, problem.max_normal_N / FORCE_SCALE_N], len(places))
     free = np.full(nominal.size, np.inf)
     solver = ca.nlpsol(
