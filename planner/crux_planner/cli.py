@@ -98,6 +98,8 @@ def _show(result: PlanResult, output: Path) -> None:
         f"planned and checked in {result.seconds:.2f} s ({parts}), {result.iterations} iterations, "
         f"cost {result.cost:.3f}"
     )
+    if result.gap is not None:
+        print(f"proven: no plan costs less than {100 * (1 - result.gap):.0f} % of that")
     if margin is not None:
         print(f"least margin of the limit surface {margin:.2f} N")
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from crux_planner.admm.methods import Decided
 
 TIME_LIMIT_S = 60.0
+BOUNDED_HOLDS = 20  # up to so many holds, the cost's lower bound is a matter of tenths of a second
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
@@ -64,6 +65,7 @@ def plan(
     if method != "auto":
         return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
     failures: list[InfeasibleError] = []
+    asked = problem
     tight = TIGHTER * problem.friction_share
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
@@ -77,6 +79,7 @@ def plan(
                 break
             attempt = _realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
             if isinstance(attempt, PlanResult):
+                attempt.gap = _proven_gap(asked, reach, ways, attempt.cost, work)
                 attempt.method, attempt.seconds = method, time.monotonic() - work.began
                 return attempt
             failure, culprit = attempt
@@ -117,6 +120,7 @@ def _plan_by_method(
     from crux_planner.admm.methods import Task
 
     failure: InfeasibleError | None = None
+    asked = problem
     for share in (problem.friction_share, TIGHTER * problem.friction_share):
         problem = replace(problem, friction_share=share)
         balance, options = Balance(problem, share), scenario.planner
@@ -128,6 +132,7 @@ def _plan_by_method(
             alone_report = check_plan(alone, robot)
         attempt = _finish(scenario, robot, problem, decided.schedule, decided.path, work, deadline, method)
         if isinstance(attempt, PlanResult):
+            attempt.gap = _proven_gap(asked, reach, ways, attempt.cost, work)
             attempt.method, attempt.seconds = method, time.monotonic() - work.began
             attempt.iterations, attempt.history = decided.iterations, decided.residuals
             worst = alone_report.to_json()["worst"][:1]
@@ -138,6 +143,16 @@ def _plan_by_method(
             break
     assert failure is not None
     raise failure
+
+
+def _proven_gap(problem: Problem, reach: Reach, ways: Ways, cost: float, work: _Work) -> float | None:
+    """How far above a proven lower bound the cost is; None on walls whose bound takes too long."""
+    if len(problem.hold_names) > BOUNDED_HOLDS:
+        return None
+    from crux_planner.admm.bound import gap, lower_bound
+
+    with work.part("bound", 0.9):
+        return gap(cost, lower_bound(problem, reach, ways))
 
 
 def _as_solution(decided: Decided) -> Solution:
