@@ -120,6 +120,13 @@ def test_after_the_runtimes_death_the_nodes_are_watched_on_their_own(plant: Plan
     assert outcome.robot_on_wall is True
 
 
+def test_a_runtime_that_hangs_is_not_waited_for_forever(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crux_tools.bench.loop.SILENCE_S", 0.0)
+    outcome = run(MadeUpNodes(plant, [*range(100), None], {0: READY}), plant)
+    assert outcome.ending is Ending.SILENT
+    assert outcome.cycles == 100
+
+
 @pytest.mark.parametrize("grip_share", [0.0, 1.0])
 def test_limp_joints_drop_the_robot_even_where_its_grippers_hold(plant: Plant, grip_share: float) -> None:
     class Failing(MadeUpNodes):

@@ -21,6 +21,7 @@ START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something
 START_GRACE_CYCLES = 100
 SYNC_TIMEOUT_S = 0.2
+SILENCE_S = 30.0  # of wall time, more than the runtime waits for its nodes
 FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
 STAYED_M = 0.02  # of the body in that time
 REPORT_CYCLES = 250
@@ -55,6 +56,7 @@ class Ending(Enum):
     STOPPED = "the runtime stopped climbing"
     NOT_STARTED = "the runtime did not start the climb"
     TIMEOUT = "the climb took too long"
+    SILENT = "the runtime lives but sends no Sync"
     RUNTIME_DIED = "the runtime died"
 
 
@@ -100,14 +102,17 @@ class Loop:
         end_cycle: int | None = None
         ending = Ending.COMPLETE
         missed = 0
-        began_s = time.monotonic()
+        began_s = heard_s = time.monotonic()
         while True:
             cycle = self.nodes.wait_sync(SYNC_TIMEOUT_S)
             if cycle is None:
+                wall_s = time.monotonic() - began_s
                 if not self.runtime_alive():
-                    wall_s = time.monotonic() - began_s
                     return Outcome(Ending.RUNTIME_DIED, last + 1, wall_s, missed, robot_on_wall=self._free_run(last))
+                if time.monotonic() - heard_s > SILENCE_S:
+                    return Outcome(Ending.SILENT, last + 1, wall_s, missed)
                 continue
+            heard_s = time.monotonic()
             if cycle == last:  # the runtime repeats its first Sync until all nodes have answered
                 self.nodes.publish(self.plant)
                 continue
