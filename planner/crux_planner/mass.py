@@ -1,6 +1,8 @@
-"""Composite inertia of the whole robot from its description."""
+"""Composite inertia and centre of mass of the whole robot from its description."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -12,17 +14,32 @@ from crux_planner.kinematics import rotation_from_rpy
 
 def composite_inertia(robot: Robot, positions: dict[str, float]) -> Array:
     """(3, 3) about the body frame's origin, in its axes, at joint positions by name (rad or m)."""
+    total = np.zeros((3, 3))
+    for link, origin, rotation in _placed_links(robot, positions):
+        total += _about_origin(link, origin, rotation)
+    return total
+
+
+def centre_of_mass(robot: Robot, positions: dict[str, float]) -> Array:
+    """(3,) in the body frame, at joint positions by name (rad or m)."""
+    moment = np.zeros(3)
+    for link, origin, rotation in _placed_links(robot, positions):
+        moment += link.mass_kg * (origin + rotation @ np.array(link.com_m))
+    place: Array = moment / robot.total_mass_kg
+    return place
+
+
+def _placed_links(robot: Robot, positions: dict[str, float]) -> Iterator[tuple[Link, Array, Array]]:
+    """Every link with its origin and rotation in the body frame."""
     children: dict[str, list[Joint]] = {}
     for joint in robot.urdf.joints.values():
         children.setdefault(joint.parent, []).append(joint)
-    total = np.zeros((3, 3))
     open_links = [(robot.body_link, np.zeros(3), np.eye(3))]
     while open_links:
         name, origin, rotation = open_links.pop()
-        total += _about_origin(robot.urdf.links[name], origin, rotation)
+        yield robot.urdf.links[name], origin, rotation
         for joint in children.get(name, []):
             open_links.append((joint.child, *_place(joint, positions.get(joint.name, 0.0), origin, rotation)))
-    return total
 
 
 def _place(joint: Joint, position: float, origin: Array, rotation: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from crux_planner.walk.problem import WalkProblem
 
 LEAST_AIR = 3  # knots
 LEAST_SHARE = 0.15  # of the weight on a foot in stance: keeps the body off the edge of its support
+TRUE_SHARE = 0.12  # the same for the centre of mass as it is with the limbs' own mass, while three feet stand
 SPEED_SHARE = 0.95
 STRIDE_SHARE = 0.5  # of the workspace's length that a step may take on the straight way
 AIR_SHARE = 0.62  # of the time, with some foot in the air
@@ -192,6 +193,8 @@ def _score(problem: WalkProblem, gait: Gait) -> Candidate | None:
         )
         loads.append((on, load))
         _add_motion(qp, problem, path, k, feet[k, on], load, body[k, 2])
+        if len(on) == 3:
+            _add_true_balance(qp, problem, path[k], feet[k], on, load)
     solution = qp.solve()
     if solution is None:
         return None
@@ -203,6 +206,18 @@ def _score(problem: WalkProblem, gait: Gait) -> Candidate | None:
     cost = weights.position * float(((positions - goal) ** 2).sum()) + weights.velocity * float((speeds**2).sum())
     cost += weights.wrench * (problem.mass_kg * across) ** 2 * float((shares**2).sum())
     return Candidate(gait, footholds, positions, shares * problem.mass_kg * across, cost)
+
+
+def _add_true_balance(
+    qp: SparseQp, problem: WalkProblem, position: Indices, feet: Array, on: Indices, load: Indices
+) -> None:
+    """(8b) has the centre of mass at the body's origin; the true one is pulled towards the feet. A plan that leaves
+    every foot some load in truth as well can be carried out: share = load + B (true centre of mass - r).
+    """
+    spread = np.linalg.inv(np.vstack([feet[on].T, np.ones(3)]))[:, :2]
+    pull = problem.limbs_share
+    away = spread @ (pull * (feet.sum(axis=0) - problem.neutral_feet_b_m.sum(axis=0)))
+    qp.below(np.hstack([-np.eye(3), 4 * pull * spread]), np.concatenate([load, position]), away - TRUE_SHARE)
 
 
 def _add_motion(

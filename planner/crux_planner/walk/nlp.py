@@ -11,10 +11,10 @@ import numpy as np
 from crux_planner.arrays import Array, Indices
 from crux_planner.nlp import FORCE_SCALE_N, IPOPT
 from crux_planner.terms.cost import body_cost
-from crux_planner.terms.dynamics import BODY_STATES, euler_step
+from crux_planner.terms.dynamics import BODY_STATES, euler_step, rotation
 from crux_planner.terms.limit_surface import SMOOTHING_N
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, Candidate
+from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, TRUE_SHARE, Candidate
 from crux_planner.walk.problem import WalkProblem
 
 _LEAST_SHARE = 0.85  # of the QP's least load of a foot in stance that the exact problem keeps
@@ -53,6 +53,7 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     here = feet[:, (4 * places[:, 0] + places[:, 1]).tolist()]
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
+    true_shares = _true_shares_function(problem)
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
     parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
@@ -60,6 +61,10 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
     reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
     parts.append((reach, middle - half, middle + half))
+    for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
+        rows = np.flatnonzero(places[:, 0] == k).tolist()
+        shares = true_shares(f[2, rows], here[:2, rows], feet[:2, 4 * k : 4 * k + 4], x[:, k])
+        parts.append((shares, TRUE_SHARE, np.inf))
     parts += _step_lengths(problem, candidate, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
     for front, rear in ((0, 2), (1, 3)):
@@ -180,6 +185,23 @@ def _cone_function(problem: WalkProblem) -> ca.Function:
     f = ca.SX.sym("f", 3)
     demand = ca.sqrt(f[0] ** 2 + f[1] ** 2 + (SMOOTHING_N / FORCE_SCALE_N) ** 2)
     return ca.Function("cone", [f], [problem.friction * f[2] - demand])
+
+
+def _true_shares_function(problem: WalkProblem) -> ca.Function:
+    """Shares of the weight on three feet in stance when the limbs' mass pulls on the centre of mass."""
+    loads, standing = ca.SX.sym("loads", 1, 3), ca.SX.sym("standing", 2, 3)
+    feet, x = ca.SX.sym("feet", 2, 4), ca.SX.sym("x", BODY_STATES)
+    neutral = rotation(x[3:6])[:2, :2] @ ca.DM(problem.neutral_feet_b_m.sum(axis=0))
+    pulled = problem.limbs_share * (ca.sum2(feet) - 4 * x[0:2] - neutral)
+    point = standing @ loads.T / ca.sum2(loads) + pulled
+    corners = [standing[:, i] - point for i in range(3)]
+    areas = [_area(corners[(i + 1) % 3], corners[(i + 2) % 3]) for i in range(3)]
+    shares = ca.vertcat(*areas) / (areas[0] + areas[1] + areas[2])
+    return ca.Function("true_shares", [loads, standing, feet, x], [shares])
+
+
+def _area(a: Any, b: Any) -> Any:
+    return a[0] * b[1] - a[1] * b[0]
 
 
 def _reach_function() -> ca.Function:

@@ -15,11 +15,12 @@ from crux_planner.arrays import Array
 from crux_planner.build import check_body, pose_in_heading_frame, weights_of
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
-from crux_planner.mass import composite_inertia
+from crux_planner.mass import centre_of_mass, composite_inertia
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Pose, Weights
 from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
+_FOOT_MOVE_M = 0.05  # over which the limbs' pull on the centre of mass is measured
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
@@ -43,6 +44,8 @@ class WalkProblem:
     foot_speed_m_s: float
     foot_yaw_rad: tuple[float, float]  # relative to the body
     step_height_m: float
+    limbs_share: float  # of a foot's way over the body, how far it moves the centre of mass: limbs have mass too
+    neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
     weights: Weights
     opening_m: float  # of the fingers, all the time
     heading_rad: float  # of this frame in W
@@ -82,12 +85,13 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         ),
     )
     boxes = AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+    share, neutral = _limbs_pull(robot, start, feet)
     problem = WalkProblem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
-        inertia_b=_start_inertia(robot, start, feet),
+        inertia_b=composite_inertia(robot, posture(robot, start, feet)),
         friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
         wall_friction=scenario.wall.friction,
         max_normal_N=scenario.contact.max_normal_N,
@@ -99,6 +103,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         foot_speed_m_s=walking.foot_speed_m_s,
         foot_yaw_rad=walking.foot_yaw_rad,
         step_height_m=walking.step_height_m,
+        limbs_share=share,
+        neutral_feet_b_m=neutral,
         weights=weights_of(scenario, WEIGHTS),
         opening_m=robot.gripper.opening_m[0],
         heading_rad=heading,
@@ -133,8 +139,19 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
         )
 
 
-def _start_inertia(robot: Robot, start: Pose, feet: Array) -> Array:
-    """Inertia about the body's origin in the posture of the start."""
+def _limbs_pull(robot: Robot, start: Pose, feet: Array) -> tuple[float, Array]:
+    """How the feet's places move the centre of mass, linear about the start's posture: `limbs_share` and
+    `neutral_feet_b_m` of WalkProblem.
+    """
+    upright = Pose(start.position_m, np.zeros(3))
+    here = centre_of_mass(robot, posture(robot, upright, feet))
+    there = centre_of_mass(robot, posture(robot, upright, feet - np.array([_FOOT_MOVE_M, 0.0])))
+    share = float((here - there)[0]) / (4 * _FOOT_MOVE_M)
+    return share, feet - start.position_m[:2] - here[:2] / (4 * share)
+
+
+def posture(robot: Robot, start: Pose, feet: Array) -> dict[str, float]:
+    """Joint positions by name with the body at a pose and the feet (4, 2) on the surface."""
     rotation = rotation_from_rpy(start.rpy_rad)
     positions: dict[str, float] = {}
     for limb, foot in zip(robot.limbs, feet, strict=True):
@@ -142,4 +159,4 @@ def _start_inertia(robot: Robot, start: Pose, feet: Array) -> Array:
         q, _ = inverse(limb, rotation.T @ (gripper - start.position_m), rotation.T)
         positions.update(zip(limb.joint_names, q, strict=True))
         positions.update(dict.fromkeys(limb.finger_joints, robot.gripper.opening_m[0]))
-    return composite_inertia(robot, positions)
+    return positions

@@ -9,8 +9,11 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import InfeasibleError, PlanResult, plan
+from crux_planner.kinematics import rotation_from_rpy
+from crux_planner.mass import centre_of_mass
+from crux_planner.problem import Pose
 from crux_planner.walk.gait import Gait, Step, candidates, lay_out
-from crux_planner.walk.problem import build_walk
+from crux_planner.walk.problem import build_walk, posture
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 ROBOT = load_robot("scaler")
@@ -64,6 +67,23 @@ def test_other_walks_pass_the_check(change: str, to: str) -> None:
 
 def test_the_shipped_slope_is_the_flat_walk_uphill() -> None:
     assert parse_scenario((SCENES / "walk-slope.yaml").read_text()).wall.slope_deg == 10
+
+
+def test_three_feet_keep_their_load_when_the_limbs_mass_is_counted() -> None:
+    """True centre of mass: from the closed-form kinematics of every knot's posture, not from the planner's share."""
+    knots = walk((SCENES / "walk-slope.yaml").read_text()).plan.knots
+    for k, knot in enumerate(knots[:-1]):
+        on = [limb for limb in knot.limbs if limb.phase == limb.STANCE]
+        if len(on) != 3:
+            continue
+        body = Pose(np.array(knot.body_position_w_m), np.array(knot.body_rpy_rad))
+        feet = np.array([limb.gripper_position_w_m[:2] for limb in knot.limbs])
+        com = rotation_from_rpy(body.rpy_rad) @ centre_of_mass(ROBOT, posture(ROBOT, body, feet))
+        corners = np.array([limb.gripper_position_w_m[:2] for limb in on])
+        load = np.array([limb.finger_force_w_n[2] for limb in on])
+        pressure = load @ corners / load.sum() + com[:2]  # the body's origin is where the plan has the mass
+        shares = np.linalg.solve(np.vstack([corners.T, np.ones(3)]), np.append(pressure, 1.0))
+        assert shares.min() > 0.08, f"knot {k}"
 
 
 def test_a_step_begins_and_ends_at_rest_and_is_highest_in_the_middle() -> None:
