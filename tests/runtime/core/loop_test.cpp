@@ -101,7 +101,7 @@ TEST(LimbController, DoesNotYieldFurtherThanItReaches) {
   LimbController limb(robot(), 0);
   crux_msgs::control_input_t in = ObedientPlant(sample_plan()).input();
   const Pose body_W = {Matrix3::Identity(), {0.0, 0.0, 0.185}};
-  const crux_msgs::limb_knot_t& start = sample_plan().knots[0].limbs[0];
+  const crux_msgs::limb_knot_t start = sample_plan().knots[0].limbs[0];
   LimbReference reference;
   reference.gripper_position_W_m = Vector3(start.gripper_position_w_m);
   reference.gripper_yaw_W_rad = start.gripper_yaw_w_rad;
