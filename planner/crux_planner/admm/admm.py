@@ -28,7 +28,7 @@ from crux_planner.arrays import Array
 
 RHO, MULTI_RHO = 10.0, 40.0
 ITERATIONS, MULTI_ITERATIONS = 10, 40
-_RIGHT_OF_WAY = 5.0  # cost of a stage in the air beside another limb, in the first guess only
+_RIGHT_OF_WAY = 300.0  # cost of a stage in the air beside a limb that comes before in the order
 
 Report = Callable[[str], None]
 
@@ -86,10 +86,9 @@ def multi_block(
     problem = motion.problem
     epsilon = Eta.zeros(problem.steps)
     delta, others = _first_guess(stages, limbs, motion, rho, scales)
-    nowhere = np.zeros((4, stages.count))
     run: Run | None = None
     for iteration in range(1, iterations + 1):
-        plans = limbs.minimise(rho, delta - epsilon, nowhere, others, scales)
+        plans = limbs.minimise(rho, delta - epsilon, _yielding(others), others, scales)
         others = _contacts(stages, plans)
         eta = _joined(stages, plans, delta.body - epsilon.body)
         delta = motion.project(eta.eta + epsilon, rho)
@@ -110,25 +109,30 @@ def multi_block(
 def _first_guess(
     stages: Stages, limbs: ParallelLimbs, motion: MotionBlock, rho: float, scales: Scales
 ) -> tuple[Eta, Array]:
-    """A first copy: forces that carry the body at the start, and poses of limbs that choose one after the other.
-
-    All limbs are alike to begin with; without an order they would let go together, and stay together.
-    """
+    """A first copy: forces that carry the body at the start, and poses of limbs that choose one after the other."""
     problem = motion.problem
     pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     body = np.tile(pose, (problem.steps + 1, 1))
     nothing: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
     standing = motion.project(Eta.of_contacts(problem, stages.schedule([]), body, nothing), rho)
     forces_alone = Scales(0.0, scales.orientation, scales.rate, scales.force, scales.moment)
-    air_cost = np.zeros((4, stages.count))
     plans: list[LimbPlan] = []
     for limb in range(4):
-        plans.append(limbs.minimise_one(limb, rho, standing, air_cost[limb], _contacts(stages, plans), forces_alone))
-        for swing in plans[-1].swings:
-            air_cost[:, swing.first // stages.knots : (swing.end - 1) // stages.knots + 1] += _RIGHT_OF_WAY
+        others = _contacts(stages, plans)
+        plans.append(limbs.minimise_one(limb, rho, standing, _yielding(others)[limb], others, forces_alone))
     chosen = _joined(stages, plans, standing.body).eta
     delta = Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
     return delta, _contacts(stages, plans)
+
+
+def _yielding(contacts: Array) -> Array:
+    """(4, S): what it costs a limb to be in the air where one before it in the order last was.
+
+    Limbs alike would else let go together and, each knowing nothing of the others, stay together.
+    """
+    flying = contacts < 0
+    before = np.cumsum(flying, axis=0) > flying
+    return np.where(before, _RIGHT_OF_WAY, 0.0)
 
 
 def _contacts(stages: Stages, plans: list[LimbPlan]) -> Array:

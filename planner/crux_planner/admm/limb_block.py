@@ -12,6 +12,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
+import highspy
 import numpy as np
 import piqp
 
@@ -145,6 +146,8 @@ class ParallelLimbs:
 
     def __init__(self, stages: Stages, balance: Balance) -> None:
         _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(4)]
+        # A forked worker would wait for ever for threads that only this process has: HiGHS ends its own first.
+        highspy.Highs.resetGlobalScheduler(True)
         workers = min(4, len(os.sched_getaffinity(0)))
         self._pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork"))
         list(self._pool.map(abs, range(workers)))  # the workers inherit the blocks now
