@@ -7,7 +7,7 @@ versions and languages agree on.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +185,8 @@ def sample_walk() -> plan_t:
             limb.hold, limb.finger1_face = -1, limb_knot_t.FACE_WALL if standing else limb_knot_t.FACE_NONE
             limb.friction = 0.6 if standing else 0.0
             lifted = limb.gripper_position_w_m[2] > 0.05
-            limb.gripper_position_w_m[2] = 0.02 + 0.003 * k if lifted else 0.0
+            x, y, _ = limb.gripper_position_w_m
+            limb.gripper_position_w_m = [x, y, 0.02 + 0.003 * k if lifted else 0.0]
             limb.finger_separation_m = 0.02
             force = [2.0, -1.0, 15.0 + k]
             limb.finger_force_w_n = [*force, *force] if standing else [0.0] * 6
@@ -236,7 +237,7 @@ def _rounded(values: Any) -> Any:
     return texts if numbers.ndim else texts[0]
 
 
-VECTORS = {
+VECTORS: dict[str, Callable[[], Any]] = {
     "messages.json": messages,
     "can_frames.json": can_frames,
     "interpolation.json": interpolation,
