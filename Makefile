@@ -17,7 +17,6 @@ setup: ## install what is missing: system packages, .venv, the command .venv/bin
 	@tools/setup/setup
 
 build/cmake/build.ninja build/asan/build.ninja: | setup
-	@mkdir -p build
 	@mkdir -p $(@D)
 	@cmake -S . -B $(@D) -G Ninja $(if $(findstring asan,$@),-DCRUX_SANITIZE=ON -DCMAKE_BUILD_TYPE=Debug) >$(@D).log 2>&1 \
 	  || { cat $(@D).log; rm -f $@; exit 1; }
