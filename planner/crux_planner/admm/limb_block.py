@@ -12,7 +12,6 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
-import highspy
 import numpy as np
 import piqp
 
@@ -138,19 +137,20 @@ class LimbBlock:
 
 
 _BLOCKED = 1e3  # cost of a swing past a gripper that stands in its way, as far as known
-_BLOCKS: list[LimbBlock] = []  # of a worker process, inherited when it is forked
+_BLOCKS: list[LimbBlock] = []  # of a worker process
 
 
 class ParallelLimbs:
     """The four limb blocks, each solved in a process of its own as far as there are cores."""
 
     def __init__(self, stages: Stages, balance: Balance) -> None:
-        _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(4)]
-        # A forked worker would wait for ever for threads that only this process has: HiGHS ends its own first.
-        highspy.Highs.resetGlobalScheduler(True)
-        workers = min(4, len(os.sched_getaffinity(0)))
-        self._pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork"))
-        list(self._pool.map(abs, range(workers)))  # the workers inherit the blocks now
+        # Not forked: a forked worker waits for ever for locks of threads (HiGHS has some) that only this process has.
+        self._pool = ProcessPoolExecutor(
+            min(4, len(os.sched_getaffinity(0))),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_remember,
+            initargs=(stages, balance),
+        )
 
     def minimise(self, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> list[LimbPlan]:
         """All limbs' plans; `air_cost` (4, S)."""
@@ -168,6 +168,10 @@ class ParallelLimbs:
 
     def __exit__(self, *error: object) -> None:
         self._pool.shutdown(cancel_futures=True)
+
+
+def _remember(stages: Stages, balance: Balance) -> None:
+    _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(4)]
 
 
 def _minimise(limb: int, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> LimbPlan:
