@@ -32,7 +32,10 @@ class Scales:
 
 @dataclass(frozen=True)
 class Eta:
-    """eta, delta or epsilon: body (N + 1, 12), fingers (N + 1, 8, 3), yaws (N + 1, 4), forces, moments (N, 8, 3)."""
+    """eta, delta or epsilon: body (N + 1, 12), fingers (N + 1, 8, 3), yaws (N + 1, 4), forces, moments (N, 8, 3).
+
+    Point feet are four, with yaws and moments left out: (N + 1, 0) and (N, 0, 3).
+    """
 
     body: Array
     fingers: Array
@@ -103,8 +106,8 @@ class Residuals:
             difference.forces.ravel(),
             difference.moments.ravel(),
         )
-        largest = [float(np.abs(group).max()) for group in groups]
-        return cls(*largest, *[float(np.sqrt(np.mean(group**2))) for group in groups])
+        largest = [float(np.abs(group).max(initial=0.0)) for group in groups]
+        return cls(*largest, *[float(np.sqrt(np.mean(group**2))) if group.size else 0.0 for group in groups])
 
     @property
     def converged(self) -> bool:

@@ -35,6 +35,11 @@ class ContactPlan:
     schedule: Schedule
     knots: KnotSolution
 
+    @property
+    def gait(self) -> list[str]:
+        """Limbs in the order in which they let go."""
+        return self.schedule.gait
+
 
 class ContactBlock:
     """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""

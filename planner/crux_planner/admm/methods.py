@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from crux_planner.admm.admm import ITERATIONS, MULTI_ITERATIONS, MULTI_RHO, RHO, Report, Run, multi_block, two_block
+from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.benchmark import Benchmark
+from crux_planner.admm.climb_limbs import ClimbLimbs
 from crux_planner.admm.consensus import Scales
-from crux_planner.admm.contact_block import ContactBlock
+from crux_planner.admm.contact_block import ContactBlock, ContactPlan
 from crux_planner.admm.limb_block import ParallelLimbs
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.stages import Stages
@@ -23,6 +24,8 @@ from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach
 from crux_planner.search.ways import Ways
 
+RHO, MULTI_RHO = 10.0, 40.0
+ITERATIONS, MULTI_ITERATIONS = 10, 40
 MULTI_SCALES = Scales(position=3.0)  # limbs that know nothing of the body follow it faster so
 
 
@@ -83,12 +86,10 @@ def decide_two_block(task: Task) -> Decided:
 def decide_multi_block(task: Task) -> Decided:
     """P3: one MIP a limb in parallel processes, one NLP."""
     stages = Stages(task.problem, task.reach, task.ways)
-    with ParallelLimbs(stages, task.balance) as limbs:
+    with ParallelLimbs(stages, task.balance) as blocks:
         run = multi_block(
-            stages,
-            limbs,
+            ClimbLimbs(stages, blocks, MULTI_SCALES),
             MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),
-            MULTI_SCALES,
             rho=task.rho or MULTI_RHO,
             iterations=task.iterations or MULTI_ITERATIONS,
             deadline=task.deadline,
@@ -112,7 +113,7 @@ METHODS: dict[str, Callable[[Task], Decided]] = {
 """All raise InfeasibleError where they find no contacts."""
 
 
-def _decided(run: Run) -> Decided:
+def _decided(run: Run[ContactPlan]) -> Decided:
     return Decided(
         schedule=run.plan.schedule,
         body=run.plan.knots.body,
