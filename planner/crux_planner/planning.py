@@ -218,7 +218,7 @@ def _realise(
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """A checked plan for a sequence of moves, or why there is none."""
     with work.part("body", 0.4):
-        moves = smooth_events(problem, balance, reach, moves)
+        moves = smooth_events(problem, balance, reach, ways, moves)
         try:
             schedule = lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
         except InfeasibleError as too_short:

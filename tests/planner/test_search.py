@@ -14,13 +14,13 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.search.balance import MOMENT_ARM_M, Balance
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
-from crux_planner.search.schedule import Schedule, lay_out
+from crux_planner.search.schedule import Schedule, lay_out, least_durations
 from crux_planner.search.stances import Move, Reach, search
 from crux_planner.search.ways import Ways
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
-from walls import hold, scenario, two_rows
+from walls import hold, ladder, scenario, two_rows
 
 
 @lru_cache
@@ -135,7 +135,7 @@ def laid_out(problem: Problem) -> tuple[Schedule, list[Move], Balance]:
     balance, ways, reach = Balance(problem, problem.friction_share), Ways(problem), Reach(problem)
     moves = moves_of(problem)
     assert moves is not None
-    moves = smooth_events(problem, balance, reach, moves)
+    moves = smooth_events(problem, balance, reach, ways, moves)
     return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s), moves, balance
 
 
@@ -151,6 +151,23 @@ def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_a
         for contact, pose in zip(knot, poses, strict=True):
             if contact is not None:
                 np.testing.assert_array_equal(pose[:3], problem.contacts[contact].centre_w_m)
+
+
+def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None:
+    problem = build_problem(scenario(ladder(6)), load_robot("scaler"))
+    balance, ways, reach = Balance(problem, problem.friction_share), Ways(problem), Reach(problem)
+    moves = moves_of(problem)
+    assert moves is not None
+    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+
+    def knots(sequence: list[Move]) -> int:
+        return int(sum(part.sum() for part in least_durations(problem, ways, sequence, step)))
+
+    smooth = smooth_events(problem, balance, reach, ways, moves)
+    swings = sum(ways.intervals(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs)
+    first_and_last = 1 + 2  # rest at the start; the body comes to rest before the last knot
+    assert knots(smooth) < knots(moves)
+    assert knots(smooth) <= swings + len(moves) + 1 + first_and_last
 
 
 def test_the_body_path_keeps_speed_reach_and_balance() -> None:

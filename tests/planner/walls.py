@@ -48,6 +48,23 @@ def three_rows() -> dict[str, Any]:
     return wall
 
 
+def ladder(rows: int, *, pitch_m: float = 0.17, steps: int = 120, turned_deg: float = 6.0) -> dict[str, Any]:
+    """Two columns of `rows` holds each, every other one turned; the body climbs to where the last two rows carry it."""
+    wall = two_rows(steps=steps, all_limbs=False)
+    wall["holds"] = [
+        hold(f"{side}-{i}", round(-0.14 + i * pitch_m, 3), y, yaw_deg=turned_deg * (-1) ** i)
+        for side, y in (("left", 0.36), ("right", -0.36))
+        for i in range(rows)
+    ]
+    start = {"LF": "left-2", "RF": "right-2", "LR": "left-0", "RR": "right-0"}
+    wall["start"] = {
+        "body": {"position_m": [0.02, 0.0, 0.185]},
+        "grasps": {limb: {"hold": name, "faces": "x"} for limb, name in start.items()},
+    }
+    wall["goal"] = {"body": {"position_m": [round(0.02 + (rows - 3) * pitch_m, 3), 0.0, 0.185]}}
+    return wall
+
+
 class _Plain(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
         return True

@@ -18,13 +18,15 @@ from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, B
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.sparse_qp import SparseQp
 from crux_planner.search.stances import REACH_RESERVE_M, Move, Reach
+from crux_planner.search.ways import Ways
 from crux_planner.terms.reach import body_positions, turned_half
 
 SPEED_SHARE = 0.95  # of the body's largest speed
+_WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
-def smooth_events(problem: Problem, balance: Balance, reach: Reach, moves: list[Move]) -> list[Move]:
+def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> list[Move]:
     """The same moves with all body positions at lift-off and touch-down chosen together: short way, low wrenches."""
     if not moves:
         return moves
@@ -41,11 +43,27 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, moves: list[
     qp.squares(path[-1][:, None], one, fixed[1], 1.0)
     for a, b in pairwise(path):
         qp.squares(np.column_stack([a, b]), two, np.zeros(3), 1.0)
+    _charge_for_waiting(
+        qp, problem, path, [max(ways.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
+    )
     solution = qp.solve()
     if solution is None:  # at the very edge of what the search allowed: keep what it found
         return moves
     at = [solution[index] for index in path]
     return [Move(m.before, m.after, m.limbs, at[2 * i], at[2 * i + 1]) for i, m in enumerate(moves)]
+
+
+def _charge_for_waiting(qp: SparseQp, problem: Problem, path: list[Indices], swings: list[int]) -> None:
+    """Make it dear that the body goes further in a swing, or in the stance between two, than their least time allows."""
+    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+    axes = np.hstack([-np.eye(3), np.eye(3)])
+    start, end = (qp.variables(at, at) for at in (problem.start.position_m, problem.goal.body.position_m))
+    allowed = [0, *[knots for swing in swings for knots in (swing, 1)]]  # before, in and after each swing
+    for (a, b), knots in zip(pairwise([start, *path, end]), allowed, strict=True):
+        late = qp.variables(np.zeros(1), np.full(1, np.inf))  # further knots
+        qp.squares(late[:, None], np.ones((1, 1)), -np.ones(1), _WAITING)  # (late + 1)^2: nearly linear
+        rows = np.hstack([np.vstack([axes, -axes]), np.full((6, 1), -step)])
+        qp.below(rows, np.concatenate([a, b, late]), np.full(6, step * knots))
 
 
 @dataclass(frozen=True)
