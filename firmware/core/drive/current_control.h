@@ -1,0 +1,45 @@
+/// Field-oriented control of the phase currents: one call a PWM period.
+///
+/// Currents go from the phases into the rotor's frame (Clarke, Park; amplitudes kept). There a phase is R and L in
+/// series, so a PI controller with Kp = L w, Ki = R w cancels its pole and leaves an integrator: bandwidth w. The
+/// voltages that couple the two axes and the magnets' voltage are fed forward. The voltage asked for is cut to the
+/// circle that the supply can make, and the integrators take back what was cut (back-calculation). Out come three duty
+/// cycles with the common-mode voltage in their middle (space-vector modulation).
+#ifndef CRUX_FIRMWARE_DRIVE_CURRENT_CONTROL_H
+#define CRUX_FIRMWARE_DRIVE_CURRENT_CONTROL_H
+
+#include <stdbool.h>
+
+#include "motor.h"
+
+typedef struct crux_current_inputs {
+  float phase_a_A;  ///< into the motor; the three add up to zero
+  float phase_b_A;
+  float supply_V;
+  float angle_rad;    ///< electrical, -pi..pi: of the magnets' axis from phase a's, when the currents were sampled
+  float speed_rad_s;  ///< electrical
+  float quadrature_wanted_A;  ///< makes the torque; the direct current wanted is always zero
+} crux_current_inputs;
+
+typedef struct crux_current_outputs {
+  float duty[3];  ///< of phases a, b, c, 0..1
+  float direct_A;
+  float quadrature_A;
+  bool cut;  ///< the supply could not make the voltage asked for
+} crux_current_outputs;
+
+typedef struct crux_current_control {
+  crux_motor_parameters motor;
+  float period_s;
+  float direct_integral_V;
+  float quadrature_integral_V;
+} crux_current_control;
+
+/// Starts with integrators at zero. The parameters must have passed crux_motor_parameters_fault.
+void crux_current_control_init(crux_current_control *control, const crux_motor_parameters *motor, float period_s);
+
+/// One PWM period. The duties take effect one period after the currents were sampled.
+void crux_current_control_step(crux_current_control *control, const crux_current_inputs *inputs,
+                               crux_current_outputs *outputs);
+
+#endif

@@ -1,0 +1,47 @@
+/// Absolute encoder of a rotor: whole turns counted, speed observed, senseless samples refused.
+///
+/// Speed comes from a tracking loop of second order with both poles at `OBSERVER_RAD_S`: an estimate of the position
+/// runs along, its error corrects position and speed. No lag at constant speed, and a count more or less is no jump.
+/// A sample further away than the rotor can have turned, or one that the sensor marks as bad, is left out; the position
+/// then runs on at the speed known. After MAX_MISSED such samples in a row the encoder is lost, for good.
+#ifndef CRUX_FIRMWARE_DRIVE_ENCODER_H
+#define CRUX_FIRMWARE_DRIVE_ENCODER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "motor.h"
+
+typedef struct crux_encoder {
+  uint32_t counts_per_turn;
+  float rad_per_count;
+  float period_s;
+  float reach_counts;   ///< the rotor turns no further than this in a period
+  int32_t counts;       ///< turned since the first sample, whole turns included
+  int32_t home_counts;  ///< added to `counts`: where the first sample lies on the axis of the joint
+  uint32_t raw;         ///< last sample that made sense
+  float behind_counts;  ///< position minus the estimate of it
+  float speed_rad_s;
+  uint32_t missed;  ///< samples left out since then
+  bool seen;
+  bool lost;
+} crux_encoder;
+
+void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s);
+
+/// Takes a sample 0..counts_per_turn - 1, one a period.
+void crux_encoder_step(crux_encoder *encoder, uint32_t raw, bool valid);
+
+/// Rotor's position on the axis that homing set [rad].
+float crux_encoder_position_rad(const crux_encoder *encoder);
+
+/// Homing without motion: a coarse absolute sensor behind the gear says where the rotor is to within a part of a turn,
+/// the encoder says the rest. `rotor_rad` is the coarse sensor's position times the gear ratio. False, and nothing
+/// changes, when the two differ by more than a quarter turn from any whole number of turns, since the next count of the
+/// coarse sensor could then choose another turn.
+bool crux_encoder_home(crux_encoder *encoder, float rotor_rad);
+
+/// Electrical angle -pi..pi of the magnets' axis, `offset_counts` being the sample at which it is zero.
+float crux_encoder_electrical_rad(const crux_encoder *encoder, uint32_t pole_pairs, uint32_t offset_counts);
+
+#endif
