@@ -8,6 +8,7 @@ InfeasibleError.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -80,6 +81,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         for i, c in enumerate(contacts)
         if low + max(final_yaw, 0.0) <= c.yaw_rad <= high + min(final_yaw, 0.0) or i in begin
     ]
+    hanging = [contact.spines_only.get(limb, 0) for limb in LIMBS]
     return Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
@@ -95,7 +97,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         cuboids=cuboids,
         hold_names=[hold.name for hold in scenario.holds],
         contacts=contacts,
-        limb_contacts=[usable] * 4,
+        limb_contacts=[[i for i in usable if contacts[i].spines_only == finger] for finger in hanging],
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
         start=start,
         goal=Goal(
@@ -189,7 +191,8 @@ def _contacts(
                 continue
             for yaw, swapped in yaws_in_range(normal, yaw_range):
                 contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
-    return contacts, unusable
+    fingers = sorted(set(contact.spines_only.values()))
+    return contacts + [replace(c, spines_only=finger) for finger in fingers for c in contacts], unusable
 
 
 def _contact(
@@ -215,7 +218,8 @@ def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[
     for limb in LIMBS:
         grasp = scenario.start.grasps[limb]
         hold, pair = scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces)
-        found = [i for i, c in enumerate(contacts) if (c.hold, c.pair) == (hold, pair)]
+        finger = scenario.contact.spines_only.get(limb, 0)
+        found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
             raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
         chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))

@@ -101,7 +101,7 @@ def _show(result: PlanResult, output: Path) -> None:
     if result.gap is not None:
         print(f"proven: no plan costs less than {100 * (1 - result.gap):.0f} % of that")
     if margin is not None:
-        print(f"least margin of the limit surface {margin:.2f} N")
+        print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N")
 
 
 @contextmanager

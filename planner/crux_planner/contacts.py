@@ -41,6 +41,17 @@ class Contact:
     spine_shear_N: float  # 0 where a face has no spines
     spine_twist_Nm: float
     open_m: float  # opening with which the gripper leaves and comes
+    spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
+
+    @property
+    def grip_friction(self) -> float:
+        """Friction that the gripper can use: none beside a finger that does not press, for both share the shear (4)."""
+        return 0.0 if self.spines_only else self.friction
+
+    @property
+    def may_press(self) -> Array:
+        """1 for a finger that may press, 0 for one that may not, (2,)."""
+        return np.array([float(self.spines_only != finger) for finger in (1, 2)])
 
     @property
     def axis(self) -> Array:

@@ -141,11 +141,11 @@ def solve(
     wrenches = _wrench_function(scale).map(len(stance.knots))(q, stance.grasps)
     totals = wrenches @ stance.sums(n)
     rows.add(_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0)
-    rough = [i for i, c in enumerate(stance.contacts) if c.friction > 0.0]
+    rough = [i for i, c in enumerate(stance.contacts) if c.grip_friction > 0.0]
     if rough:
-        friction = problem.friction_share * np.array([[stance.contacts[i].friction for i in rough]])
+        friction = problem.friction_share * np.array([[stance.contacts[i].grip_friction for i in rough]])
         rows.add(_surface_function(problem, scale).map(len(rough))(q[:, rough], a[:, rough], friction), 0.0, np.inf)
-    slippery = [i for i, c in enumerate(stance.contacts) if c.friction == 0.0]
+    slippery = [i for i, c in enumerate(stance.contacts) if c.grip_friction == 0.0]
     if slippery:  # the cone has shrunk to a ray: spines carry all
         rows.add(q[0:3, slippery] - a[:, slippery], 0.0, 0.0)
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
@@ -161,7 +161,8 @@ def solve(
     cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + _SPINE_WEIGHT * ca.sumsqr(a)
     low_x, high_x = body_bounds(problem, schedule)
-    low_q, high_q = wrench_bounds(problem)
+    bounds_q = [wrench_bounds(problem, contact) for contact in stance.contacts]
+    low_q, high_q = ((np.array([b[i] for b in bounds_q]) / scale).ravel() for i in (0, 1))
     spines = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in stance.contacts])
     spines = (problem.friction_share * spines / scale[:3]).ravel()
     variables = ca.veccat(x, q, a)
@@ -171,8 +172,8 @@ def solve(
     q0 = np.array([start.wrenches[k][limb] for k, limb in zip(stance.knots, stance.limbs, strict=True)]) / scale
     result = solver(
         x0=np.concatenate([start.body.ravel(), q0.ravel(), np.zeros(3 * many)]),
-        lbx=np.concatenate([low_x.ravel(), np.tile(low_q / scale, many), -spines]),
-        ubx=np.concatenate([high_x.ravel(), np.tile(high_q / scale, many), spines]),
+        lbx=np.concatenate([low_x.ravel(), low_q, -spines]),
+        ubx=np.concatenate([high_x.ravel(), high_q, spines]),
         lbg=np.concatenate(rows.low),
         ubg=np.concatenate(rows.high),
     )

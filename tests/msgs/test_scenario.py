@@ -17,7 +17,8 @@ version: 1
 name: good
 robot: scaler
 wall: {slope_deg: 45, friction: 0.6}
-contact: {model: patch, patch_radius_m: 0.02, max_normal_N: 60, spine_shear_N: 5, spine_twist_Nm: 0.05}
+contact: {model: patch, patch_radius_m: 0.02, max_normal_N: 60, spine_shear_N: 5, spine_twist_Nm: 0.05,
+  spines_only: {RF: 2}}
 holds:
   - {name: a, position_m: [0.14, 0.36], size_m: [0.06, 0.06, 0.06], yaw_deg: 0, friction: 2.2}
   - name: b
@@ -56,6 +57,7 @@ def test_every_value_is_read() -> None:
     s = parse_scenario(GOOD_TEXT)
     assert (s.name, s.robot, s.wall.slope_deg, s.wall.friction) == ("good", "scaler", 45, 0.6)
     assert (s.contact.model, s.contact.max_normal_N, s.contact.spine_twist_Nm) == ("patch", 60, 0.05)
+    assert s.contact.spines_only == {"RF": 2}
     assert s.holds[1].friction == (2.2, 2.1, 0.0, 0.0, 2.0)
     assert s.holds[1].spines == (True, True, False, False, True)
     assert s.holds[2].spines == (False,) * 5
@@ -78,7 +80,7 @@ def test_defaults_are_the_documented_ones() -> None:
     s = parse_scenario(POINT_TEXT)
     assert s.wall.friction == 0.6
     assert (s.contact.patch_radius_m, s.contact.max_normal_N) == (0.02, 60)
-    assert (s.contact.spine_shear_N, s.contact.spine_twist_Nm) == (0, 0)
+    assert (s.contact.spine_shear_N, s.contact.spine_twist_Nm, s.contact.spines_only) == (0, 0, {})
     assert (s.holds, s.obstacles, s.goal.grasps) == ((), (), {})
     assert s.start.body.rpy_deg == (0, 0, 0)
     assert (s.goal.tolerance_m, s.goal.tolerance_deg) == (0.01, 3)
@@ -107,7 +109,7 @@ def test_scenarios_that_ship_are_right_and_named_like_their_file(path: Path) -> 
 # What is written wrong, and what the one message has to say.
 BROKEN = {
     "unknown key": ("friction: 0.6}", "fricton: 0.6}", r":4: wall\.fricton: unknown key; did you mean friction\?"),
-    "unknown top key": ("horizon:", "horizont: 1\nhorizon:", r":24: horizont: unknown key; did you mean horizon\?"),
+    "unknown top key": ("horizon:", "horizont: 1\nhorizon:", r":25: horizont: unknown key; did you mean horizon\?"),
     "millimetres": (
         "[0.14, 0.36]",
         "[140, 0.36]",
@@ -123,6 +125,13 @@ BROKEN = {
         "size_m: [0.06, 0.06, 0.2]",
         "size_m: [0.06, 0.06, 200]",
         r"obstacles\[0\]\.size_m\[2\]: 200: ",
+    ),
+    "finger of no limb": ("{RF: 2}", "{FR: 2}", r"spines_only\.FR: unknown key; expected LF, RF, LR or RR"),
+    "third finger": ("{RF: 2}", "{RF: 3}", r"contact\.spines_only\.RF: 3: expected a whole number in 1\.\.2"),
+    "hanging without spines": (
+        "spine_shear_N: 5, ",
+        "",
+        r"contact\.spines_only: .*there are no spines to hang on by: give contact\.spine_shear_N",
     ),
     "not a number": (
         "slope_deg: 45",
@@ -179,10 +188,10 @@ BROKEN = {
     "overlap": (
         "[-0.14, 0.36]",
         "[0.17, 0.38]",
-        r'holds\[2\]\.position_m: .*"c" overlaps "a" \(holds\[0\], line 7\) by 0\.03 m',
+        r'holds\[2\]\.position_m: .*"c" overlaps "a" \(holds\[0\], line 8\) by 0\.03 m',
     ),
     "overlapping obstacle": ("[0.56, 0.36]", "[0.15, 0.37]", r'obstacles\[0\]\.position_m: .*"pillar" overlaps "a"'),
-    "two of a name": ("name: c,", "name: a,", r"holds\[2\]\.name: .*expected a name of its own; line 7 has it too"),
+    "two of a name": ("name: c,", "name: a,", r"holds\[2\]\.name: .*expected a name of its own; line 8 has it too"),
     "half a friction map": ("+y: 0.0, ", "", r"holds\[1\]\.friction\.\+y: is missing"),
     "unknown face": ("+x: 2.2, ", "+x: 2.2, +z: 1, ", r"holds\[1\]\.friction\.\+z: unknown key"),
     "spines of a word": ("spines: false}", "spines: no}", r'holds\[2\]\.spines: "no": expected true or false'),
@@ -293,6 +302,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     ("change", "says"),
     [
         (("feet: {LF: [0.1, 0.3], ", "feet: {"), r"start\.feet\.LF: is missing"),
+        (
+            ("model: point", "model: point, spine_shear_N: 4, spines_only: {LF: 1}"),
+            r"contact\.spines_only: .*does not go with contact\.model point",
+        ),
         (("feet:", "grasps:"), r"start\.grasps: does not go with contact\.model point; use feet"),
         (
             ("goal: {", "goal: {grasps: {LF: {hold: a, faces: x}}, "),

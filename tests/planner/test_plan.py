@@ -152,6 +152,23 @@ def test_spines_alone_carry_the_robot_where_faces_have_no_friction(robot: Robot)
             assert np.abs(shear).max() <= 40.0 + 1e-6
 
 
+def test_a_finger_that_may_not_press_hangs_by_its_spines(robot: Robot) -> None:
+    """On a vertical wall, each gripper on one pressing finger: 25 N of shear by spines, none of it by friction."""
+    wall = two_rows(slope_deg=90.0)
+    hanging = {"LF": 2, "RF": 2, "LR": 2, "RR": 2}
+    wall["contact"].update(spine_shear_N=25, spines_only=hanging)
+    result = crux_planner.plan(scenario(wall), robot)
+    assert sorted(result.gait) == sorted(LIMB_NAMES)
+    shears = []
+    for knot in result.plan.knots:
+        for limb in knot.limbs:
+            axis = np.array([np.cos(limb.gripper_yaw_w_rad), np.sin(limb.gripper_yaw_w_rad), 0.0])
+            force = np.reshape(limb.finger_force_w_n, (2, 3))
+            assert force[1] @ axis == pytest.approx(0.0, abs=1e-6)
+            shears.append(np.abs(force - np.outer(force @ axis, axis)).max())
+    assert 5.0 < max(shears) <= 25.0
+
+
 def test_grasps_named_by_the_goal_are_honoured(robot: Robot) -> None:
     wall = two_rows(all_limbs=False)
     wall["holds"].append(hold("aside", 0.32, -0.30, yaw_deg=85))

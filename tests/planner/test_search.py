@@ -24,9 +24,11 @@ from walls import hold, ladder, scenario, two_rows
 
 
 @lru_cache
-def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0) -> Problem:
+def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int = 0) -> Problem:
     wall = two_rows(slope_deg=slope_deg)
     wall["contact"]["max_normal_N"] = max_normal_N
+    if hanging:
+        wall["contact"].update(spines_only={"LF": hanging, "RR": hanging}, spine_shear_N=20)
     return build_problem(scenario(wall), load_robot("scaler"))
 
 
@@ -66,7 +68,12 @@ def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, m
                 rows.append(row)
                 spine = np.abs(sign) @ [contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k]
                 bounds.append(margin * spine)
-    variable_bounds = ([(None, None)] * 3 + [(0, margin * problem.patch.max_normal_N)] * 2) * len(support)
+    variable_bounds: list[tuple[float | None, float | None]] = []
+    for index in support:
+        most = [
+            0.0 if problem.contacts[index].spines_only == f else margin * problem.patch.max_normal_N for f in (1, 2)
+        ]
+        variable_bounds += [(None, None)] * 3 + [(0, n) for n in most]
     result = linprog(
         np.zeros(5 * len(support)),
         A_ub=np.array(rows),
@@ -84,6 +91,19 @@ def test_balance_is_found_where_a_linear_program_finds_it(lifted: int, x: float,
     problem = problem_of(max_normal_N=most_N) if most_N >= 30 else problem_of(slope_deg=0.0, max_normal_N=most_N)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.185])
+    found = Balance(problem, 0.9).position(support, position, position, position)
+    assert (found is not None) == balanced(problem, support, position, 0.9)
+
+
+@given(
+    st.integers(0, 4), st.floats(-0.15, 0.15), st.floats(-0.1, 0.1), st.integers(1, 2), st.sampled_from([60.0, 75.0])
+)
+@settings(max_examples=40, deadline=None)
+def test_balance_of_grippers_that_hang_by_spines(lifted: int, x: float, y: float, finger: int, slope: float) -> None:
+    problem = problem_of(slope_deg=slope, hanging=finger)
+    support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
+    assert [problem.contacts[c].spines_only for c in problem.start_contacts] == [finger, 0, 0, finger]
+    position = np.array([x, y, 0.17])
     found = Balance(problem, 0.9).position(support, position, position, position)
     assert (found is not None) == balanced(problem, support, position, 0.9)
 

@@ -9,6 +9,7 @@ Defaults of optional keys
 | wall.friction | 0.6 |
 | contact.patch_radius_m, max_normal_N | 0.02, 60 |
 | contact.spine_shear_N, spine_twist_Nm | 0, 0 |
+| contact.spines_only | none: every finger may press |
 | holds, obstacles | none |
 | yaw_deg of a hold or obstacle | 0 |
 | spines of a hold | true on every face |
@@ -62,13 +63,17 @@ class Wall:
 
 @dataclass(frozen=True)
 class Contact:
-    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall."""
+    """Patch: limit surface (2) with spines (3), a finger. Point: Coulomb friction of a foot on the wall.
+
+    `spines_only` names, by limb, the finger (1 or 2) whose normal force is 0 all the time: its spines alone carry it.
+    """
 
     model: Literal["patch", "point"]
     patch_radius_m: float = 0.02
     max_normal_N: float = 60.0
     spine_shear_N: float = 0.0
     spine_twist_Nm: float = 0.0
+    spines_only: dict[str, int] = field(default_factory=dict)
 
     @property
     def patch_k_m(self) -> float:

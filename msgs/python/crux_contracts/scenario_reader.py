@@ -123,16 +123,28 @@ class _Reader:
 
     def _contact(self, node: Node) -> Contact:
         keys = self.check.members(
-            node, ["model"], ["patch_radius_m", "max_normal_N", "spine_shear_N", "spine_twist_Nm"]
+            node, ["model"], ["patch_radius_m", "max_normal_N", "spine_shear_N", "spine_twist_Nm", "spines_only"]
         )
         model = self._of(keys, "model", lambda n: self.check.choice(n, ("patch", "point")))
+        shear = self._number(keys, "spine_shear_N", Contact.spine_shear_N, 0.0, 200.0, "N")
+        spines_only = self._of(keys, "spines_only", self._spines_only) or {}
+        if spines_only and model == "point":
+            self.check.note(keys["spines_only"], "does not go with contact.model point: feet have no fingers")
+        elif spines_only and shear == 0.0:
+            self.check.note(keys["spines_only"], "there are no spines to hang on by: give contact.spine_shear_N")
         return Contact(
             model="point" if model == "point" else "patch",
             patch_radius_m=self._number(keys, "patch_radius_m", Contact.patch_radius_m, 0.001, 0.1, "m"),
             max_normal_N=self._number(keys, "max_normal_N", Contact.max_normal_N, 0.0, 1000.0, "N", above=True),
-            spine_shear_N=self._number(keys, "spine_shear_N", Contact.spine_shear_N, 0.0, 200.0, "N"),
+            spine_shear_N=shear,
             spine_twist_Nm=self._number(keys, "spine_twist_Nm", Contact.spine_twist_Nm, 0.0, 10.0, "Nm"),
+            spines_only=spines_only,
         )
+
+    def _spines_only(self, node: Node) -> dict[str, int]:
+        """By limb, the finger that never presses."""
+        keys = self.check.members(node, [], LIMB_NAMES)
+        return {limb: self.check.integer(keys[limb], 1, 2) for limb in LIMB_NAMES if limb in keys}
 
     def _holds(self, node: Node) -> list[Hold]:
         return [self._hold(item) for item in self.check.items(node, MAX_CUBOIDS)]

@@ -163,9 +163,9 @@ class Benchmark:
             each = q[WRENCH_INPUTS * i : WRENCH_INPUTS * (i + 1)] * unit
             demand = cone_demand(each[0:3], ca.DM.zeros(3), problem.patch.k_m)
             inner = problem.friction_share * min(contact.spine_shear_N, contact.spine_twist_Nm / problem.patch.k_m)
-            for normal in (3, 4):
-                room = problem.friction_share * contact.friction * each[normal] + inner * alpha[i] - demand
-                press = problem.friction_share * problem.patch.max_normal_N * alpha[i] - each[normal]
+            for normal, may_press in zip((3, 4), contact.may_press, strict=True):
+                room = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
+                press = problem.friction_share * problem.patch.max_normal_N * may_press * alpha[i] - each[normal]
                 rows += [(room + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
             rows.append(relaxation - alpha[i] * _apart(pose, problem, c))
             rows.append(relaxation - alpha[i] * (1 - alpha[i]))

@@ -129,7 +129,7 @@ def _least_effort(problem: Problem, standing: int, deadline: float) -> float | N
         box = share * np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm])
         for normal in (3, 4):
             for direction, length, support in zip(directions, around, spine @ box, strict=True):
-                load = share * contact.friction * length
+                load = share * contact.grip_friction * length
                 milp.row([*q[:3], q[normal], on], [*direction, -load, -support], -np.inf, 0.0)
             milp.row([q[normal], on], [1.0, -pressing], -np.inf, 0.0)
         for i in range(5):

@@ -200,8 +200,8 @@ class HullMilp:
                 load = balance.margin * balance.reach * balance.friction[c]
                 for direction, reach, spine in zip(directions, load, balance.spine[c], strict=True):
                     milp.row([*q[:3], q[5], held], [*direction, -reach, -spine], -np.inf, 0.0)
-                for pull in (3, 4):
-                    milp.row([q[pull], q[5], held], [1.0, 1.0, -balance.max_normal_N], -np.inf, 0.0)
+                for pull, press in zip((3, 4), balance.press_N[c], strict=True):
+                    milp.row([q[pull], q[5], held], [1.0, 1.0, -press], -np.inf, 0.0)
                 for i, tangents in enumerate(_TANGENTS_N):
                     base = [int(q[i])] if i < 3 else [int(q[5]), int(q[i])]
                     for d in tangents:

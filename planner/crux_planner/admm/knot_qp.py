@@ -100,7 +100,7 @@ def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array] | None:
 
 def _grip(qp: SparseQp, problem: Problem, balance: Balance, contact: int) -> Indices:
     """A gripper's q within (2)-(4) at the margin."""
-    low, high = wrench_bounds(problem)
+    low, high = wrench_bounds(problem, problem.contacts[contact])
     free = np.array([_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, balance.max_normal_N, balance.max_normal_N])
     index = qp.variables(np.maximum(low, -free), np.minimum(high, free))
     load = balance.margin * balance.reach * balance.friction[contact]

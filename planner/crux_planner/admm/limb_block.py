@@ -109,14 +109,14 @@ class LimbBlock:
         near, turn = rho * scales.force**2, rho * scales.moment**2
         effort = problem.weights.wrench * np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 1.0, 1.0])
         hessian = np.diag(2 * effort + near * np.array([2.0, 2.0, 0.0, 1.0, 1.0]) + turn * np.array([0, 0, 2.0, 0, 0]))
-        low, high = wrench_bounds(problem)
-        low, high = np.maximum(low, -1e3), np.minimum(high, 1e3)
         fingers = slice(2 * self.limb, 2 * self.limb + 2)
         forces, moments = target.forces[:, fingers].reshape(-1, 6), target.moments[:, fingers].reshape(-1, 6)
         answers: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
         costs = np.zeros((problem.steps, len(problem.contacts)))
         for c in self.stages.contacts[self.limb]:
             contact = problem.contacts[c]
+            low, high = wrench_bounds(problem, contact)
+            low, high = np.maximum(low, -1e3), np.minimum(high, 1e3)
             units = [finger_forces(unit, contact.axis, contact.tangent) for unit in np.eye(5)]
             to_force, to_moment = (np.stack([unit[i].ravel() for unit in units], axis=1) for i in (0, 1))
             load = -balance.margin * balance.reach * balance.friction[c]

@@ -52,13 +52,13 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     check_bounds(plan, robot, point, findings)
     check_contact(plan, scene, robot, findings)
     check_ends(plan, scene.ends, findings)
-    report.friction_margin_N = check_limit_surface(plan, scene.wall_friction, findings)
+    report.friction_margin_N = check_limit_surface(plan, scene, findings)
     loads = finger_loads(plan, scene.wall_friction)
     report.tumble_margin_m = tumble_margin(plan, loads, model.mass_kg)
 
     samples = sample(plan)
     twist_length_m = robot.control.twist_length_m
-    check_between_knots(plan, samples, loads, twist_length_m=twist_length_m, point_model=point, findings=findings)
+    check_between_knots(plan, samples, loads, scene, twist_length_m=twist_length_m, findings=findings)
     if point:
         samples = on_pads(samples, robot.gripper.pad_radius_m)
     continuous_Nm = np.array(robot.servo.continuous_torque_Nm)

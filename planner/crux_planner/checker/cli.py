@@ -87,7 +87,7 @@ def show(title: str, report: CheckReport) -> None:
     if report.joints:
         console.print(_joint_table(report.joints))
     if report.friction_margin_N is not None:
-        console.print(f"least margin of the limit surface {report.friction_margin_N:.2f} N")
+        console.print(f"least margin of the limit surface {round(report.friction_margin_N, 2) + 0.0:.2f} N")
     if report.tumble_margin_m is not None:
         console.print(f"least tumble stability margin {report.tumble_margin_m:.3f} m")
     console.print(f"checked in {report.seconds:.2f} s")

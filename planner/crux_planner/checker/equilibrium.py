@@ -19,6 +19,7 @@ from crux_planner.checker.limit_surface import FingerLoads, cone_excess
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
+from crux_planner.checker.scene import Scene
 
 
 def skew(v: Array) -> Array:
@@ -59,9 +60,9 @@ def check_between_knots(
     plan: PlanArrays,
     samples: Samples,
     loads: FingerLoads,
+    scene: Scene,
     *,
     twist_length_m: float,
-    point_model: bool,
     findings: Findings,
 ) -> None:
     """Blended wrenches: none on a limb whose load is zero, and a correction inside the limit surface everywhere."""
@@ -70,6 +71,7 @@ def check_between_knots(
         findings.add_series(
             "air_force_between_knots", stray, samples.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb
         )
+    point_model = scene.point_model
     force, moment, left = corrected_wrenches(samples, twist_length_m, point_model)
     findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m", tolerance=tolerances.MOMENT_NM)
     for limb in range(4):
@@ -87,7 +89,8 @@ def check_between_knots(
             )
             excess = np.maximum(excess, force[:, limb, 2] - plan.max_normal_N)
         else:
-            excess = _grasp_excess(plan, samples, loads, limb, force=force[:, limb], moment=moment[:, limb])
+            hanging = scene.spines_only.get(limb)
+            excess = _grasp_excess(plan, samples, loads, limb, hanging, force=force[:, limb], moment=moment[:, limb])
         findings.add_series(
             "limit_surface_between_knots",
             np.where(bears, excess, -np.inf),
@@ -99,10 +102,18 @@ def check_between_knots(
 
 
 def _grasp_excess(
-    plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: int, *, force: Array, moment: Array
+    plan: PlanArrays,
+    samples: Samples,
+    loads: FingerLoads,
+    limb: int,
+    hanging: int | None,
+    *,
+    force: Array,
+    moment: Array,
 ) -> Array:
     """Newtons by which a gripper's wrench exceeds what its two fingers can carry, each with half the shear and twist,
     the finger that is pushed harder at the largest normal force: the other one presses less by the pull between them.
+    Where finger `hanging` hangs on by its spines only it does not press, and the other one takes the pull alone.
     """
     axis, at = samples.opening_axis[:, limb], samples.interval
     tangent = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
@@ -110,6 +121,12 @@ def _grasp_excess(
     twist = 0.5 * (moment * axis).sum(axis=1)
     along = (force * axis).sum(axis=1)
     normal = np.stack([plan.max_normal_N + np.minimum(along, 0.0), plan.max_normal_N - np.maximum(along, 0.0)], axis=1)
+    beyond = -normal.min(axis=1)
+    if hanging is not None:
+        pressing = along if hanging == 2 else -along
+        normal = np.zeros_like(normal)
+        normal[:, 2 - hanging] = pressing
+        beyond = np.maximum(-pressing, pressing - plan.max_normal_N)
     excess = [
         cone_excess(
             shear,
@@ -122,7 +139,7 @@ def _grasp_excess(
         )
         for f in (0, 1)
     ]
-    return np.asarray(np.maximum(np.maximum(*excess), -normal.min(axis=1)))
+    return np.asarray(np.maximum(np.maximum(*excess), beyond))
 
 
 def tumble_margin(plan: PlanArrays, loads: FingerLoads, mass_kg: float) -> float | None:

@@ -16,6 +16,7 @@ from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
+from crux_planner.checker.scene import Scene
 
 
 def cone_excess(
@@ -84,9 +85,11 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
     )
 
 
-def check_limit_surface(plan: PlanArrays, wall_friction: float, findings: Findings) -> float | None:
-    """(1)-(4) at every knot; returns the smallest margin mu fz - demand of a touching finger [N]."""
-    loads = finger_loads(plan, wall_friction)
+def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> float | None:
+    """(1)-(4) at every knot; returns the smallest margin mu fz - demand of a touching finger [N]. A finger that hangs
+    on by its spines only must not press.
+    """
+    loads = finger_loads(plan, scene.wall_friction)
     excess = cone_excess(
         loads.shear_N,
         loads.twist_Nm,
@@ -116,6 +119,12 @@ def check_limit_surface(plan: PlanArrays, wall_friction: float, findings: Findin
                     limb=limb,
                     finger=finger + 1,
                 )
+        if limb in scene.spines_only:
+            finger = scene.spines_only[limb]
+            pressing = np.where(touching[:, limb, finger - 1], np.abs(loads.normal_N[:, limb, finger - 1]), -np.inf)
+            findings.add_series(
+                "spines_only", pressing, plan.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb, finger=finger
+            )
         pair = plan.gripped[:, limb]
         shear = np.abs(np.diff(loads.shear_N[:, limb], axis=1)[:, 0]).max(axis=-1)
         twist = np.abs(np.diff(loads.twist_Nm[:, limb], axis=1)[:, 0])

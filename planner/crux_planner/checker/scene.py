@@ -46,6 +46,7 @@ class Scene:
     point_model: bool
     wall_friction: float
     patch_radius_m: float
+    spines_only: dict[int, int]  # by limb, the finger (1 or 2) that must not press
     ends: Ends
 
 
@@ -72,7 +73,8 @@ def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | Non
         _grasps(scenario, goal.grasps),
     )
     contact = scenario.contact
-    return Scene(contact.model == "point", scenario.wall.friction, contact.patch_radius_m, ends)
+    spines_only = {LIMB_NAMES.index(limb): finger for limb, finger in contact.spines_only.items()}
+    return Scene(contact.model == "point", scenario.wall.friction, contact.patch_radius_m, spines_only, ends)
 
 
 def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findings) -> bool:

@@ -30,11 +30,13 @@ class Balance:
         self.problem, self.margin = problem, margin
         self.queries = self.solves = 0
         self.maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
-        self.friction = np.array([c.friction for c in problem.contacts])
+        self.friction = np.array([c.grip_friction for c in problem.contacts])
         self.directions, self.reach, spine = polytope_directions(problem.patch.k_m)
         box = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in problem.contacts])
         self.spine = margin * box @ spine.T  # (C, 26)
         self.max_normal_N = margin * problem.patch.max_normal_N
+        # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
+        self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
         self.weight_moment = skew(problem.weight_N)  # balance: sum of moments about the origin = weight_moment @ r
         # Twists count as the forces at the patch's rim that make them.
         self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
@@ -62,7 +64,7 @@ class Balance:
         rows[:-2, :3] = self.directions
         rows[:-2, 4] = -self.margin * self.reach * self.friction[contact]
         rows[-2:, 3:] = [[1.0, 1.0], [-1.0, 1.0]]
-        return rows, np.concatenate([self.spine[contact], [self.max_normal_N] * 2])
+        return rows, np.concatenate([self.spine[contact], self.press_N[contact]])
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
         """Least force [N] that balance lacks for body positions in [low, high].
@@ -94,7 +96,8 @@ class Balance:
         load = self.margin * self.reach * self.friction[index][:, None]
         excess = wrench[:, :3] @ self.directions.T - self.spine[index]
         normal = np.where(excess > 0, excess / np.maximum(load, 1e-12), 0.0).max(axis=1)
-        return bool(np.abs(residual).max() < 1e-6 and (normal + np.abs(wrench[:, 3]) <= self.max_normal_N).all())
+        press = normal[:, None] + wrench[:, 3:] * np.array([1.0, -1.0])
+        return bool(np.abs(residual).max() < 1e-6 and (press <= self.press_N[index]).all())
 
     def _joined(self, support: tuple[int, ...]) -> Array:
         return np.concatenate(self.maps[list(support)], axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.arrays import Array
+from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
 from crux_planner.search.schedule import Schedule
 
@@ -32,8 +33,8 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
     return low, high
 
 
-def wrench_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Bounds (5,) of a gripper's (s1, s2, m, n1, n2) in stance."""
-    press = problem.friction_share * problem.patch.max_normal_N
-    high = np.array([np.inf, np.inf, np.inf, press, press])
-    return np.array([-np.inf, -np.inf, -np.inf, LEAST_NORMAL_N, LEAST_NORMAL_N]), high
+def wrench_bounds(problem: Problem, contact: Contact) -> tuple[Array, Array]:
+    """Bounds (5,) of (s1, s2, m, n1, n2) of a gripper that holds on to `contact`."""
+    press, free = problem.friction_share * problem.patch.max_normal_N, np.full(3, np.inf)
+    low, high = LEAST_NORMAL_N * contact.may_press, press * contact.may_press
+    return np.concatenate([-free, low]), np.concatenate([free, high])

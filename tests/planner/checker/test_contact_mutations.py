@@ -59,6 +59,23 @@ def test_spines_only_where_the_hold_has_them() -> None:
     assert only(report, "scenario_match")
 
 
+@pytest.mark.parametrize("finger", [1, 2])
+def test_a_finger_that_hangs_by_its_spines_must_not_press(finger: int) -> None:
+    """Amount: its normal force. Between the knots its partner's share of the pull is all there is: nothing squeezes."""
+
+    def change(plan: plan_t) -> None:
+        plan.scenario_yaml = plan.scenario_yaml.replace(
+            "spine_twist_Nm: 0.05}", f"spine_twist_Nm: 0.05, spines_only: {{RR: {finger}}}}}"
+        )
+
+    report = broken(change)
+    found = only(report, "spines_only")
+    normals = [finger_force(VALID, k, RR, finger) @ (E if finger == 1 else -E) for k in range(len(VALID.knots))]
+    assert {(v.limb, v.finger) for v in found} == {("RR", finger)}
+    assert max(v.amount for v in found) == pytest.approx(max(normals))
+    assert {v.limb for v in only(report, "limit_surface_between_knots")} == {"RR"}
+
+
 def test_normal_force_below_zero() -> None:
     normal = finger_force(VALID, 2, RR, 1) @ E
     found = the(broken(lambda p: push(p, 2, RR, 1, -(normal + 3.0) * E)), "normal_force_min", RR, 1, 2)
