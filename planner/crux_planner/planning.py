@@ -98,10 +98,8 @@ def plan(
 def _plan_walk(scenario: Scenario, robot: Robot, work: _Work, deadline: float, method: str) -> PlanResult:
     from crux_planner.walk.planning import plan_walk
 
-    if method != "auto":
-        raise wrong(scenario, "planner.method", method, "expected auto: walks on point feet are planned by it alone")
-    result = plan_walk(scenario, robot, work, deadline)
-    result.seconds = time.monotonic() - work.began
+    result = plan_walk(scenario, robot, work, deadline, method)
+    result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
 

@@ -23,7 +23,7 @@ _POSE = 5  # x, y, z, yaw, opening of a gripper
 _FORCE_UNIT_N, _MOMENT_UNIT_NM = 10.0, 0.1  # of the NLP's variables
 _FORCE_BOUND_N, _MOMENT_BOUND_NM = 200.0, 5.0
 
-_IPOPT: dict[str, Any] = {
+IPOPT: dict[str, Any] = {
     "print_time": 0,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
@@ -61,7 +61,7 @@ class MotionBlock:
         rows = ca.veccat(steps, reach)
         parameters = ca.veccat(rho, to_x, to_u)
         nlp = {"x": ca.veccat(x, g, u), "p": parameters, "f": cost, "g": rows}
-        self._solver = ca.nlpsol("p2b", "ipopt", nlp, _IPOPT)
+        self._solver = ca.nlpsol("p2b", "ipopt", nlp, IPOPT)
         self._bounds = self._variable_bounds()
         low, high = _reach_bounds(problem)
         equal = np.zeros(BODY_STATES * n)

@@ -17,9 +17,11 @@ from crux_planner.walk.nlp import WalkSolution
 from crux_planner.walk.problem import WalkProblem
 
 
-def walk_message(scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution) -> Any:
+def walk_message(
+    scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution, method: str = "auto"
+) -> Any:
     """The plan, complete with its plan_id."""
-    plan = plan_header(scenario, robot, solution.cost)
+    plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
     plan.max_normal_n = problem.max_normal_N
     to_w, heading = rotation_z(problem.heading_rad), problem.heading_rad

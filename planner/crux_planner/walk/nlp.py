@@ -9,18 +9,18 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.arrays import Array, Indices
+from crux_planner.errors import InfeasibleError
 from crux_planner.nlp import FORCE_SCALE_N, IPOPT
 from crux_planner.terms.cost import body_cost
 from crux_planner.terms.dynamics import BODY_STATES, euler_step, rotation
 from crux_planner.terms.limit_surface import SMOOTHING_N
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, TRUE_SHARE, Candidate
+from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps
+from crux_planner.walk.cost import FORCE_SHARE, walk_cost
+from crux_planner.walk.gait import TRUE_SHARE, Candidate
 from crux_planner.walk.problem import WalkProblem
 
-_LEAST_SHARE = 0.85  # of the QP's least load of a foot in stance that the exact problem keeps
-FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
-_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
-_FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where the cost does not
+FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where the cost does not
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,15 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
 
     nominal = candidate.footholds[4:].T
     objective = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
-    objective += problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f) / 2  # two pads share a foot's force
-    objective += _FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
-    body_low, body_high = _body_bounds(problem, candidate)
-    least_N = -_LEAST_SHARE * LEAST_SHARE * problem.mass_kg * float(problem.gravity_w[2])
+    objective += FORCE_SHARE * problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f)
+    objective += FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
+    body_low, body_high = body_bounds(problem, gait)
+    spots = foothold_bounds(problem, gait)
+    if spots is None:
+        raise InfeasibleError("goal", f"the gait {', '.join(gait.names)} leaves a foot behind")
+    least_N = least_load_N(problem)
     force_low = np.tile([-np.inf, -np.inf, least_N / FORCE_SCALE_N], len(places))
     force_high = np.tile([np.inf, np.inf, problem.max_normal_N / FORCE_SCALE_N], len(places))
-    free = np.full(nominal.size, np.inf)
     solver = ca.nlpsol(
         "walk",
         "ipopt",
@@ -92,8 +94,8 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     body, forces = _start(problem, candidate)
     result = solver(
         x0=np.concatenate([body.ravel(), forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),
-        lbx=np.concatenate([body_low.ravel(), force_low, -free]),
-        ubx=np.concatenate([body_high.ravel(), force_high, free]),
+        lbx=np.concatenate([body_low.ravel(), force_low, spots[0].ravel()]),
+        ubx=np.concatenate([body_high.ravel(), force_high, spots[1].ravel()]),
         lbg=np.concatenate([np.tile(np.broadcast_to(low, e.shape[0]), e.shape[1]) for e, low, _ in parts]),
         ubg=np.concatenate([np.tile(np.broadcast_to(high, e.shape[0]), e.shape[1]) for e, _, high in parts]),
     )
@@ -104,31 +106,10 @@ def _step_lengths(problem: WalkProblem, candidate: Candidate, holds: Any) -> lis
     """Mean speed of a foot over every interval of its steps, as one bound of each step's length."""
     rows = []
     last = list(range(4))
-    for i, step in enumerate(candidate.gait.steps):
-        way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
-        room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
-        longest = float((np.maximum(room, 0.0) / way**2).min())
-        rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest))
+    for i, (step, longest) in enumerate(zip(candidate.gait.steps, longest_steps(problem, candidate.gait), strict=True)):
+        rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest**2))
         last[step.limb] = 4 + i
     return rows
-
-
-def _body_bounds(problem: WalkProblem, candidate: Candidate) -> tuple[Array, Array]:
-    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega; start and goal included."""
-    body, goal, n = problem.body, problem.goal, problem.steps
-    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
-    high = np.tile([np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
-    low = -high
-    low[:, 2] = body.height_m[0]
-    yaws = candidate.gait.yaw(float(goal.body.rpy_rad[2]))
-    low[:, 5] = yaws.max(axis=1) - problem.foot_yaw_rad[1]
-    high[:, 5] = yaws.min(axis=1) - problem.foot_yaw_rad[0]
-    low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
-    pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
-    room = 0.3 * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
-    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
-    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
-    return low, high
 
 
 def _start(problem: WalkProblem, candidate: Candidate) -> tuple[Array, Array]:
@@ -151,15 +132,13 @@ def _solution(problem: WalkProblem, candidate: Candidate, stats: Any, result: An
     forces = np.zeros((n, 4, 3))
     forces[places[:, 0], places[:, 1]] = FORCE_SCALE_N * values[size : size + count].reshape(-1, 3)
     footholds = np.vstack([problem.start_feet_w_m, values[size + count :].reshape(-1, 2)])
+    body = values[:size].reshape(n + 1, BODY_STATES)
     defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
-    gait, weights = candidate.gait, problem.weights
-    changes = int(np.abs(np.diff(gait.stance.astype(int), axis=0)).sum())
-    lifted = problem.step_height_m * float(gait.height.sum())
     return WalkSolution(
-        body=values[:size].reshape(n + 1, BODY_STATES),
+        body=body,
         forces=forces,
         footholds=footholds,
-        cost=float(result["f"]) + weights.lift * lifted + weights.switching * changes,
+        cost=walk_cost(problem, candidate.gait, body, forces),
         iterations=int(stats["iter_count"]),
         status=str(stats["return_status"]),
         solved=bool(stats["success"]),

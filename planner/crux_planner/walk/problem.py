@@ -21,6 +21,7 @@ from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_b
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
 _FOOT_MOVE_M = 0.05  # over which the limbs' pull on the centre of mass is measured
+FINAL_FOOT_M = 0.02  # of a foot at the end off its place under the body, along x and along y
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
@@ -39,6 +40,7 @@ class WalkProblem:
     start_feet_w_m: Array  # (4, 2)
     start: Pose
     goal: Goal
+    goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start
     boxes: AcceptanceBoxes  # of the foot points
     body: BodyBounds
     foot_speed_m_s: float
@@ -98,6 +100,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         start_feet_w_m=feet,
         start=start,
         goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
+        goal_feet_w_m=goal.position_m[:2]
+        + (feet - start.position_m[:2]) @ rotation_z(float(goal.rpy_rad[2]))[:2, :2].T,
         boxes=boxes,
         body=body,
         foot_speed_m_s=walking.foot_speed_m_s,

@@ -1,0 +1,64 @@
+"""Bounds (7) of a walk with its gait given: of the body, of footholds and of the lengths of steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, Gait
+from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
+
+FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
+_LEAST_SHARE = 0.85  # of the gait search's least load of a foot in stance that the exact problem keeps
+_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
+_GOAL_SHARE = 0.3  # of the goal's room that the last pose may use up: the rest is the robot's
+
+
+def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
+    """Lower and upper bounds (N + 1, 12) of r, theta, dr/dt, omega, start and goal included; without a gait, of any."""
+    body, goal, n = problem.body, problem.goal, problem.steps
+    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
+    high = np.tile([np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
+    low = -high
+    low[:, 2] = body.height_m[0]
+    if gait is not None:
+        yaws = gait.yaw(float(goal.body.rpy_rad[2]))
+        low[:, 5] = yaws.max(axis=1) - problem.foot_yaw_rad[1]
+        high[:, 5] = yaws.min(axis=1) - problem.foot_yaw_rad[0]
+    low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
+    pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
+    room = _GOAL_SHARE * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
+    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
+    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
+    return low, high
+
+
+def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | None:
+    """Lower and upper bounds (S, 2) of the footholds: each foot's last one is near its goal.
+
+    None where a foot that takes no step begins too far from there.
+    """
+    low, high = np.full((len(gait.steps), 2), -np.inf), np.full((len(gait.steps), 2), np.inf)
+    last = {step.limb: i for i, step in enumerate(gait.steps)}
+    for limb in range(4):
+        wanted = problem.goal_feet_w_m[limb]
+        if limb in last:
+            low[last[limb]], high[last[limb]] = wanted - FINAL_FOOT_M, wanted + FINAL_FOOT_M
+        elif np.abs(problem.start_feet_w_m[limb] - wanted).max() > FINAL_FOOT_M:
+            return None
+    return low, high
+
+
+def least_load_N(problem: WalkProblem) -> float:
+    """Normal force of a foot in stance."""
+    return -_LEAST_SHARE * LEAST_SHARE * problem.mass_kg * float(problem.gravity_w[2])
+
+
+def longest_steps(problem: WalkProblem, gait: Gait) -> list[float]:
+    """How long each step may be [m] for the foot's mean speed over every interval."""
+    longest = []
+    for step in gait.steps:
+        way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
+        room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+        longest.append(float(np.sqrt((np.maximum(room, 0.0) / way**2).min())))
+    return longest

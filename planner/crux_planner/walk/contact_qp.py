@@ -1,0 +1,382 @@
+"""P2a of a walk with its gait fixed: body, foot forces and footholds by one sparse QP.
+
+(8b) and (9a) are linearised about a given motion; the cone is the polygon inside it with a corner straight uphill.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import piqp
+import scipy.sparse as sp
+
+from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.arrays import Array, Indices
+from crux_planner.terms.dynamics import BODY_STATES
+from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps
+from crux_planner.walk.cost import FORCE_SHARE, walk_cost
+from crux_planner.walk.gait import TRUE_SHARE, Gait, nominal_footholds
+from crux_planner.walk.nlp import FOOTHOLD_WEIGHT
+from crux_planner.walk.problem import WalkProblem
+
+_CORNERS = 8  # of the polygon inside the cone
+_REACH_RESERVE_M = 0.001  # for what linearising (9a) leaves out
+_FREE = 1e3  # a bound beyond what matters keeps the QP compact
+_MOMENT_OF_FORCE = slice(9, 12)
+_INFINITE = 1e30  # as PIQP has it
+
+
+@dataclass(frozen=True)
+class WalkKnots:
+    """x and u at the knots: body states (N + 1, 12), forces (N, 4, 3) [N], footholds (4 + S, 2); J, J with the
+    consensus term, and what a newton more or less would change where a foot is off the ground (N, 4, 3).
+    """
+
+    gait: Gait
+    body: Array
+    forces: Array
+    footholds: Array
+    cost: float
+    value: float
+    pull: Array
+
+    def feet(self, step_height_m: float) -> Array:
+        """(N + 1, 4, 3)."""
+        plan = self.gait.blend @ self.footholds
+        return np.concatenate([plan, step_height_m * self.gait.height[..., None]], axis=2)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The motion about which (8b) and (9a) are linear."""
+
+    body: Array  # (N + 1, 12)
+    forces: Array  # (N, 4, 3)
+    footholds: Array  # (4 + S, 2)
+
+    @classmethod
+    def straight(cls, problem: WalkProblem, gait: Gait) -> Reference:
+        """Straight to the goal in the time of the steps, the weight shared by the feet in stance."""
+        way = np.interp(np.arange(problem.steps + 1), *_progress(problem, gait))
+        pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
+        there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
+        body = np.zeros((problem.steps + 1, BODY_STATES))
+        body[:, :6] = pose + way[:, None] * (there - pose)
+        return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
+
+    @classmethod
+    def of(cls, problem: WalkProblem, gait: Gait, body: Array) -> Reference:
+        """A body motion with another gait."""
+        return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
+
+
+class ContactQp:
+    """The QP of one problem for any gait; what gaits have in common is built once."""
+
+    def __init__(self, problem: WalkProblem, scales: Scales, *, moments: bool = True) -> None:
+        self.problem, self.scales, self.moments = problem, scales, moments
+        n, dt = problem.steps, problem.dt_s
+        one = sp.eye(BODY_STATES)
+        rate = sp.csr_matrix(np.eye(BODY_STATES) + dt * np.eye(BODY_STATES, k=6))
+        self._euler = (
+            sp.kron(sp.hstack([sp.csr_matrix((n, 1)), sp.eye(n)]), one)
+            - sp.kron(sp.hstack([sp.eye(n), sp.csr_matrix((n, 1))]), rate)
+        ).tocoo()
+        uphill = np.arctan2(*-problem.gravity_w[1::-1]) if np.hypot(*problem.gravity_w[:2]) > 0 else 0.0
+        angles = uphill + (2 * np.arange(_CORNERS) + 1) * np.pi / _CORNERS
+        inner = problem.friction * np.cos(np.pi / _CORNERS)
+        self._cone = np.column_stack([np.cos(angles), np.sin(angles), np.full(_CORNERS, -inner)])
+
+    def solve(self, gait: Gait, reference: Reference, rho: float, target: Eta | None) -> WalkKnots | None:
+        """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution."""
+        problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
+        bounds = body_bounds(problem, gait)
+        spots = foothold_bounds(problem, gait)
+        if (bounds[0] > bounds[1]).any() or spots is None:
+            return None
+        places = np.argwhere(gait.stance[:n])
+        at_f = BODY_STATES * (n + 1)
+        at_h = at_f + 3 * len(places)
+        size = at_h + 2 * len(gait.steps)
+        blend, fixed = gait.blend[:, :, 4:], gait.blend[:, :, :4] @ problem.start_feet_w_m
+        feet = np.concatenate(
+            [gait.blend @ reference.footholds, problem.step_height_m * gait.height[..., None]], axis=2
+        )
+        # (8)
+        arms = feet[:n] - reference.body[:n, None, :3]
+        turn = np.linalg.inv(problem.inertia_b) @ _rotations(-reference.body[:n, 5])
+        lever = np.einsum("kab,kibc->kiac", turn, _skews(arms))  # (N, 4, 3, 3): angular acceleration per newton
+        total = reference.forces.sum(axis=1)
+        moved = np.einsum("kab,kibc->kiac", turn, _skews(reference.forces))
+        rows = _Coo()
+        k, i = places.T
+        rows.blocks(
+            12 * k + 6, at_f + 3 * np.arange(len(k)), np.tile(-dt / problem.mass_kg * np.eye(3), (len(k), 1, 1))
+        )
+        right = np.zeros((n, BODY_STATES))
+        right[:, 6:9] = dt * problem.gravity_w
+        if self.moments:
+            knots = np.arange(n)
+            rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
+            rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, _skews(total)))
+            about = np.einsum("kiab,kij->kjab", moved[..., :2], blend[:n])
+            for j in range(len(gait.steps)):
+                rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
+            off = fixed[:n] - feet[:n, :, :2]
+            constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
+            constant -= np.einsum("kab,kbc,kc->ka", turn, _skews(total), reference.body[:n, :3])
+            right[:, _MOMENT_OF_FORCE] = dt * constant
+        equal = rows.matrix((BODY_STATES * n, size), self._euler).tocsr()
+        keep = np.ones(BODY_STATES * n, dtype=bool)
+        if not self.moments:
+            keep.reshape(n, BODY_STATES)[:, _MOMENT_OF_FORCE] = False
+        below, low_g, high_g = self._inequalities(gait, reference, places, feet, fixed, blend, at_f, at_h, size)
+        hessian, linear, constant_cost = self._objective(gait, places, rho, target, blend, fixed, at_f, at_h, size)
+        least = least_load_N(problem)
+        low_f = np.tile([-_FREE, -_FREE, least], len(places))
+        high_f = np.tile([_FREE, _FREE, problem.max_normal_N], len(places))
+        solver = piqp.SparseSolver()
+        settings = solver.settings
+        settings.verbose, settings.eps_abs, settings.eps_rel, settings.max_iter = False, 1e-5, 1e-6, 60
+        solver.setup(
+            hessian,
+            linear,
+            equal[keep].tocsc(),
+            right.ravel()[keep],
+            below,
+            low_g,
+            high_g,
+            np.concatenate([np.maximum(bounds[0], -_FREE).ravel(), low_f, spots[0].ravel()]),
+            np.concatenate([np.minimum(bounds[1], _FREE).ravel(), high_f, spots[1].ravel()]),
+        )
+        if solver.solve() != piqp.PIQP_SOLVED:
+            return None
+        values = np.array(solver.result.x)
+        body = values[:at_f].reshape(n + 1, BODY_STATES)
+        forces = np.zeros((n, 4, 3))
+        forces[k, i] = values[at_f:at_h].reshape(-1, 3)
+        footholds = np.vstack([problem.start_feet_w_m, values[at_h:].reshape(-1, 2)])
+        dual = np.zeros((n, BODY_STATES))
+        dual.ravel()[keep] = np.array(solver.result.y)
+        pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
+        cost = walk_cost(problem, gait, body, forces)
+        near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
+        return WalkKnots(gait, body, forces, footholds, cost, near + cost - self._smooth_cost(body, forces), pull)
+
+    def _smooth_cost(self, body: Array, forces: Array) -> float:
+        return walk_cost(self.problem, Gait((), np.zeros(0), self.problem.steps + 1), body, forces)
+
+    def _inequalities(
+        self,
+        gait: Gait,
+        reference: Reference,
+        places: Indices,
+        feet: Array,
+        fixed: Array,
+        blend: Array,
+        at_f: int,
+        at_h: int,
+        size: int,
+    ) -> tuple[sp.csc_matrix, Array, Array]:
+        """The cone, (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
+        problem, n, count = self.problem, self.problem.steps, len(places)
+        rows, low, high = _Coo(), [], []
+        rows.blocks(_CORNERS * np.arange(count), at_f + 3 * np.arange(count), np.tile(self._cone, (count, 1, 1)))
+        low.append(np.full(_CORNERS * count, -np.inf))
+        high.append(np.zeros(_CORNERS * count))
+        start = _CORNERS * count
+        # (9a), offsets of the feet in the body frame
+        knots = np.arange(1, n + 1)
+        unturn = _rotations(-reference.body[1:, 5])
+        away = np.einsum("kab,kib->kia", unturn, feet[1:] - reference.body[1:, None, :3])
+        tilted = _skews(away)
+        tilted_from = np.zeros((n, 3))
+        tilted_from[:, 2] = reference.body[1:, 5]
+        ground = np.concatenate([fixed[1:], feet[1:, :, 2:]], axis=2)
+        for limb in range(4):
+            begin = start + 3 * (knots - 1)
+            rows.blocks(begin, 12 * knots, -unturn)
+            rows.blocks(begin, 12 * knots + 3, tilted[:, limb])
+            for j, step in enumerate(gait.steps):
+                if step.limb == limb:
+                    here = np.flatnonzero(blend[1:, limb, j])
+                    rows.blocks(
+                        begin[here],
+                        np.full(len(here), at_h + 2 * j),
+                        unturn[here][:, :, :2] * blend[1:, limb, j][here, None, None],
+                    )
+            known = np.einsum("kab,kb->ka", unturn, ground[:, limb]) - np.einsum(
+                "kab,kb->ka", tilted[:, limb], tilted_from
+            )
+            room = problem.boxes.half_m - _REACH_RESERVE_M
+            low.append((problem.boxes.centre_b_m[limb] - room - known).ravel())
+            high.append((problem.boxes.centre_b_m[limb] + room - known).ravel())
+            start += 3 * n
+        # the limbs' mass on three feet
+        number = np.full((n, 4), -1)
+        number[places[:, 0], places[:, 1]] = np.arange(count)
+        three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
+        on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
+        corners = np.concatenate([feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
+        spread = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
+        pull = problem.limbs_share * spread
+        begin = start + 3 * np.arange(len(three))
+        weight = reference.forces[three, :, 2].sum(axis=1)
+        for corner in range(3):
+            rows.entries(begin + corner, at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
+        rows.blocks(begin, 12 * three, -4 * pull)
+        all_feet = blend[three].sum(axis=1)
+        for j in range(len(gait.steps)):
+            rows.blocks(begin, np.full(len(three), at_h + 2 * j), pull * all_feet[:, j, None, None])
+        neutral = _rotations(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
+        low.append((TRUE_SHARE - np.einsum("kab,kb->ka", pull, fixed[three].sum(axis=1) - neutral)).ravel())
+        high.append(np.full(3 * len(three), np.inf))
+        start += 3 * len(three)
+        # lengths of steps
+        angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
+        normals = np.column_stack([np.cos(angles), np.sin(angles)])
+        last = list(range(4))
+        for j, (step, longest) in enumerate(zip(gait.steps, longest_steps(problem, gait), strict=True)):
+            rows.dense(start, at_h + 2 * j + np.arange(2), normals)
+            most = np.full(_CORNERS, np.cos(np.pi / _CORNERS) * longest)
+            if last[step.limb] < 4:
+                most += normals @ problem.start_feet_w_m[last[step.limb]]
+            else:
+                rows.dense(start, at_h + 2 * (last[step.limb] - 4) + np.arange(2), -normals)
+            last[step.limb] = 4 + j
+            low.append(np.full(_CORNERS, -np.inf))
+            high.append(most)
+            start += _CORNERS
+        # feet of a side apart
+        for front, rear in ((0, 2), (1, 3)):
+            difference = blend[:, front] - blend[:, rear]
+            knots_apart, of_step = np.nonzero(difference)
+            rows.entries(start + knots_apart, at_h + 2 * of_step, difference[knots_apart, of_step])
+            low.append(FEET_APART_M - (fixed[:, front, 0] - fixed[:, rear, 0]))
+            high.append(np.full(n + 1, np.inf))
+            start += n + 1
+        below = rows.matrix((start, size)).tocsc()
+        return below, np.maximum(np.concatenate(low), -_INFINITE), np.minimum(np.concatenate(high), _INFINITE)
+
+    def _objective(
+        self,
+        gait: Gait,
+        places: Indices,
+        rho: float,
+        target: Eta | None,
+        blend: Array,
+        fixed: Array,
+        at_f: int,
+        at_h: int,
+        size: int,
+    ) -> tuple[sp.csc_matrix, Array, float]:
+        """Hessian, gradient and constant of J's smooth terms and the consensus term."""
+        problem, weights, scales = self.problem, self.problem.weights, self.scales
+        n, goal = problem.steps, problem.goal.body
+        diagonal, linear, constant = np.zeros(size), np.zeros(size), 0.0
+
+        def squares(index: Indices, weight: Array | float, wanted: Array) -> None:
+            nonlocal constant
+            weight = np.broadcast_to(weight, index.shape)
+            np.add.at(diagonal, index, 2 * weight)
+            np.add.at(linear, index, -2 * weight * wanted)
+            constant += float((weight * wanted**2).sum())
+
+        states = np.arange(at_f).reshape(n + 1, BODY_STATES)
+        q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
+        wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
+        squares(states, q, np.broadcast_to(wanted, states.shape))
+        force = np.arange(at_f, at_h).reshape(-1, 3)
+        squares(force, FORCE_SHARE * weights.wrench, np.zeros(force.shape))
+        spots = np.arange(at_h, size).reshape(-1, 2)
+        nominal = nominal_footholds(problem, gait)[4:]
+        squares(spots, FOOTHOLD_WEIGHT, nominal)
+        steps = np.zeros((len(gait.steps), len(gait.steps)))
+        if target is not None:
+            unit = np.array([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
+            squares(states, rho / 2 * unit**2, target.body)
+            k, i = places.T
+            squares(force, rho / 2 * scales.force**2, target.forces[k, i])
+            off = target.fingers[..., :2] - fixed  # (N + 1, 4, 2)
+            near = rho / 2 * scales.position**2
+            steps = 2 * near * np.einsum("kij,kil->jl", blend, blend)
+            linear[at_h:] -= 2 * near * np.einsum("kij,kia->ja", blend, off).ravel()
+            air = np.ones((n, 4), dtype=bool)
+            air[k, i] = False
+            heights = problem.step_height_m * gait.height - target.fingers[..., 2]
+            constant += near * float((off**2).sum() + (heights**2).sum())
+            constant += rho / 2 * scales.force**2 * float((target.forces[air] ** 2).sum())
+        hessian = sp.diags(diagonal, format="coo")
+        corner = sp.coo_matrix(np.kron(steps, np.eye(2)))
+        total = sp.csc_matrix(
+            (
+                np.concatenate([hessian.data, corner.data]),
+                (
+                    np.concatenate([hessian.row, at_h + corner.row]),
+                    np.concatenate([hessian.col, at_h + corner.col]),
+                ),
+            ),
+            (size, size),
+        )
+        return total, linear, constant
+
+
+class _Coo:
+    """Entries of a sparse matrix, gathered block by block."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Indices, Indices, Array]] = []
+
+    def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
+        self._parts.append((rows, columns, values))
+
+    def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
+        """Blocks (n, a, b) with their first rows and columns (n,)."""
+        a, b = values.shape[1:]
+        shape = (len(rows), a, b)
+        row = np.broadcast_to(rows[:, None, None] + np.arange(a)[:, None], shape)
+        column = np.broadcast_to(columns[:, None, None] + np.arange(b), shape)
+        self._parts.append((row.ravel(), column.ravel(), values.ravel()))
+
+    def dense(self, row: int, columns: Indices, values: Array) -> None:
+        """One block from `row` on, its columns anywhere."""
+        a, b = values.shape
+        rows = np.repeat(row + np.arange(a), b)
+        self._parts.append((rows, np.tile(columns, a), values.ravel()))
+
+    def matrix(self, shape: tuple[int, int], more: sp.coo_matrix | None = None) -> sp.coo_matrix:
+        parts = [*self._parts, *([] if more is None else [(more.row, more.col, more.data)])]
+        rows, columns, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        solid = values != 0.0
+        return sp.coo_matrix((values[solid], (rows[solid], columns[solid])), shape)
+
+
+def _skews(v: Array) -> Array:
+    """(..., 3, 3) of (..., 3)."""
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return flat.reshape(*v.shape, 3)
+
+
+def _rotations(yaws: Array) -> Array:
+    """(n, 3, 3) about z."""
+    c, s, zero = np.cos(yaws), np.sin(yaws), np.zeros(len(yaws))
+    flat = np.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1], axis=-1)
+    return flat.reshape(-1, 3, 3)
+
+
+def _standing_forces(problem: WalkProblem, gait: Gait) -> Array:
+    stance = gait.stance[: problem.steps]
+    shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
+    forces: Array = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
+    return forces
+
+
+def _progress(problem: WalkProblem, gait: Gait) -> tuple[Array, Array]:
+    """Knots and the share of the way at each: straight from the first lift-off to the last touch-down."""
+    if not gait.steps:
+        return np.array([0.0, problem.steps]), np.array([0.0, 1.0])
+    first, end = min(s.lift for s in gait.steps), max(s.land for s in gait.steps)
+    return np.array([0.0, first, end, problem.steps + 1.0]), np.array([0.0, 0.0, 1.0, 1.0])

@@ -1,0 +1,87 @@
+"""The paper's methods on walks: each decides the gait, with footholds, body path and forces for the exact NLP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from crux_planner.admm.admm import Report, Run, two_block
+from crux_planner.admm.consensus import Scales
+from crux_planner.walk.contact_block import WalkContacts, WalkPlan, as_candidate
+from crux_planner.walk.contact_qp import WalkKnots
+from crux_planner.walk.gait import Candidate
+from crux_planner.walk.motion_block import WalkMotion
+from crux_planner.walk.nlp import WalkSolution
+from crux_planner.walk.problem import WalkProblem
+
+RHO, ITERATIONS = 1.5, 10
+SCALES = Scales(force=0.03)
+
+
+@dataclass(frozen=True)
+class WalkTask:
+    """A walk and the method's settings."""
+
+    problem: WalkProblem
+    deadline: float  # of time.monotonic
+    rho: float | None = None
+    iterations: int | None = None
+    moments: bool = True  # (8b) in the contact block
+    report: Report = lambda _line: None
+
+
+@dataclass(frozen=True)
+class WalkDecided:
+    """What a method reached by itself."""
+
+    knots: WalkKnots
+    converged: bool
+    iterations: int
+    residuals: list[dict[str, float]] = field(default_factory=list)
+    gaits: list[list[str]] = field(default_factory=list)
+
+    @property
+    def candidate(self) -> Candidate:
+        """What the exact NLP starts from."""
+        return as_candidate(self.knots)
+
+    @property
+    def solution(self) -> WalkSolution:
+        """For the check of what the method reached alone."""
+        knots = self.knots
+        return WalkSolution(knots.body, knots.forces, knots.footholds, knots.cost, 0, "", self.converged, 0.0, 0.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `crux plan --json` says of the method alone."""
+        return {"cost": self.knots.cost, "converged": self.converged, "gait": self.knots.gait.names}
+
+
+def decide_two_block(task: WalkTask) -> WalkDecided:
+    """Equation (19)."""
+    contacts = WalkContacts(task.problem, SCALES, moments=task.moments)
+    run = two_block(
+        contacts,
+        WalkMotion(task.problem, SCALES),
+        rho=task.rho or RHO,
+        iterations=task.iterations or ITERATIONS,
+        deadline=task.deadline,
+        report=task.report,
+    )
+    return _decided(run)
+
+
+METHODS: dict[str, Callable[[WalkTask], WalkDecided]] = {
+    "two_block": decide_two_block,
+}
+"""All raise InfeasibleError where they find no gait."""
+
+
+def _decided(run: Run[WalkPlan]) -> WalkDecided:
+    return WalkDecided(
+        knots=run.plan.knots,
+        converged=run.converged,
+        iterations=len(run.residuals),
+        residuals=[asdict(r) for r in run.residuals],
+        gaits=run.gaits,
+    )

@@ -1,0 +1,114 @@
+"""Walks by the paper's methods, and their contact block against the exact problem."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import parse_scenario
+from crux_planner import plan
+from crux_planner.admm.consensus import Scales
+from crux_planner.walk.contact_block import WalkContacts, as_candidate, eta_of
+from crux_planner.walk.contact_qp import ContactQp, Reference
+from crux_planner.walk.cost import walk_cost
+from crux_planner.walk.gait import candidates
+from crux_planner.walk.motion_block import WalkMotion
+from crux_planner.walk.nlp import solve
+from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem, build_walk
+from crux_planner.walk.slots import Slots
+
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
+ROBOT = load_robot("scaler")
+SLOPE = (SCENES / "walk-slope.yaml").read_text()
+
+
+@pytest.fixture(scope="module")
+def problem() -> WalkProblem:
+    return build_walk(parse_scenario(SLOPE), ROBOT)
+
+
+@pytest.mark.parametrize("method", ["two_block"])
+def test_a_walk_converges_and_passes_the_check(method: str) -> None:
+    lines: list[str] = []
+    result = plan(parse_scenario(SLOPE), ROBOT, method=method, log=lines.append)
+    shown = result.to_json()
+    assert result.check.ok
+    assert result.plan.method == method
+    assert shown["residuals"]["position_m"] <= 0.03
+    assert shown["residuals"]["force_N"] <= 0.5
+    assert shown["iterations"] == len(shown["history"]) == len(lines)
+    assert shown["alone"]["converged"]
+    assert shown["alone"]["gait"] == result.gait
+
+
+def test_the_qp_agrees_with_the_exact_problem(problem: WalkProblem) -> None:
+    """Same gait: J of the linearised problem and of the exact one, and the motion, are the same but for the polygon."""
+    candidate = candidates(problem, 1)[0]
+    qp = ContactQp(problem, Scales())
+    reference = Reference.straight(problem, candidate.gait)
+    for _ in range(4):
+        again = qp.solve(candidate.gait, reference, 0.0, None)
+        assert again is not None
+        reference = Reference(again.body, again.forces, again.footholds)
+    exact = solve(problem, candidate, 10.0)
+    assert again.cost == pytest.approx(exact.cost, rel=1e-3)
+    assert again.cost == pytest.approx(walk_cost(problem, again.gait, again.body, again.forces))
+    np.testing.assert_allclose(again.body[:, :3], exact.body[:, :3], atol=0.01)
+    # Moments by hand: what the forces do about the body's middle is what its rotation needs.
+    feet = again.feet(problem.step_height_m)[:-1]
+    moment = np.cross(feet - again.body[:-1, None, :3], again.forces).sum(axis=1)
+    wanted = np.diff(again.body[:, 9:12], axis=0) / problem.dt_s @ problem.inertia_b.T
+    np.testing.assert_allclose(moment, wanted, atol=0.05)
+
+
+def test_the_local_search_improves_on_regular_gaits_and_honours_the_consensus_term(problem: WalkProblem) -> None:
+    later = time.monotonic() + 60.0
+    block = WalkContacts(problem, Scales(force=0.03))
+    first = block.minimise(1.5, None, later)
+    regular = solve(problem, candidates(problem, 1)[0], 10.0)
+    assert first.knots.cost < regular.cost - 0.1
+    assert solve(problem, as_candidate(first.knots), 10.0).solved
+    moved = first.eta.body.copy()
+    moved[5:-5, 1] += 0.02
+    target = first.eta + (first.eta.times(0.0))
+    target.body[:] = moved
+    pulled = block.minimise(1000.0, target, later)
+    assert np.abs(pulled.eta.body[5:-5, 1] - moved[5:-5, 1]).mean() < 0.012
+    assert pulled.knots.value >= pulled.knots.cost - 1e-6
+
+
+def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> None:
+    candidate = candidates(problem, 1)[0]
+    knots = ContactQp(problem, Scales()).solve(candidate.gait, Reference.straight(problem, candidate.gait), 0.0, None)
+    assert knots is not None
+    eta = eta_of(problem, knots)
+    spoilt = eta + eta.times(0.0)
+    spoilt.forces[10, 0, 2] += 20.0
+    motion = WalkMotion(problem, Scales(force=0.03))
+    delta = motion.project(spoilt, 1.5)
+    assert motion.solved
+    force = delta.forces.sum(axis=1)
+    wanted = problem.mass_kg * (np.diff(delta.body[:, 6:9], axis=0) / problem.dt_s - problem.gravity_w)
+    np.testing.assert_allclose(force, wanted, atol=1e-3)
+    np.testing.assert_allclose(np.diff(delta.body[:, :3], axis=0), problem.dt_s * delta.body[:-1, 6:9], atol=1e-6)
+
+
+def test_feet_end_under_the_body(problem: WalkProblem) -> None:
+    walked = WalkContacts(problem, Scales()).minimise(0.0, None, time.monotonic() + 0.3)
+    feet = walked.eta.fingers[-1]
+    assert (np.abs(feet[:, :2] - problem.goal_feet_w_m) <= FINAL_FOOT_M + 1e-6).all()
+    assert feet[:, 2] == pytest.approx(np.zeros(4))
+
+
+def test_neighbours_change_few_binaries_and_keep_every_foot_walking() -> None:
+    slots = Slots((((3, 7),), ((9, 13),), ((15, 19),), ((21, 25),)))
+    alpha = slots.alpha(40)
+    assert alpha.sum() == 4 * 40 - 16
+    assert Slots.of(slots.gait(41)) == slots
+    seen = set(slots.neighbours())
+    assert slots not in seen
+    assert all(len(each) == 1 for other in seen for each in other.of_limb)
+    assert any((other.alpha(40) != alpha).sum() == 1 for other in seen)
