@@ -66,17 +66,17 @@ def test_the_qp_agrees_with_the_exact_problem(problem: WalkProblem) -> None:
 
 def test_the_local_search_improves_on_regular_gaits_and_honours_the_consensus_term(problem: WalkProblem) -> None:
     later = time.monotonic() + 60.0
-    block = WalkContacts(problem, Scales(force=0.03))
+    block = WalkContacts(problem, Scales(force=0.0))
     first = block.minimise(1.5, None, later)
     regular = solve(problem, candidates(problem, 1)[0], 10.0)
     assert first.knots.cost < regular.cost - 0.1
     assert solve(problem, as_candidate(first.knots), 10.0).solved
     moved = first.eta.body.copy()
-    moved[5:-5, 1] += 0.02
+    moved[5:-5, 1] += 0.01
     target = first.eta + (first.eta.times(0.0))
     target.body[:] = moved
     pulled = block.minimise(1000.0, target, later)
-    assert np.abs(pulled.eta.body[5:-5, 1] - moved[5:-5, 1]).mean() < 0.012
+    assert np.abs(pulled.eta.body[5:-5, 1] - moved[5:-5, 1]).mean() < 0.005
     assert pulled.knots.value >= pulled.knots.cost - 1e-6
 
 
