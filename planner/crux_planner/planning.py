@@ -117,11 +117,11 @@ def _plan_by_method(
     from crux_planner.admm.methods import METHODS as DECIDE
     from crux_planner.admm.methods import Task
 
-    failure: InfeasibleError | None = None
+    failures: list[InfeasibleError] = []
     asked = problem
-    for share in (problem.friction_share, TIGHTER * problem.friction_share):
-        problem = replace(problem, friction_share=share)
-        balance, options = Balance(problem, share), scenario.planner
+    tight = TIGHTER * problem.friction_share
+    for _ in range(ATTEMPTS):
+        balance, options = Balance(problem, problem.friction_share), scenario.planner
         with work.part("contacts", 0.1):
             task = Task(problem, balance, reach, ways, deadline, options.rho, options.iterations, report=work.log)
             decided = DECIDE[method](task)
@@ -136,11 +136,16 @@ def _plan_by_method(
             worst = alone_report.to_json()["worst"][:1]
             attempt.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
             return attempt
-        failure = attempt[0]
-        if not failure.constraint.startswith("limit_surface") or time.monotonic() > deadline:
+        failure, culprit = attempt
+        failures.append(failure)
+        if culprit is None or time.monotonic() > deadline:
             break
-    assert failure is not None
-    raise failure
+        work.log(f"refused: {failure}")
+        if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
+            problem = replace(problem, friction_share=tight)
+        else:
+            ways.forbid(*culprit)
+    raise failures[0]
 
 
 def _proven_gap(problem: Problem, reach: Reach, ways: Ways, cost: float, work: _Work) -> float | None:

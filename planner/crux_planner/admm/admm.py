@@ -100,7 +100,7 @@ def two_block(
         run.plan = plan
         run.residuals.append(Residuals.of(eta - delta))
         run.gaits.append(plan.gait)
-        report(run.residuals[-1].line(iteration))
+        report(f"{run.residuals[-1].line(iteration)}; gait {' '.join(plan.gait)}")
         if run.converged or time.monotonic() > deadline:
             break
     assert run is not None
@@ -123,7 +123,7 @@ def multi_block(
         run.plan = limbs.with_body(plan, delta)
         run.residuals.append(Residuals.of(eta - delta, body=False))
         run.gaits.append(plan.gait)
-        report(run.residuals[-1].line(iteration))
+        report(f"{run.residuals[-1].line(iteration)}; gait {' '.join(plan.gait)}")
         if run.converged or time.monotonic() > deadline:
             break
     assert run is not None

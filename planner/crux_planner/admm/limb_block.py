@@ -15,23 +15,25 @@ from dataclasses import dataclass
 import numpy as np
 import piqp
 
+from crux_planner.admm.agreement import Prices
 from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.admm.limb_paths import LimbPaths, Path
 from crux_planner.admm.stage_cost import arc_costs, held_costs
-from crux_planner.admm.stages import REST_KNOTS, Arc, Stages, Swinging
+from crux_planner.admm.stages import REST_KNOTS, Stages
 from crux_planner.arrays import Array
-from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS
-from crux_planner.search.balance import Balance
+from crux_planner.search.balance import WRENCH, Balance
 from crux_planner.terms.bounds import wrench_bounds
 from crux_planner.terms.limit_surface import finger_forces
 
 
 @dataclass(frozen=True)
-class LimbPlan:
-    """A limb's swings and its wrenches q = (s1, s2, m, n1, n2) at the knots 0..N-1 in stance."""
+class LimbAnswer:
+    """A limb's MIP solved: its cheapest path, the prices behind it, the best wrenches (N, C, 5) on every contact."""
 
-    swings: list[Swinging]
-    wrenches: dict[int, Array]
+    path: Path
+    prices: Prices
+    wrenches: Array
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,8 @@ class LimbBlock:
     balance: Balance
     limb: int
 
-    def minimise(self, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> LimbPlan:
-        """Minimise the limb's part of J and of rho / 2 |eta - target|^2; `air_cost` (S,) is added in the air.
-
-        `others` (4, S) are the contacts of all limbs as last known, -1 in the air.
-        Raises InfeasibleError where no path leads from the start's contact to one of the goal's.
-        """
+    def minimise(self, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
+        """Minimise the limb's part of J and of rho / 2 |eta - target|^2."""
         stages, limb = self.stages, self.limb
         wrenches, effort = self._wrenches(rho, target, scales)
         held = held_costs(stages, limb, target, rho, scales)
@@ -57,61 +55,18 @@ class LimbBlock:
         arcs = arc_costs(stages, limb, target, rho, scales)
         for i, arc in enumerate(stages.arcs[limb]):
             rest = stages.span(arc.first)[0]
-            if self._blocked(arc, others):
-                arcs[i] += _BLOCKED
-            arcs[i] += effort[rest : rest + REST_KNOTS, arc.start].sum() + air_cost[arc.first : arc.end].sum()
-        swings = self._shortest(held, arcs)
-        contacts = [knot[limb] for knot in stages.schedule(swings).contacts[: stages.problem.steps]]
-        return LimbPlan(swings, {k: wrenches[k][c] for k, c in enumerate(contacts) if c is not None})
+            arcs[i] += effort[rest : rest + REST_KNOTS, arc.start].sum()
+        return LimbAnswer(LimbPaths(stages, limb).shortest(held, arcs), Prices(held, arcs), wrenches)
 
-    def _blocked(self, arc: Arc, others: Array) -> bool:
-        return any(
-            self.stages.blocks(self.limb, arc, other, int(c))
-            for other in range(4)
-            for c in set(others[other, arc.first : arc.end].tolist())
-            if c >= 0
-        )
-
-    def _shortest(self, held: Array, arcs: Array) -> list[Swinging]:
-        stages, limb = self.stages, self.limb
-        best = np.full(held.shape, np.inf)
-        came: dict[tuple[int, int], int] = {}
-        start = stages.problem.start_contacts[limb]
-        best[0, start] = held[0, start]
-        landing: dict[int, list[int]] = {}
-        for i, arc in enumerate(stages.arcs[limb]):
-            landing.setdefault(arc.end, []).append(i)
-        for t in range(1, stages.count):
-            best[t] = best[t - 1] + held[t]
-            for i in landing.get(t, []):
-                arc = stages.arcs[limb][i]
-                cost = best[arc.first - 1, arc.start] + arcs[i] + held[t, arc.goal]
-                if cost < best[t, arc.goal]:
-                    best[t, arc.goal] = cost
-                    came[t, arc.goal] = i
-        c = min(stages.goals[limb], key=lambda goal: best[-1, goal], default=None)
-        if c is None or not np.isfinite(best[-1, c]):
-            raise InfeasibleError("contacts", f"{LIMBS[limb]} finds no chain of holds on the stages of its block")
-        swings, t = [], stages.count - 1
-        while t > 0:
-            taken = came.get((t, c))
-            if taken is None:
-                t -= 1
-                continue
-            arc = stages.arcs[limb][taken]
-            swings.append(stages.swinging(limb, arc))
-            t, c = arc.first - 1, arc.start
-        return swings[::-1]
-
-    def _wrenches(self, rho: float, target: Eta, scales: Scales) -> tuple[list[dict[int, Array]], Array]:
-        """Best q for each knot and contact, and its cost (N, C) above that of the limb in the air."""
+    def _wrenches(self, rho: float, target: Eta, scales: Scales) -> tuple[Array, Array]:
+        """Best q (N, C, 5) for each knot and contact, and its cost (N, C) above that of the limb in the air."""
         problem, balance = self.stages.problem, self.balance
         near, turn = rho * scales.force**2, rho * scales.moment**2
         effort = problem.weights.wrench * np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 1.0, 1.0])
         hessian = np.diag(2 * effort + near * np.array([2.0, 2.0, 0.0, 1.0, 1.0]) + turn * np.array([0, 0, 2.0, 0, 0]))
         fingers = slice(2 * self.limb, 2 * self.limb + 2)
         forces, moments = target.forces[:, fingers].reshape(-1, 6), target.moments[:, fingers].reshape(-1, 6)
-        answers: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
+        answers = np.zeros((problem.steps, len(problem.contacts), WRENCH))
         costs = np.zeros((problem.steps, len(problem.contacts)))
         for c in self.stages.contacts[self.limb]:
             contact = problem.contacts[c]
@@ -131,12 +86,11 @@ class LimbBlock:
                 solver.update(c=linear[k])
                 solver.solve()
                 q = np.array(solver.result.x)
-                answers[k][c] = q
+                answers[k, c] = q
                 costs[k, c] = 0.5 * q @ hessian @ q + linear[k] @ q
         return answers, costs
 
 
-_BLOCKED = 1e3  # cost of a swing past a gripper that stands in its way, as far as known
 _BLOCKS: list[LimbBlock] = []  # of a worker process
 
 
@@ -152,16 +106,10 @@ class ParallelLimbs:
             initargs=(stages, balance),
         )
 
-    def minimise(self, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> list[LimbPlan]:
-        """All limbs' plans; `air_cost` (4, S)."""
-        waiting = [self._pool.submit(_minimise, limb, rho, target, air_cost[limb], others, scales) for limb in range(4)]
+    def minimise(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
+        """All limbs' answers."""
+        waiting = [self._pool.submit(_minimise, limb, rho, target, scales) for limb in range(len(LIMBS))]
         return [each.result() for each in waiting]
-
-    def minimise_one(
-        self, limb: int, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales
-    ) -> LimbPlan:
-        """One limb's plan."""
-        return self._pool.submit(_minimise, limb, rho, target, air_cost, others, scales).result()
 
     def __enter__(self) -> ParallelLimbs:
         return self
@@ -171,8 +119,8 @@ class ParallelLimbs:
 
 
 def _remember(stages: Stages, balance: Balance) -> None:
-    _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(4)]
+    _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(len(LIMBS))]
 
 
-def _minimise(limb: int, rho: float, target: Eta, air_cost: Array, others: Array, scales: Scales) -> LimbPlan:
-    return _BLOCKS[limb].minimise(rho, target, air_cost, others, scales)
+def _minimise(limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
+    return _BLOCKS[limb].minimise(rho, target, scales)

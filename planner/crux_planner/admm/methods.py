@@ -88,7 +88,7 @@ def decide_multi_block(task: Task) -> Decided:
     stages = Stages(task.problem, task.reach, task.ways)
     with ParallelLimbs(stages, task.balance) as blocks:
         run = multi_block(
-            ClimbLimbs(stages, blocks, MULTI_SCALES),
+            ClimbLimbs(stages, task.balance, blocks, MULTI_SCALES, task.deadline),
             MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),
             rho=task.rho or MULTI_RHO,
             iterations=task.iterations or MULTI_ITERATIONS,

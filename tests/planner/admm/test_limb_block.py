@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.limb_block import LimbBlock
+from crux_planner.admm.limb_paths import LimbPaths
 
 from .scenes import scene
 
@@ -22,7 +23,6 @@ def target_of(steps: int, seed: int) -> Eta:
 def test_the_path_is_the_best_of_all() -> None:
     small = scene(20, width_m=0.2, goal_m=0.06)
     stages = small.stages
-    block = LimbBlock(stages, small.balance, LIMB)
     rng = np.random.default_rng(1)
     for _ in range(20):
         held = rng.normal(size=(stages.count, len(small.problem.contacts)))
@@ -37,12 +37,15 @@ def test_the_path_is_the_best_of_all() -> None:
             if contacts[-1] in stages.goals[LIMB]:
                 price = 0.0 if taken is None else arcs[taken]
                 prices.append(price + sum(held[t, c] for t, c in enumerate(contacts) if c is not None))
-        found = block._shortest(held, arcs)
+        paths = LimbPaths(stages, LIMB)
+        best = paths.shortest(held, arcs)
+        found = paths.swings(best)
         contacts = stages.held(LIMB, found)
         number = {stages.swinging(LIMB, arc): i for i, arc in enumerate(stages.arcs[LIMB])}
         price = sum(arcs[number[swing]] for swing in found)
         price += sum(held[t, c] for t, c in enumerate(contacts) if c is not None)
         assert price <= min(prices) + 1e-9
+        assert abs(price - best.cost) < 1e-9
 
 
 def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
@@ -52,7 +55,8 @@ def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
     balance, problem = small.balance, small.problem
     rng = np.random.default_rng(0)
     for k in (0, 7, 19):
-        for c, q in answers[k].items():
+        for c in small.stages.contacts[LIMB]:
+            q = answers[k, c]
             load = balance.margin * balance.reach * balance.friction[c]
             for normal in (3, 4):
                 assert (balance.directions @ q[:3] <= load * q[normal] + balance.spine[c] + 1e-4).all()
