@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from crux_planner.contacts import Contact, GripperShape
-from crux_planner.search.swing import Swing, SwingLimits, footprint, gripper_gap, plan_swing
+from crux_planner.search.swing import Swing, SwingLimits, footprint, gripper_gap, palm_gap, plan_swing
 from crux_planner.terms.obstacles import Cuboids
 
 SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
@@ -90,3 +90,17 @@ def test_grippers_side_by_side_are_measured_between_their_centre_lines() -> None
     a = footprint(np.array([0.0, 0.0, 0.0, 0.0]), 0.05)
     b = footprint(np.array([0.0, 0.1, 0.0, np.pi / 2]), 0.05)
     assert gripper_gap(a, b) == pytest.approx(0.05)
+
+
+def test_palms_meet_at_their_corners_first() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        yaw = rng.uniform(-0.3, 0.3, 2)
+        a, b = np.array([[0.0, 0.0, yaw[0], 0.07]]), np.array([[0.17, rng.uniform(-0.02, 0.02), yaw[1], 0.07]])
+        edges = []
+        for x, y, turn, length in (a[0], b[0]):
+            along, across = np.meshgrid(np.linspace(-length, length, 141), np.linspace(-0.02, 0.02, 41))
+            c, s = np.cos(turn), np.sin(turn)
+            edges.append(np.stack([x + c * along - s * across, y + s * along + c * across], -1).reshape(-1, 2))
+        sampled = min(np.linalg.norm(edges[1] - p, axis=1).min() for p in edges[0])
+        assert palm_gap(a, b, 0.02) == pytest.approx(sampled, abs=1.5e-3)

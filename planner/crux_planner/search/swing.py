@@ -122,6 +122,24 @@ def gripper_gap(a: Array, b: Array) -> float:
     return float(np.linalg.norm(first[:, None] - second[None], axis=-1).min())
 
 
+def palm_gap(a: Array, b: Array, half_width: float) -> float:
+    """Least plan-view distance of palms (x, y, yaw, half length), (n, 4) and (m, 4): rectangles that do not cross."""
+
+    def apart(corners_of: Array, boxes: Array) -> float:
+        x, y, yaw, length = (corners_of[:, None, i] for i in range(4))
+        along, across = length * np.array([1, 1, -1, -1]), half_width * np.array([1, -1, 1, -1])
+        points = np.stack(
+            [x + along * np.cos(yaw) - across * np.sin(yaw), y + along * np.sin(yaw) + across * np.cos(yaw)], axis=-1
+        )
+        way = points[:, :, None] - boxes[:, :2]  # (n, 4, m, 2)
+        c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
+        beyond = np.abs(np.stack([c * way[..., 0] + s * way[..., 1], c * way[..., 1] - s * way[..., 0]], axis=-1))
+        beyond = np.maximum(beyond - np.stack([boxes[:, 3], np.full(len(boxes), half_width)], axis=-1), 0.0)
+        return float(np.linalg.norm(beyond, axis=-1).min())
+
+    return min(apart(a, b), apart(b, a))
+
+
 def contact_pose(contact: Contact) -> Array:
     """(x, y, z, yaw) of a grasp."""
     return np.append(contact.centre_w_m, contact.yaw_rad)

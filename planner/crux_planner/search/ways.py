@@ -6,7 +6,9 @@ import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.problem import Problem
-from crux_planner.search.swing import Swing, contact_pose, footprint, gripper_gap, plan_swing
+from crux_planner.search.swing import Swing, contact_pose, footprint, gripper_gap, palm_gap, plan_swing
+
+_CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
 
 
 class Ways:
@@ -63,7 +65,7 @@ class Ways:
         if not all(self._clear(move, c) for move in moves for c in support):
             return False
         if len(moves) == 2:  # two grippers in the air at once keep clear wherever each of them is
-            return gripper_gap(self._column(moves[0]), self._column(moves[1])) >= self._touching
+            return self._apart(self._column(moves[0]), self._column(moves[1]))
         return True
 
     @property
@@ -91,8 +93,16 @@ class Ways:
     def _clear(self, move: tuple[int, int], standing: int) -> bool:
         key = (*move, standing)
         if key not in self._gaps:
-            self._gaps[key] = gripper_gap(self._column(move), self._standing[standing]) >= self._touching
+            self._gaps[key] = self._apart(self._column(move), self._standing[standing][None])
         return self._gaps[key]
+
+    def _apart(self, a: Array, b: Array) -> bool:
+        """Whether footprints (n, 9, 3) and (m, 9, 3) keep clear: as capsules, and as the rectangles that palms are."""
+        if gripper_gap(a, b) < self._touching:
+            return False
+        width = self.problem.shape.pad_radius
+        corners = palm_gap(_palms(a, width), _palms(b, width), width)
+        return corners >= _CORNER_SHARE * self.problem.swing.body_clearance_m
 
     def _column(self, move: tuple[int, int]) -> Array:
         """Footprint of a gripper all along a swing."""
@@ -102,3 +112,11 @@ class Ways:
             poses = swing.poses(max(3 * swing.intervals, 12))
             self._columns[move] = footprint(poses, shape.half_length(float(poses[:, 4].max())) - shape.pad_radius)
         return self._columns[move]
+
+
+def _palms(footprints: Array, half_width: float) -> Array:
+    """(n, 4) x, y, yaw and half length of the palms whose round ends lie around footprints (n, 9, 3)."""
+    way = footprints[:, -1, :2] - footprints[:, 0, :2]
+    middle = (footprints[:, -1, :2] + footprints[:, 0, :2]) / 2
+    length = np.linalg.norm(way, axis=1) / 2 + half_width
+    return np.column_stack([middle, np.arctan2(way[:, 1], way[:, 0]), length])

@@ -50,7 +50,8 @@ def agree(small: Scene, agreement: Agreement, paths: tuple[Path, ...], at_once: 
         low, high = low_room, high_room
         for limb in range(4):
             over = [s for s in swings if s.limb == limb and held[limb][t] is None and s.first // stages.knots <= t]
-            ends = [over[-1].start, over[-1].goal] if held[limb][t] is None else [held[limb][t]]
+            contact = held[limb][t]
+            ends = [over[-1].start, over[-1].goal] if contact is None else [contact]
             low = np.maximum(low, small.reach.low[limb, ends].min(axis=0))
             high = np.minimum(high, small.reach.high[limb, ends].max(axis=0))
         support = tuple(c for _, c in standing)
