@@ -8,7 +8,7 @@ BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build climb test test-native test-sanitized test-python lint format bench firmware lock clean
+.PHONY: help setup build can-kernel climb test test-native test-sanitized test-python lint format bench firmware lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -24,6 +24,9 @@ build/cmake/build.ninja build/asan/build.ninja: | setup
 build: setup build/cmake/build.ninja ## generate and compile everything
 	@cmake --build build/cmake -j $(JOBS)
 
+can-kernel: setup ## the kernel with CAN that tests run in; built when it is missing from ~/.cache/crux
+	@$(BIN)/crux can kernel
+
 climb: build ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
 	@mkdir -p $(OUT)
 	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
@@ -38,7 +41,7 @@ test-sanitized: setup build/asan/build.ninja
 	@cmake --build build/asan -j $(JOBS)
 	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
 
-test-python: build
+test-python: build can-kernel
 	$(BIN)/python -m pytest
 
 lint: build ## ruff, mypy, clang-format, clang-tidy

@@ -42,6 +42,7 @@ COMMANDS: dict[str, Command] = {
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
+    "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
     "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.benches.command"),
 }
 EPILOG = """a first climb:
@@ -98,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `crux`; returns the exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = words[0] if words and words[0] in COMMANDS else ""
-    as_json = "--json" in words
+    as_json = "--json" in words[: words.index("--") if "--" in words else len(words)]
     try:
         options = _parser(chosen).parse_args(words)
         return int(getattr(importlib.import_module(COMMANDS[chosen].module), COMMANDS[chosen].runner)(options))

@@ -1,0 +1,25 @@
+"""`crux can`: each action's parser sets `action`, a function of the options."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from crux_tools.can.run_command import add_kernel, add_run
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds `crux can` with its actions."""
+    parser = subparsers.add_parser(
+        "can",
+        help="CAN interfaces: set up, check, or a kernel that has them",
+        description="CAN interfaces of this machine: set up and check them; or a kernel that has some.",
+    )
+    actions = parser.add_subparsers(dest="can_action", metavar="ACTION", required=True)
+    add_run(actions)
+    add_kernel(actions)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status of the action."""
+    return int(options.action(options))

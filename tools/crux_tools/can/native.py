@@ -1,0 +1,41 @@
+"""The host's own SocketCAN: a network namespace of the job's own, with the virtual interfaces it asks for."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+from pathlib import Path
+
+from crux_tools.can.job import TIMED_OUT, Job, NoKernel, interface_script
+from crux_tools.output import note
+
+
+def available() -> bool:
+    """This kernel has CAN sockets."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def run(job: Job, state: Path) -> int:
+    """Runs the job on this kernel. Raises NoKernel where the interfaces cannot be made."""
+    script = state / "native"
+    script.write_text(
+        f'{interface_script(job.interfaces)}ip route add 224.0.0.0/4 dev lo || exit 125\n: >{state}/booted\nexec "$@"\n'
+    )
+    as_root = [] if os.geteuid() == 0 else ["--map-root-user"]
+    command = ["unshare", *as_root, "--net", "--", "sh", str(script), *job.command]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    try:
+        status = process.wait(job.timeout_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        note(f"crux can run: the command was ended after {job.timeout_s:g} s (--timeout)")
+        return TIMED_OUT
+    if not (state / "booted").exists():
+        raise NoKernel("this kernel has CAN sockets, but no virtual interfaces can be made (module vcan, rights)")
+    return 128 - status if status < 0 else status
