@@ -37,6 +37,7 @@ class Fault:
     code: int
     name: str
     to: str
+    recovers: bool
     text: str
 
 
@@ -76,7 +77,10 @@ def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
 
 
 def read_faults(path: Path, supervisor: Struct) -> list[Fault]:
-    faults = [Fault(int(e["code"]), e["name"], e["to"], e["text"]) for e in _load(path, "faults")]
+    faults = [
+        Fault(int(e["code"]), e["name"], e["to"], bool(e.get("recovers", False)), e["text"])
+        for e in _load(path, "faults")
+    ]
     states = {constant.name for constant in supervisor.constants}
     for fault in faults:
         if fault.to not in states:

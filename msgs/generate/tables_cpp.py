@@ -59,7 +59,9 @@ constexpr const ChannelInfo& channel_info(Channel channel) {{ return kChannels[s
 def faults_header(faults: list[Fault]) -> str:
     names = "\n".join(f"  k{_camel(f.name)} = {f.code}," for f in faults)
     entries = "\n".join(
-        f'    FaultInfo{{FaultCode::k{_camel(f.name)}, "{f.name}", robot_state_t::{f.to}, "{f.text}"}},' for f in faults
+        f'    FaultInfo{{FaultCode::k{_camel(f.name)}, "{f.name}", robot_state_t::{f.to}, '
+        f'{str(f.recovers).lower()}, "{f.text}"}},'
+        for f in faults
     )
     return f"""{_BANNER.format(origin="msgs/faults.yaml")}
 #include <array>
@@ -80,6 +82,7 @@ struct FaultInfo {{
   FaultCode code;
   std::string_view name;
   std::int8_t to;         // supervisor state that follows, as in robot_state_t
+  bool recovers;          // ends by itself when the link to the nodes is well again
   std::string_view text;  // the words `value` and `limit` stand for fault_t's numbers
 }};
 

@@ -156,6 +156,7 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   record.input.cycle = cycle_;
   record.input.dt_s = 1.0 / robot_.can.rate_Hz;
   for (const LimbBus& limb : limbs_) limb.fill(record.input);
+  report_health(record);
   record.input.operator_command = operator_command();
   core_.step(record.input, record.result);
 
@@ -174,7 +175,39 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   record.timing.wall_ns = begin_ns;
   record.timing.wait_ns = wait_ns_;
   record.timing.late_ns = late_ns_;
+  record.timing.answer_ns = 0;
+  for (const LimbBus& limb : limbs_) record.timing.answer_ns = std::max(record.timing.answer_ns, limb.answer_time_ns());
   record.timing.compute_ns = now_ns() - begin_ns;
+}
+
+/// The state of each bus is an input of the core; the counts behind it go out and into the log.
+void CycleLoop::report_health(CycleRecord& record) const noexcept {
+  for (std::size_t l = 0; l < limbs_.size(); ++l) {
+    const BusStatistics& bus = buses_[l]->statistics();
+    const LimbStatistics& limb = limbs_[l].statistics();
+    const BusState state =
+        std::max(buses_[l]->state(), limbs_[l].foreign_host() ? BusState::kForeign : BusState::kActive);
+    record.input.bus_state[l] = static_cast<std::int8_t>(state);
+    crux_msgs::bus_health_t& health = record.health[l];
+    health.cycle = cycle_;
+    health.limb = static_cast<std::int8_t>(l);
+    health.state = static_cast<std::int8_t>(state);
+    const auto count = [](std::uint64_t n) { return static_cast<std::int64_t>(n); };
+    health.error_frames = count(bus.error_frames);
+    health.error_passive = count(bus.error_passive);
+    health.bus_off = count(bus.bus_off);
+    health.restarts = count(bus.restarts);
+    health.unacknowledged = count(bus.unacknowledged);
+    health.interface_down = count(bus.interface_down);
+    health.queue_full = count(bus.queue_full);
+    health.send_failed = count(bus.send_failed);
+    health.receive_lost = count(bus.receive_lost);
+    health.malformed = count(bus.malformed);
+    health.crc_errors = count(limb.crc_errors);
+    health.repeated = count(limb.repeated);
+    health.lost = count(limb.lost);
+    health.foreign = count(limb.foreign);
+  }
 }
 
 void CycleLoop::send(CycleRecord& record) noexcept {
@@ -269,6 +302,7 @@ void CycleLoop::publish(const CycleRecord& record) noexcept {
   snapshot.state = record.result.state;
   std::ranges::copy(record.result.reference, snapshot.reference.begin());
   std::ranges::copy(record.result.telemetry, snapshot.telemetry.begin());
+  snapshot.health = record.health;
   snapshot.timing = record.timing;
   exchange_.snapshot.publish();
 }

@@ -56,6 +56,7 @@ class CycleLoop : private PlanTaker {
 
   void compute(CycleRecord& record) noexcept;
   void send(CycleRecord& record) noexcept;
+  void report_health(CycleRecord& record) const noexcept;
   void receive() noexcept;
   bool collect_answers() noexcept;
   [[nodiscard]] bool all_answered() const noexcept;

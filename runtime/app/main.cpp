@@ -98,7 +98,11 @@ void print_report(const CycleReport& report, const CycleLoop& loop) {
   line("frames of nodes that are not listened to", limbs.distrusted);
   line("malformed frames or datagrams", buses.malformed);
   line("error frames of CAN controllers", buses.error_frames);
+  line("times a CAN controller left its bus", buses.bus_off);
+  line("times a CAN interface went down", buses.interface_down);
+  line("frames dropped by the kernel, not fetched in time", buses.receive_lost);
   line("frames that could not be sent", buses.send_failed);
+  line("frames of another host", limbs.foreign);
 }
 
 int run(const Options& options) {

@@ -41,7 +41,14 @@ BusStatistics& BusStatistics::operator+=(const BusStatistics& other) noexcept {
   received += other.received;
   malformed += other.malformed;
   send_failed += other.send_failed;
+  queue_full += other.queue_full;
+  interface_down += other.interface_down;
+  receive_lost += other.receive_lost;
   error_frames += other.error_frames;
+  error_passive += other.error_passive;
+  bus_off += other.bus_off;
+  restarts += other.restarts;
+  unacknowledged += other.unacknowledged;
   return *this;
 }
 

@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "bus/frame.hpp"
+#include "crux_msgs/bus_health_t.hpp"
 
 namespace crux {
 
@@ -19,12 +20,30 @@ class BusError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// How a bus is, by gravity.
+enum class BusState : std::int8_t {
+  kActive = crux_msgs::bus_health_t::ACTIVE,
+  kPassive = crux_msgs::bus_health_t::PASSIVE,                ///< the controller is error passive
+  kUnacknowledged = crux_msgs::bus_health_t::UNACKNOWLEDGED,  ///< nobody acknowledges, nobody speaks
+  kFull = crux_msgs::bus_health_t::FULL,                      ///< the last frames found no room in the transmit queue
+  kForeign = crux_msgs::bus_health_t::FOREIGN,                ///< somebody else sends what only a runtime sends
+  kOff = crux_msgs::bus_health_t::OFF,                        ///< the controller has left the bus
+  kDown = crux_msgs::bus_health_t::DOWN,                      ///< the interface is down, or gone
+};
+
 struct BusStatistics {
   std::uint64_t sent = 0;
   std::uint64_t received = 0;
-  std::uint64_t malformed = 0;     ///< datagrams or frames that could not be understood
-  std::uint64_t send_failed = 0;   ///< frames the kernel did not take
-  std::uint64_t error_frames = 0;  ///< controller and bus errors reported by the driver
+  std::uint64_t malformed = 0;       ///< datagrams or frames that could not be understood
+  std::uint64_t send_failed = 0;     ///< frames the kernel did not take
+  std::uint64_t queue_full = 0;      ///< calls of send() whose frames did not all find room
+  std::uint64_t interface_down = 0;  ///< times the interface went down or away
+  std::uint64_t receive_lost = 0;    ///< frames dropped because they were not fetched in time
+  std::uint64_t error_frames = 0;    ///< controller and bus errors reported by the driver
+  std::uint64_t error_passive = 0;   ///< times the controller became error passive
+  std::uint64_t bus_off = 0;         ///< times the controller left the bus
+  std::uint64_t restarts = 0;        ///< times it came back
+  std::uint64_t unacknowledged = 0;  ///< frames nobody acknowledged
 
   BusStatistics& operator+=(const BusStatistics& other) noexcept;
 };
@@ -45,6 +64,8 @@ class Bus {
 
   /// Becomes readable when frames are waiting.
   [[nodiscard]] virtual int descriptor() const noexcept = 0;
+
+  [[nodiscard]] virtual BusState state() const noexcept { return BusState::kActive; }
 
   [[nodiscard]] const BusStatistics& statistics() const noexcept { return statistics_; }
 

@@ -1,5 +1,6 @@
 #include "bus/limb_bus.hpp"
 
+#include <algorithm>
 #include <string>
 
 #include "bus/bus.hpp"
@@ -15,6 +16,7 @@ LimbStatistics& LimbStatistics::operator+=(const LimbStatistics& other) noexcept
   wrong_size += other.wrong_size;
   unknown += other.unknown;
   distrusted += other.distrusted;
+  foreign += other.foreign;
   heartbeats += other.heartbeats;
   identities += other.identities;
   emergencies += other.emergencies;
@@ -107,6 +109,8 @@ std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& ou
 
   awaited_cycle_ = static_cast<std::uint16_t>(cycle);
   answered_ = 0;
+  foreign_host_ = false;
+  sync_stamp_ns_ = answer_stamp_ns_ = 0;
   return {frames_.data(), n_frames_};
 }
 
@@ -141,7 +145,10 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
     return false;
   }
   const FrameMeaning& meaning = kFrameMeanings[frame.id];
-  if (meaning.kind == FrameKind::kFromHost) return false;
+  if (meaning.kind == FrameKind::kFromHost) {
+    take_from_host(frame);
+    return false;
+  }
   if (meaning.kind == FrameKind::kUnknown) {
     ++statistics_.unknown;
     return false;
@@ -149,12 +156,15 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
   if (!trusted(frame, meaning)) return false;
   switch (meaning.kind) {
     case FrameKind::kJointStatus:
+      answer_stamp_ns_ = std::max(answer_stamp_ns_, frame.stamp_ns);
       take_joint_status(frame, meaning.node);
       return false;
     case FrameKind::kGripperStatus:
+      answer_stamp_ns_ = std::max(answer_stamp_ns_, frame.stamp_ns);
       take_gripper_status(frame);
       return false;
     case FrameKind::kForceTorque:
+      answer_stamp_ns_ = std::max(answer_stamp_ns_, frame.stamp_ns);
       take_force_torque(frame);
       return false;
     case FrameKind::kHeartbeat:
@@ -176,6 +186,20 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
       break;
   }
   return false;
+}
+
+/// Our own frames come back on buses that echo. One that is no echo was sent by another host.
+void LimbBus::take_from_host(const Frame& frame) noexcept {
+  const std::span<const Frame> sent(frames_.data(), n_frames_);
+  const bool echo = frame.own || std::ranges::any_of(sent, [&](const Frame& own) {
+                      return own.id == frame.id && std::ranges::equal(own.payload(), frame.payload());
+                    });
+  if (!echo) {
+    ++statistics_.foreign;
+    foreign_host_ = true;
+  } else if (frame.id == CRUX_CAN_ID_SYNC) {
+    sync_stamp_ns_ = frame.stamp_ns;
+  }
 }
 
 bool LimbBus::accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept {

@@ -25,6 +25,7 @@ struct LimbStatistics {
   std::uint64_t wrong_size = 0;  ///< payload length or frame type other than the CAN database says
   std::uint64_t unknown = 0;     ///< identifiers outside the CAN database
   std::uint64_t distrusted = 0;  ///< frames of a node that is not what it should be
+  std::uint64_t foreign = 0;     ///< frames that only a runtime sends, and that this one did not send
   std::uint64_t heartbeats = 0;
   std::uint64_t identities = 0;
   std::uint64_t emergencies = 0;
@@ -68,6 +69,14 @@ class LimbBus {
   /// All seven nodes and the F/T sensor have answered the awaited cycle.
   [[nodiscard]] bool complete() const noexcept { return answered_ == kAllAnswered; }
 
+  /// Somebody else has sent commands or Syncs since the last pack_cycle.
+  [[nodiscard]] bool foreign_host() const noexcept { return foreign_host_; }
+
+  /// From Sync on the wire to the last answer, by the kernel's stamps; 0 unless all have answered and stamps exist.
+  [[nodiscard]] std::int64_t answer_time_ns() const noexcept {
+    return complete() && sync_stamp_ns_ > 0 && answer_stamp_ns_ > 0 ? answer_stamp_ns_ - sync_stamp_ns_ : 0;
+  }
+
   /// Nodes that have not answered the awaited cycle; for messages, it allocates.
   [[nodiscard]] std::vector<int> silent_nodes() const;
 
@@ -90,6 +99,7 @@ class LimbBus {
   void take_force_torque(const Frame& frame) noexcept;
   bool take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept;
   bool accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept;
+  void take_from_host(const Frame& frame) noexcept;
 
   struct JointValues {
     std::int8_t state = 0;
@@ -120,6 +130,8 @@ class LimbBus {
   std::uint16_t awaited_cycle_ = 0;
   std::uint32_t answered_ = 0;
   std::uint32_t distrusted_nodes_ = 0;
+  bool foreign_host_ = false;
+  std::int64_t sync_stamp_ns_ = 0, answer_stamp_ns_ = 0;
   std::array<JointValues, CRUX_CAN_JOINTS> joints_{};
   GripperValues gripper_;
   ForceTorqueValues force_torque_;

@@ -109,6 +109,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .may_take_over = well && at_start,
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
+                      .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
                       .fault = fault,
                       .not_ready_reason = well ? "the robot does not stand at the plan's start"

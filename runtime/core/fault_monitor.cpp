@@ -5,9 +5,15 @@
 #include <iterator>
 
 #include "core/node_protocol.hpp"
+#include "crux_msgs/bus_health_t.hpp"
 
 namespace crux {
 namespace {
+
+using crux_msgs::bus_health_t;
+
+// One cycle whose frames found no room is a hiccup; the nodes' watchdogs wait for more as well.
+constexpr int kMaxFullCycles = 1;
 
 bool finite(const double* values, int n) {
   for (int i = 0; i < n; ++i) {
@@ -56,20 +62,26 @@ void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
     count(in.ft_fresh[l], ft_silence_[l]);
   }
   if (!all_fresh) ++missed_cycles_;
+  for (int l = 0; l < kLimbs; ++l) full_cycles_[l] = in.bus_state[l] == bus_health_t::FULL ? full_cycles_[l] + 1 : 0;
+  well_time_s_ = link_well(in) ? well_time_s_ + in.dt_s : 0.0;
 }
 
-bool FaultMonitor::all_well(const crux_msgs::control_input_t& in) const noexcept {
+bool FaultMonitor::link_well(const crux_msgs::control_input_t& in) const noexcept {
   if (!all_finite(in)) return false;
   for (int j = 0; j < kAllJoints; ++j) {
-    if (joint_silence_[j] > 0 || unfit(in.joint_state[j], in.joint_faults[j]) || latched(in.joint_faults[j]))
-      return false;
+    if (joint_silence_[j] > 0 || unfit(in.joint_state[j], in.joint_faults[j])) return false;
   }
   for (int l = 0; l < kLimbs; ++l) {
-    if (gripper_silence_[l] > 0 || unfit(in.gripper_state[l], in.gripper_faults[l]) || latched(in.gripper_faults[l])) {
+    if (in.bus_state[l] != bus_health_t::ACTIVE || gripper_silence_[l] > 0 ||
+        unfit(in.gripper_state[l], in.gripper_faults[l])) {
       return false;
     }
   }
   return force_torque_well(in);
+}
+
+bool FaultMonitor::all_well(const crux_msgs::control_input_t& in) const noexcept {
+  return link_well(in) && !any_latched(in);
 }
 
 bool FaultMonitor::any_latched(const crux_msgs::control_input_t& in) const noexcept {
@@ -82,6 +94,42 @@ bool FaultMonitor::force_torque_well(const crux_msgs::control_input_t& in) const
     if (ft_silence_[l] > limits_.silent_cycles || in.ft_status[l] != 0) return false;
   }
   return true;
+}
+
+FaultEvent FaultMonitor::bus_fault(const crux_msgs::control_input_t& in) const noexcept {
+  FaultEvent fault;
+  int gravest = bus_health_t::ACTIVE;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (in.bus_state[l] <= gravest) continue;
+    FaultCode code = FaultCode::kNone;
+    double value = 0.0, limit = 0.0;
+    switch (in.bus_state[l]) {
+      case bus_health_t::PASSIVE:
+        code = FaultCode::kBusPassive;
+        break;
+      case bus_health_t::UNACKNOWLEDGED:
+        code = FaultCode::kBusUnacknowledged;
+        break;
+      case bus_health_t::FULL:
+        if (full_cycles_[l] <= kMaxFullCycles) continue;
+        code = FaultCode::kBusFull;
+        value = full_cycles_[l];
+        limit = kMaxFullCycles;
+        break;
+      case bus_health_t::FOREIGN:
+        code = FaultCode::kBusForeign;
+        break;
+      case bus_health_t::OFF:
+        code = FaultCode::kBusOff;
+        break;
+      default:
+        code = FaultCode::kBusDown;
+        break;
+    }
+    gravest = in.bus_state[l];
+    fault = {code, l, 0, value, limit};
+  }
+  return fault;
 }
 
 FaultEvent FaultMonitor::silent_node() const noexcept {
@@ -148,6 +196,7 @@ FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in) cons
 FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept {
   tracking_cycles_ = tracking ? tracking_cycles_ + 1 : 0;
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
+  if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = silent_node()) return fault;
   if (const FaultEvent fault = unfit_node(in)) return fault;
   if (const FaultEvent fault = holding_node(in)) return fault;

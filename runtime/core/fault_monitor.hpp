@@ -44,8 +44,12 @@ class FaultMonitor {
   /// Every node and sensor has spoken in this cycle, is fit and not latched: control may take over.
   bool all_well(const crux_msgs::control_input_t& in) const noexcept;
 
-  /// Faults of inputs, nodes and sensors, the gravest first. `tracking`: nodes are being told to track, so one that
-  /// holds does so by itself.
+  /// Buses, nodes and sensors have been fit and heard without a break for settle_time_s: a fault of the link is over.
+  /// Nodes may still be latched.
+  bool link_restored() const noexcept { return well_time_s_ >= limits_.settle_time_s; }
+
+  /// Faults of inputs, buses, nodes and sensors, the gravest first. `tracking`: nodes are being told to track, so one
+  /// that holds does so by itself.
   FaultEvent node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept;
 
   /// Faults of the loop. Errors count when they last for persistence_s.
@@ -57,6 +61,8 @@ class FaultMonitor {
   std::int64_t missed_cycles() const { return missed_cycles_; }
 
  private:
+  bool link_well(const crux_msgs::control_input_t& in) const noexcept;
+  FaultEvent bus_fault(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent silent_node() const noexcept;
   FaultEvent unfit_node(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;
@@ -67,6 +73,8 @@ class FaultMonitor {
   std::array<int, kAllJoints> joint_silence_{};
   PerLimb<int> gripper_silence_{};
   PerLimb<int> ft_silence_{};
+  PerLimb<int> full_cycles_{};
+  double well_time_s_ = 0.0;
   int tracking_cycles_ = 0;
   std::int64_t missed_cycles_ = 0;
   double body_error_time_s_ = 0.0;

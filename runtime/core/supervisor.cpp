@@ -11,6 +11,7 @@ void Supervisor::update(const Observation& seen) noexcept {
   rearm_requested_ = false;
 
   if (seen.fault && !seen.rearming && state_ != SupervisorState::kIdle) raise(seen.fault);
+  if (seen.link_restored && !seen.rearming) recover(seen);
   obey(seen);
   if (state_ == SupervisorState::kIdle && seen.may_take_over) state_ = SupervisorState::kReady;
   if (state_ == SupervisorState::kClimbing && seen.plan_complete) state_ = SupervisorState::kHolding;
@@ -25,6 +26,21 @@ void Supervisor::raise(const FaultEvent& fault) noexcept {
   state_ = next;
   fault_ = fault;
   fault_is_new_ = true;
+}
+
+/// A fault of the link ends with its cause: the robot is controlled again, but does not move on by itself. In mid-plan
+/// the fault goes on standing, so that RESUME waits until somebody has seen it.
+void Supervisor::recover(const Observation& seen) noexcept {
+  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(static_cast<std::int16_t>(fault_.code));
+  if (info == nullptr || !info->recovers) return;
+  if (seen.plan_started && state_ == SupervisorState::kFault) {
+    state_ = SupervisorState::kHolding;
+    rearm_requested_ = true;
+  } else if (!seen.plan_started && (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding)) {
+    state_ = SupervisorState::kIdle;
+    fault_ = {};
+    rearm_requested_ = true;
+  }
 }
 
 void Supervisor::refuse(const char* reason) noexcept {

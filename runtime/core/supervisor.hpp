@@ -27,8 +27,9 @@ class Supervisor {
     bool may_take_over = false;  ///< all nodes well and the robot stands at the plan's start
     bool plan_started = false;   ///< the plan's clock has left zero
     bool plan_complete = false;
-    bool rearming = false;  ///< nodes are being re-armed: what they report is of the past
-    FaultEvent fault;       ///< seen in this cycle
+    bool link_restored = false;  ///< buses and nodes have been well for long enough
+    bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
+    FaultEvent fault;            ///< seen in this cycle
     const char* not_ready_reason = "";
   };
 
@@ -48,13 +49,14 @@ class Supervisor {
   bool fault_is_new() const { return fault_is_new_; }        ///< in this cycle
   CommandVerdict verdict() const { return verdict_; }        ///< on this cycle's command
   const char* refusal() const { return refusal_; }           ///< one sentence, empty unless refused
-  bool rearm_requested() const { return rearm_requested_; }  ///< CLEAR_FAULT was accepted in this cycle
+  bool rearm_requested() const { return rearm_requested_; }  ///< CLEAR_FAULT, or the link is well again, in this cycle
 
  private:
   void obey(const Observation& seen) noexcept;
   void accept() noexcept { verdict_ = CommandVerdict::kAccepted; }
   void refuse(const char* reason) noexcept;
   void raise(const FaultEvent& fault) noexcept;
+  void recover(const Observation& seen) noexcept;
 
   SupervisorState state_ = SupervisorState::kIdle;
   FaultEvent fault_;

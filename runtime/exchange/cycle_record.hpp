@@ -4,6 +4,8 @@
 #include <cstdint>
 
 #include "core/control_core.hpp"
+#include "core/geometry.hpp"
+#include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/control_input_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"
 #include "exchange/operator_exchange.hpp"
@@ -16,6 +18,7 @@ struct CycleRecord {
   EventList events;
   crux_msgs::control_input_t input{};
   CycleResult result;
+  PerLimb<crux_msgs::bus_health_t> health{};
   crux_msgs::cycle_timing_t timing{};
 };
 

@@ -7,6 +7,7 @@
 
 #include "bus/limb_bus.hpp"
 #include "core/geometry.hpp"
+#include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"
 #include "crux_msgs/fault_t.hpp"
 #include "crux_msgs/limb_reference_t.hpp"
@@ -23,6 +24,7 @@ struct Snapshot {
   crux_msgs::robot_state_t state;
   PerLimb<crux_msgs::limb_reference_t> reference;
   PerLimb<crux_msgs::limb_telemetry_t> telemetry;
+  PerLimb<crux_msgs::bus_health_t> health;
   crux_msgs::cycle_timing_t timing;
 };
 

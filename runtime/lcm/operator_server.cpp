@@ -27,6 +27,7 @@ constexpr const char* kTooMany = "too many requests at once";
 
 static_assert(channel_info(Channel::kLimbReference).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
                   channel_info(Channel::kLimbTelemetry).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
+                  channel_info(Channel::kBusHealth).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
                   channel_info(Channel::kCycleTiming).rate_Hz == channel_info(Channel::kRobotState).rate_Hz,
               "a snapshot goes out whole");
 
@@ -284,6 +285,7 @@ void OperatorServer::publish_snapshot() {
   publish(Channel::kRobotState, snapshot->state);
   for (const auto& reference : snapshot->reference) publish(Channel::kLimbReference, reference);
   for (const auto& telemetry : snapshot->telemetry) publish(Channel::kLimbTelemetry, telemetry);
+  for (const auto& health : snapshot->health) publish(Channel::kBusHealth, health);
   publish(Channel::kCycleTiming, snapshot->timing);
 }
 

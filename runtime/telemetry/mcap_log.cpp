@@ -38,6 +38,8 @@ std::string_view schema_of(const ChannelInfo& info) {
       return crux_msgs::Ros2Schema<crux_msgs::control_output_t>::kDefinition;
     case Channel::kCycleTiming:
       return crux_msgs::Ros2Schema<crux_msgs::cycle_timing_t>::kDefinition;
+    case Channel::kBusHealth:
+      return crux_msgs::Ros2Schema<crux_msgs::bus_health_t>::kDefinition;
     case Channel::kFault:
       return crux_msgs::Ros2Schema<crux_msgs::fault_t>::kDefinition;
   }

@@ -2,6 +2,7 @@
 #include <functional>
 
 #include "core/node_protocol.hpp"
+#include "crux_msgs/bus_health_t.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -104,6 +105,41 @@ TEST_F(SupervisorTest, OutOfFaultTheWayLeadsThroughHoldingWhenThePlanHadBegun) {
   EXPECT_EQ(update(with(command_t::CLEAR_FAULT)), SupervisorState::kIdle);
 }
 
+TEST_F(SupervisorTest, AFaultOfTheLinkEndsByItselfButTheRobotDoesNotMoveOn) {
+  for (const crux_msgs::FaultInfo& info : crux_msgs::kFaults) {
+    if (info.to != crux_msgs::robot_state_t::FAULT) continue;
+    supervisor_ = Supervisor();
+    seen_ = {};
+    reach_climbing();
+    update(with(info.code));
+    seen_.link_restored = true;
+    EXPECT_EQ(update(seen_), info.recovers ? SupervisorState::kHolding : SupervisorState::kFault) << info.name;
+    EXPECT_EQ(supervisor_.rearm_requested(), info.recovers) << info.name;
+    EXPECT_EQ(update(with(command_t::RESUME)), info.recovers ? SupervisorState::kHolding : SupervisorState::kFault);
+    EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused) << "somebody has to see it first";
+    update(with(command_t::CLEAR_FAULT));
+    EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+  }
+}
+
+TEST_F(SupervisorTest, BeforeThePlanHasBegunTheLinksReturnLeadsBackToReady) {
+  for (const FaultCode code : {FaultCode::kBusOff, FaultCode::kBusPassive}) {  // one to FAULT, one to HOLDING
+    supervisor_ = Supervisor();
+    seen_ = {};
+    seen_.plan_loaded = seen_.may_take_over = true;
+    update(seen_);
+    update(with(code));
+    EXPECT_NE(supervisor_.state(), SupervisorState::kReady);
+    update(seen_);
+    EXPECT_NE(supervisor_.state(), SupervisorState::kReady) << "not before the link is well";
+    seen_.link_restored = true;
+    EXPECT_EQ(update(seen_), SupervisorState::kReady);
+    EXPECT_FALSE(supervisor_.fault());
+    seen_.link_restored = false;
+    for (int i = 0; i < 10; ++i) EXPECT_EQ(update(seen_), SupervisorState::kReady);
+  }
+}
+
 TEST_F(SupervisorTest, WhatNodesReportWhileTheyAreRearmedIsThePast) {
   reach_climbing();
   Supervisor::Observation seen = with(FaultCode::kNodeHolds);
@@ -150,6 +186,40 @@ TEST_F(Faults, ASilentNodeStopsControlAndTheNodesHold) {
   expect_fault(FaultCode::kNodeSilent, SupervisorState::kFault, 1, 3);
   expect_all_joint_modes(NodeMode::kHold);
   EXPECT_GT(run_->result.state.missed_cycles, robot().supervisor.silent_cycles);
+}
+
+TEST_F(Faults, TheStateOfABusIsAFaultAtOnceAndTheGravestIsTold) {
+  input().bus_state[1] = crux_msgs::bus_health_t::PASSIVE;
+  input().bus_state[3] = crux_msgs::bus_health_t::OFF;
+  expect_fault(FaultCode::kBusOff, SupervisorState::kFault, 3, 0, 1);
+  expect_all_joint_modes(NodeMode::kHold);
+}
+
+TEST_F(Faults, OneCycleThatFoundNoRoomIsBridged) {
+  for (int i = 0; i < 10; ++i) {
+    input().bus_state[0] = i % 2 == 0 ? crux_msgs::bus_health_t::FULL : crux_msgs::bus_health_t::ACTIVE;
+    run_->step();
+  }
+  EXPECT_EQ(run_->core.state(), SupervisorState::kClimbing);
+  spoil_ = [](crux_msgs::control_input_t& in) { in.bus_state[0] = crux_msgs::bus_health_t::FULL; };
+  expect_fault(FaultCode::kBusFull, SupervisorState::kFault, 0, 0, 2);
+}
+
+TEST_F(Faults, ABusThatIsBackLeadsToHoldingAndNeverToClimbing) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.bus_state[2] = crux_msgs::bus_health_t::DOWN; };
+  expect_fault(FaultCode::kBusDown, SupervisorState::kFault, 2, 0, 1);
+  for (int i = 0; i < 100; ++i) spoiled_step();
+  EXPECT_EQ(run_->core.state(), SupervisorState::kFault);
+  input().bus_state[2] = crux_msgs::bus_health_t::ACTIVE;
+  const int settle_cycles = static_cast<int>(robot().supervisor.settle_time_s * robot().can.rate_Hz);
+  run_->steps(settle_cycles - 2);
+  EXPECT_EQ(run_->core.state(), SupervisorState::kFault);
+  run_->steps(4);
+  EXPECT_EQ(run_->core.state(), SupervisorState::kHolding);
+  run_->steps(2000);
+  EXPECT_EQ(run_->core.state(), SupervisorState::kHolding);
+  expect_all_joint_modes(NodeMode::kTrack);
+  EXPECT_EQ(run_->step(command_t::RESUME).command_verdict, CommandVerdict::kRefused);
 }
 
 TEST_F(Faults, AFewLostStatusesAreBridged) {

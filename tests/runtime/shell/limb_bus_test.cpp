@@ -308,6 +308,43 @@ TEST_F(LimbBusTest, OwnAndForeignFramesChangeNothing) {
   EXPECT_EQ(limb_.silent_nodes().size(), 7U);
 }
 
+TEST_F(LimbBusTest, TellsAnotherHostFromItsOwnEcho) {
+  const auto sent = cycle(1);
+  const std::vector<Frame> own(sent.begin(), sent.end());
+  take(own);
+  EXPECT_FALSE(limb_.foreign_host());
+  LimbBus second(kLimb, robot_);
+  output_.joint_position_rad[6 * kLimb] = 0.5;
+  for (int n = 1; n <= 7; ++n) second.pack_cycle(output_, static_cast<std::uint32_t>(n), nullptr);
+  const auto foreign = second.pack_cycle(output_, 8, nullptr);
+  take(std::vector<Frame>(foreign.begin(), foreign.end()));
+  EXPECT_TRUE(limb_.foreign_host());
+  EXPECT_EQ(limb_.statistics().foreign, foreign.size());
+  cycle(2);
+  EXPECT_FALSE(limb_.foreign_host());
+  Frame confirmed = own[0];  // of a cycle long past, but the kernel says that it is ours
+  confirmed.own = true;
+  take(confirmed);
+  EXPECT_FALSE(limb_.foreign_host());
+}
+
+TEST_F(LimbBusTest, MeasuresFromSyncOnTheWireToTheLastAnswer) {
+  const auto sent = cycle(1);
+  Frame sync = sent.back();
+  sync.own = true;
+  sync.stamp_ns = 1000;
+  take(sync);
+  std::int64_t stamp_ns = 2000;
+  for (Frame& answer : nodes_.all(1)) {
+    EXPECT_EQ(limb_.answer_time_ns(), 0) << "not all have answered";
+    answer.stamp_ns = stamp_ns += 10;
+    take(answer);
+  }
+  EXPECT_EQ(limb_.answer_time_ns(), stamp_ns - 1000);
+  cycle(2);
+  EXPECT_EQ(limb_.answer_time_ns(), 0);
+}
+
 TEST_F(LimbBusTest, ANodeThatIsNotWhatItShouldBeIsNotListenedTo) {
   struct Case {
     std::uint8_t protocol, limb;

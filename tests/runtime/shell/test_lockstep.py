@@ -17,6 +17,7 @@ from rosbags.highlevel import AnyReader
 
 CYCLES = 120
 LIMB_EVERY = 10  # log_every of the limb channels in msgs/channels.yaml
+HEALTH_EVERY = 50  # and of the buses
 PERIOD_NS = 2_000_000
 
 
@@ -109,6 +110,7 @@ def test_order_of_messages_is_fixed(finished: Finished) -> None:
         limbs = (cycle - 1) % LIMB_EVERY == 0
         expected = ["/control_input", "/control_output", "/robot_state"]
         expected += [*["/limb_reference"] * LIMBS, *["/limb_telemetry"] * LIMBS] if limbs else []
+        expected += [*["/bus_health"] * LIMBS] if (cycle - 1) % HEALTH_EVERY == 0 else []
         expected += ["/cycle_timing"]
         expected += ["/command", "/acknowledgement"] if cycle == CYCLES else []  # SHUTDOWN
         assert by_time[cycle * PERIOD_NS] == expected

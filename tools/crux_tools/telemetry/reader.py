@@ -87,6 +87,7 @@ class Telemetry:
     limbs_fresh: np.ndarray  # (n,) whether references and limbs are of this very cycle
     timing: np.ndarray  # (m,) cycle_timing, perhaps of other cycles too
     faults: np.ndarray  # (f,) fault
+    buses: np.ndarray  # (b,) bus_health, of every limb in turn
     acknowledgements: list[Any]
     commands: list[Any]
     metadata: dict[str, str]
@@ -268,6 +269,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         limbs_fresh=np.logical_and.reduce([np.isin(common_ns, times_ns[topic]) for topic in PER_LIMB]),
         timing=tables.get("/cycle_timing", np.empty(0)),
         faults=tables.get("/fault", np.empty(0)),
+        buses=tables.get("/bus_health", np.empty(0)),
         acknowledgements=channels.messages.get("/acknowledgement", []),
         commands=channels.messages.get("/command", []),
         metadata=channels.metadata,

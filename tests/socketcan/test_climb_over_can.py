@@ -1,0 +1,83 @@
+"""The whole climb over SocketCAN: runtime, four CAN FD interfaces, firmware nodes, physics, at 500 Hz by the clock.
+
+Virtual time makes it repeatable: what two runs put on the buses is the same to the bit and the microsecond.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from crux_tools.telemetry import read_log
+from short_climb import plan_short_climb
+from with_can import BUSES, CRUX, can_run
+
+SETTLED_CYCLES = 100
+_RECORD = """
+candump -L can0 can1 can2 can3 >"$1" & dump=$!
+sleep 0.2
+shift
+"$@"; status=$?
+sleep 0.5; kill -INT $dump; wait $dump
+exit $status
+"""
+Run = tuple[subprocess.CompletedProcess[bytes], Path, Path]
+
+
+def _climb(folder: Path, plan: Path, number: int) -> Run:
+    dump, log = folder / f"dump{number}", folder / f"log{number}.mcap"
+    climb = [*CRUX, "climb", str(plan), "-o", str(log), "--bus", "socketcan", "--pace", "realtime", "--json"]
+    done = can_run("--virtual-time", "-i", BUSES, "--", "sh", "-c", _RECORD, "sh", str(dump), *climb)
+    return done, dump, log
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+    """The same climb twice, side by side."""
+    folder = tmp_path_factory.mktemp("climb")
+    plan = plan_short_climb(folder)
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(lambda number: _climb(folder, plan, number), (1, 2)))
+
+
+def test_reaches_the_goal_without_a_missed_cycle(runs: list[Run]) -> None:
+    for done, _, _ in runs:
+        assert done.returncode == 0, done.stderr.decode()
+        result = json.loads(done.stdout)
+        assert result["ok"]
+        assert result["reached_goal"]
+        assert result["missed_cycles"] == 0
+        assert 0.99 < result["real_time_factor"] < 1.01
+
+
+def test_two_runs_put_the_same_on_the_buses(runs: list[Run]) -> None:
+    hashes = {hashlib.sha256(dump.read_bytes()).hexdigest() for _, dump, _ in runs}
+    assert len(hashes) == 1
+
+
+def test_every_cycle_has_its_frames_on_every_bus(runs: list[Run]) -> None:
+    """16 frames a cycle and bus: 7 commands, Sync, 7 statuses, force/torque."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for line in runs[0][1].read_text().splitlines():
+        _, bus, frame = line.split()
+        identifier, _, payload = frame.partition("##")
+        assert payload[0] == "5", f"not CAN FD with bit rate switch: {line}"  # FDF | BRS
+        counts[bus, identifier] += 1
+    cycles = json.loads(runs[0][0].stdout)["cycles"]
+    per_cycle = [f"{base + node:03X}" for base in (0x100, 0x180) for node in range(1, 8)] + ["010", "1C7"]
+    for bus in BUSES.split(","):
+        for identifier in per_cycle:
+            assert cycles <= counts[bus, identifier] <= cycles + SETTLED_CYCLES, (bus, identifier)
+
+
+def test_the_log_says_that_the_buses_were_well(runs: list[Run]) -> None:
+    log = read_log(runs[0][2])
+    assert (log.inputs["bus_state"] == 0).all()
+    assert set(log.buses["limb"]) == {0, 1, 2, 3}
+    for count in ("error_frames", "queue_full", "send_failed", "receive_lost", "crc_errors", "repeated", "foreign"):
+        assert (log.buses[count] == 0).all(), count
