@@ -10,6 +10,7 @@ from crux_tools.output import add_json_option, note
 
 BENCHES = {
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
+    "fields": ("decide random hold fields: solved, or proven infeasible", "crux_tools.benches.hold_fields"),
 }
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.random_walls import random_wall
 from crux_tools.output import note, print_json, progress
 
@@ -53,25 +51,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _crux(*words: str) -> dict[str, Any]:
-    """Runs a command of crux in a process of its own, as a user would."""
-    done = subprocess.run(
-        [sys.executable, "-m", "crux_tools.cli", *words, "--json"], capture_output=True, text=True, check=False
-    )
-    lines = done.stdout.strip().splitlines()
-    try:
-        result = json.loads(lines[-1])
-    except (IndexError, ValueError):
-        result = {"ok": False, "error": f"{words[0]} ended with status {done.returncode}: {done.stderr.strip()[-300:]}"}
-    return result if isinstance(result, dict) else {"ok": False, "error": f"{words[0]} printed no object"}
-
-
 def climb_one(seed: int, scenario_yaml: str, folder: Path) -> WallResult:
     """Plans and climbs one wall; its files stay in `folder`."""
     scenario, plan, log = (folder / f"wall-{seed}{suffix}" for suffix in (".yaml", ".plan.mcap", ".log.mcap"))
     scenario.write_text(scenario_yaml, encoding="utf-8")
-    planned = _crux("plan", str(scenario), "-o", str(plan))
-    climbed = _crux("climb", str(plan), "-o", str(log), "--seed", str(seed)) if planned.get("ok") else {}
+    planned, _ = crux_json("plan", str(scenario), "-o", str(plan))
+    climbed: dict[str, Any] = {}
+    if planned.get("ok"):
+        climbed, _ = crux_json("climb", str(plan), "-o", str(log), "--seed", str(seed))
     return WallResult(seed, planned, climbed)
 
 
