@@ -20,6 +20,7 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import composite_inertia
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
+from crux_planner.proof.relaxed import Grip
 from crux_planner.search.swing import SwingLimits
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.torque import limb_masses
@@ -27,11 +28,15 @@ from crux_planner.workspace import WorkspaceRange, acceptance_boxes
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
+EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 
 
-def build_problem(scenario: Scenario, robot: Robot) -> Problem:
-    """P1 of a scenario of patch contacts. Raises ScenarioError and InfeasibleError."""
+def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False) -> Problem:
+    """P1 of a scenario of patch contacts; with `off_centre`, grasps near the ends of wide faces too.
+
+    Raises ScenarioError and InfeasibleError.
+    """
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
@@ -60,7 +65,7 @@ def build_problem(scenario: Scenario, robot: Robot) -> Problem:
         robot.grasp.max_swing_height_m,
     )
     cuboids = _cuboids(scenario, heading)
-    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits)
+    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     begin = _start_contacts(scenario, contacts, unusable)
     boxes = acceptance_boxes(
         robot.limbs,
@@ -159,7 +164,7 @@ def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
 
 
 def _contacts(
-    scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+    scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, off_centre: bool
 ) -> tuple[list[Contact], dict[tuple[int, int], str]]:
     """All grasps the wall offers, and why a (hold, pair) offers none."""
     contacts: list[Contact] = []
@@ -182,17 +187,40 @@ def _contacts(
                     f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * room:g} m"
                 )
                 continue
-            centre = np.array([*cuboids.foot_w_m[index], height])
+            middle = np.array([*cuboids.foot_w_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
             axis = np.array([np.cos(normal), np.sin(normal), 0.0])
-            opening = opening_for(centre, axis, index, half, cuboids, shape, limits.clearance_m)
-            if opening is None:
+            room = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
+            sides = (0.0, room, -room) if off_centre and room > EDGE_RESERVE_M else (0.0,)
+            for side in sides:
+                centre = middle + side * np.array([-axis[1], axis[0], 0.0])
+                opening = opening_for(centre, axis, index, half, cuboids, shape, limits.clearance_m)
+                if opening is None:
+                    continue
+                for yaw, swapped in yaws_in_range(normal, yaw_range):
+                    contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
+            if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
                 unusable[index, pair] = f"its neighbours leave the fingers no room to open ({limits.clearance_m:g} m)"
-                continue
-            for yaw, swapped in yaws_in_range(normal, yaw_range):
-                contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
     fingers = sorted(set(contact.spines_only.values()))
     return contacts + [replace(c, spines_only=finger) for finger in fingers for c in contacts], unusable
+
+
+def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
+    """Every hold and face pair that the gripper spans at all, whatever stands beside it."""
+    grips = []
+    cuboids, contact = _cuboids(scenario, heading), scenario.contact
+    least, most = robot.gripper.opening_m
+    for index, hold in enumerate(scenario.holds):
+        low = max(robot.grasp.pad_height_m[0], contact.patch_radius_m)
+        high = min(robot.grasp.pad_height_m[1], hold.size_m[2] - contact.patch_radius_m)
+        for pair in (0, 1):
+            aside = hold.size_m[1 - pair] / 2 - contact.patch_radius_m
+            if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
+                continue
+            yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
+            centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
+            grips.append(Grip(_contact(scenario, hold, index, pair, False, yaw, centre, most), aside, (low, high)))
+    return grips
 
 
 def _contact(
@@ -222,7 +250,7 @@ def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[
         found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
             raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
-        chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))
+        chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))  # of equal ones the first: centred
     return chosen
 
 

@@ -61,9 +61,9 @@ def run_plan(args: argparse.Namespace) -> int:
             )
         write_plan(args.output, result.plan)
     except InfeasibleError as error:
-        return _fail(
-            args, f"{args.scenario}: infeasible ({error.constraint}): {error}", FAILED, constraint=error.constraint
-        )
+        verdict = "proven infeasible" if error.proven else "infeasible"
+        message = f"{args.scenario}: {verdict} ({error.constraint}): {error}"
+        return _fail(args, message, FAILED, constraint=error.constraint, proven=error.proven)
     except (DocumentError, PlanFileError) as error:
         return _fail(args, str(error), USAGE)
     except OSError as error:
@@ -82,7 +82,7 @@ def _positive(text: str) -> float:
     return value
 
 
-def _fail(args: argparse.Namespace, message: str, status: int, **more: str) -> int:
+def _fail(args: argparse.Namespace, message: str, status: int, **more: str | bool) -> int:
     for line in message.splitlines():
         print(f"crux plan: {line}", file=sys.stderr)
     if args.json:

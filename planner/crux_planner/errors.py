@@ -9,11 +9,15 @@ if TYPE_CHECKING:
 
 
 class InfeasibleError(Exception):
-    """The scenario is well formed, but some constraint cannot be met; str() says which one and where."""
+    """The scenario is well formed, but some constraint cannot be met; str() says which one and where.
 
-    def __init__(self, constraint: str, message: str) -> None:
+    `proven`: no plan exists; else none was found.
+    """
+
+    def __init__(self, constraint: str, message: str, *, proven: bool = False) -> None:
         super().__init__(message)
         self.constraint = constraint
+        self.proven = proven
 
 
 def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioError:

@@ -112,7 +112,8 @@ class _Rows:
 
 def solve_within_torques(problem: Problem, schedule: Schedule, path: BodyPath, deadline: float) -> Solution:
     """Solve P1 for a schedule. Joint torques become constraints where they are found too high: most climbs need few."""
-    solution = solve(problem, schedule, start_from_path(problem, path), frozenset(), _time_left(deadline))
+    start = start_from_path(problem, path, schedule.yaw_rad)
+    solution = solve(problem, schedule, start, frozenset(), _time_left(deadline))
     limited: frozenset[Place] = frozenset()
     for _ in range(_TORQUE_ROUNDS):
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
@@ -180,12 +181,15 @@ def solve(
     return _solution(problem, schedule, stance, solver.stats(), result, scale)
 
 
-def start_from_path(problem: Problem, path: BodyPath) -> Start:
-    """The quasi-static path: orientation turned evenly, velocities from the steps."""
+def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:
+    """The quasi-static path: orientation turned evenly, or the heading as given; velocities from the steps."""
     n = problem.steps
     body = np.zeros((n + 1, BODY_STATES))
     body[:, 0:3] = path.positions
     body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
+    if yaw_rad is not None:
+        body[:, 5] = yaw_rad
+        body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
     body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
     wrenches = [
         {limb: np.array([s1, s2, m, n + max(f, 0.0), n + max(-f, 0.0)]) for limb, (s1, s2, m, f, n) in knot.items()}

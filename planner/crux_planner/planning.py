@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from crux_contracts.robot import Robot
@@ -23,6 +22,8 @@ from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smoo
 from crux_planner.search.schedule import Schedule, lay_out
 from crux_planner.search.stances import Move, Reach, SearchReport, search
 from crux_planner.search.ways import Ways
+from crux_planner.wider import plan_wider
+from crux_planner.work import Culprit, Progress, Work
 
 if TYPE_CHECKING:
     from crux_planner.admm.methods import Decided
@@ -34,9 +35,6 @@ GREED = 2.0  # the factor by which a sequence may be slower after that
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
-
-Progress = Callable[[str, float], None]
-"""Called with what begins now and the share of the work behind, 0..1."""
 
 
 def plan(
@@ -54,7 +52,7 @@ def plan(
     """
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    work = _Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
+    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     deadline = work.began + (time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S)
     if scenario.contact.model == "point":
         return _plan_walk(scenario, robot, work, deadline, method)
@@ -64,6 +62,18 @@ def plan(
         reach, ways = Reach(problem), Ways(problem)
     if method != "auto":
         return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
+    try:
+        result = _plan_level(scenario, robot, problem, reach, ways, work, deadline)
+    except InfeasibleError as none_level:
+        result = plan_wider(scenario, robot, problem, none_level, _realise, work, deadline)
+    result.method, result.seconds = method, time.monotonic() - work.began
+    return result
+
+
+def _plan_level(
+    scenario: Scenario, robot: Robot, problem: Problem, reach: Reach, ways: Ways, work: Work, deadline: float
+) -> PlanResult:
+    """The body level, with one heading, and grasps in the middle of their faces."""
     failures: list[InfeasibleError] = []
     asked = problem
     tight = TIGHTER * problem.friction_share
@@ -80,22 +90,23 @@ def plan(
             attempt = _realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
             if isinstance(attempt, PlanResult):
                 attempt.gap = _proven_gap(asked, reach, ways, attempt.cost, work)
-                attempt.method, attempt.seconds = method, time.monotonic() - work.began
                 return attempt
             failure, culprit = attempt
             failures.append(failure)
-            if culprit is None or time.monotonic() > deadline:
+            if time.monotonic() > deadline:
                 break
             if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
                 problem = replace(problem, friction_share=tight)  # more room for what moves between the knots
                 balance = Balance(problem, tight)
+            elif culprit is None:
+                break
             else:
                 ways.forbid(*culprit)
         ways.allow_all()
     raise failures[0]
 
 
-def _plan_walk(scenario: Scenario, robot: Robot, work: _Work, deadline: float, method: str) -> PlanResult:
+def _plan_walk(scenario: Scenario, robot: Robot, work: Work, deadline: float, method: str) -> PlanResult:
     from crux_planner.walk.planning import plan_walk
 
     result = plan_walk(scenario, robot, work, deadline, method)
@@ -109,7 +120,7 @@ def _plan_by_method(
     problem: Problem,
     reach: Reach,
     ways: Ways,
-    work: _Work,
+    work: Work,
     deadline: float,
     method: str,
 ) -> PlanResult:
@@ -148,7 +159,7 @@ def _plan_by_method(
     raise failures[0]
 
 
-def _proven_gap(problem: Problem, reach: Reach, ways: Ways, cost: float, work: _Work) -> float | None:
+def _proven_gap(problem: Problem, reach: Reach, ways: Ways, cost: float, work: Work) -> float | None:
     """How far above a proven lower bound the cost is; None on walls whose bound takes too long."""
     if len(problem.hold_names) > BOUNDED_HOLDS:
         return None
@@ -185,29 +196,6 @@ def _search(
     return moves, seen
 
 
-@dataclass
-class _Work:
-    """Says what is being done and keeps the time of each part."""
-
-    report: Progress
-    log: Callable[[str], None]
-    began: float = field(default_factory=time.monotonic)
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def part(self, name: str, share: float) -> Iterator[None]:
-        self.report(name, share)
-        since = time.monotonic()
-        try:
-            yield
-        finally:
-            self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
-
-
-Culprit = tuple[int, int] | None
-"""The move (contact to contact) that a failed attempt should do without; None where no other sequence would help."""
-
-
 def _realise(
     scenario: Scenario,
     robot: Robot,
@@ -216,7 +204,7 @@ def _realise(
     reach: Reach,
     ways: Ways,
     moves: list[Move],
-    work: _Work,
+    work: Work,
     deadline: float,
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """A checked plan for a sequence of moves, or why there is none."""
@@ -241,7 +229,7 @@ def _finish(
     problem: Problem,
     schedule: Schedule,
     path: BodyPath,
-    work: _Work,
+    work: Work,
     deadline: float,
     method: str = "auto",
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
@@ -260,7 +248,7 @@ def _finish(
     return _result(message, report, schedule, solution, work)
 
 
-def _result(message: Any, report: CheckReport, schedule: Schedule, solution: Solution, work: _Work) -> PlanResult:
+def _result(message: Any, report: CheckReport, schedule: Schedule, solution: Solution, work: Work) -> PlanResult:
     return PlanResult(
         ok=True,
         plan=message,

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.contacts import Contact, GripperShape
+from crux_planner.kinematics import rotation_z
 from crux_planner.search.swing import SwingLimits
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.torque import LimbMasses
@@ -112,3 +115,22 @@ class Problem:
     def weight_N(self) -> Array:
         """M g in W."""
         return self.mass_kg * self.gravity_w
+
+
+def turned_problem(problem: Problem, yaw_rad: float) -> Problem:
+    """The same problem in axes turned by `yaw_rad` about W's z (cuboids stay: nothing that turns asks for them)."""
+    if yaw_rad == 0.0:
+        return problem
+    to = rotation_z(-yaw_rad)
+
+    def pose(given: Pose) -> Pose:
+        return Pose(to @ given.position_m, given.rpy_rad - np.array([0.0, 0.0, yaw_rad]))
+
+    contacts = [replace(c, centre_w_m=to @ c.centre_w_m, yaw_rad=c.yaw_rad - yaw_rad) for c in problem.contacts]
+    return replace(
+        problem,
+        gravity_w=to @ problem.gravity_w,
+        contacts=contacts,
+        start=pose(problem.start),
+        goal=replace(problem.goal, body=pose(problem.goal.body)),
+    )

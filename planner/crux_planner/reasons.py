@@ -81,7 +81,7 @@ def _goal_out_of_reach(problem: Problem, reach: Reach) -> InfeasibleError | None
         beyond = np.maximum(low - room - goal, goal - room - high).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
-        place = _point(problem, goal)
+        place = point_text(problem, goal)
         if wanted is None:
             text = f"no hold within reach of {LIMBS[limb]} for the goal body at {place}: the nearest, {hold}, is"
         else:
@@ -104,7 +104,7 @@ def _chain_broken(problem: Problem, reach: Reach, ways: Ways) -> InfeasibleError
         if not inside.all():
             first = int(np.argmin(inside))
             after = first + int(np.argmax(inside[first:])) if inside[first:].any() else len(line)
-            span = f"{_point(problem, line[first])} and {_point(problem, line[after - 1])}"
+            span = f"{point_text(problem, line[first])} and {point_text(problem, line[after - 1])}"
             return InfeasibleError("reach", f"no hold within reach of {LIMBS[limb]} for a body between {span}")
         hold = problem.hold_names[problem.contacts[problem.start_contacts[limb]].hold]
         if ways.any_forbidden:
@@ -171,6 +171,7 @@ def _stance_text(problem: Problem, stance: Stance | None, without: int | None = 
     )
 
 
-def _point(problem: Problem, position: Array) -> str:
+def point_text(problem: Problem, position: Array) -> str:
+    """A place in W, for people."""
     x, y, z = rotation_z(problem.heading_rad) @ position
     return f"[{x:.2f}, {y:.2f}, {z:.3f}] m"

@@ -7,12 +7,13 @@ the body needs between them, then over all knots of the schedule, which starts t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from crux_planner.arrays import Array, Indices
+from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
 from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
 from crux_planner.search.schedule import Schedule
@@ -23,6 +24,7 @@ from crux_planner.terms.reach import body_positions, turned_half
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
+_ANYWHERE_M = 100.0  # beyond any wall
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
@@ -34,9 +36,9 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
     path: list[Indices] = []
     for move in moves:
         for stance in (move.before, move.after):
-            bounds = reach.of(stance)
+            bounds = reach.turned(move.yaw_rad).of(stance)
             assert bounds is not None
-            path.append(_position(qp, balance, *bounds, move.support)[0])
+            path.append(_position(qp, balance, *bounds, move.support, move.yaw_rad)[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
     one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
     qp.squares(path[0][:, None], one, fixed[0], 1.0)
@@ -50,7 +52,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
     if solution is None:  # at the very edge of what the search allowed: keep what it found
         return moves
     at = [solution[index] for index in path]
-    return [Move(m.before, m.after, m.limbs, at[2 * i], at[2 * i + 1]) for i, m in enumerate(moves)]
+    return [replace(m, lift_off=at[2 * i], touch_down=at[2 * i + 1]) for i, m in enumerate(moves)]
 
 
 def _charge_for_waiting(qp: SparseQp, problem: Problem, path: list[Indices], swings: list[int]) -> None:
@@ -77,26 +79,30 @@ class BodyPath:
 def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
     qp = SparseQp()
-    turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
+    axes = 3 if schedule.yaw_rad is None else 2  # of the orientation that the boxes must allow for
+    turn = max(np.abs(problem.start.rpy_rad[:axes]).max(), np.abs(problem.goal.body.rpy_rad[:axes]).max())
     half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M / 2
-    lows, highs = body_positions(schedule.poses[..., :3], problem.boxes.centre_b_m, half)
+    to_w = rotation_z(np.zeros(len(schedule.poses)) if schedule.yaw_rad is None else schedule.yaw_rad)
+    grippers = schedule.poses[..., :3] @ to_w  # along the body's axes, knot by knot
+    lows, highs = body_positions(grippers, problem.boxes.centre_b_m, half)
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, 3)
     low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
     high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
-    low[:2], high[:2] = problem.start.position_m, problem.start.position_m  # at rest in knot 0: knot 1 is the same
-    room = problem.goal.position_room_m
-    low[-1] = np.maximum(low[-1], problem.goal.body.position_m - room)
-    high[-1] = np.minimum(high[-1], problem.goal.body.position_m + room)
+    first, last, room = problem.start.position_m, problem.goal.body.position_m, problem.goal.position_room_m
+    low[:2], high[:2] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
+    low[-1] = np.maximum(low[-1], last @ to_w[-1] - room)
+    high[-1] = np.minimum(high[-1], last @ to_w[-1] + room)
     if (low > high).any():
         return None
     path: list[Indices] = []
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
-        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()))
+        yaw = 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[k])
+        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()), yaw)
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
-    path.append(qp.variables(low[-1], high[-1]))
+    path.append(_within(qp, low[-1], high[-1], 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[-1])))
     _add_cost(qp, problem, path)
     solution = qp.solve()
     if solution is None:
@@ -117,10 +123,10 @@ def _add_cost(qp: SparseQp, problem: Problem, path: list[Indices]) -> None:
 
 
 def _position(
-    qp: SparseQp, balance: Balance, low: Array, high: Array, support: tuple[int, ...]
+    qp: SparseQp, balance: Balance, low: Array, high: Array, support: tuple[int, ...], yaw_rad: float = 0.0
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
-    position = qp.variables(low, high)
+    position = _within(qp, low, high, yaw_rad)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches = []
     for contact in support:
@@ -134,3 +140,13 @@ def _position(
     moment = np.vstack([np.zeros((3, 3)), -balance.weight_moment])
     qp.equal(np.hstack([maps, moment]), columns, np.concatenate([-balance.problem.weight_N, np.zeros(3)]))
     return position, wrenches
+
+
+def _within(qp: SparseQp, low: Array, high: Array, yaw_rad: float) -> Indices:
+    """Add a position between bounds along axes turned by `yaw_rad`; the numbers of its variables."""
+    if yaw_rad == 0.0:
+        return qp.variables(low, high)
+    position = qp.variables(np.full(3, -_ANYWHERE_M), np.full(3, _ANYWHERE_M))
+    to_axes = rotation_z(-yaw_rad)
+    qp.below(np.vstack([to_axes, -to_axes]), position, np.concatenate([high, -low]))
+    return position

@@ -12,6 +12,8 @@ from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.stances import Move
 from crux_planner.search.ways import Ways
 
+LEVEL_TURN_RAD = 0.07  # a turn from start to goal that is not planned for
+TURN_SHARE = 0.9  # of the body's largest rate
 LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
 
 
@@ -26,6 +28,7 @@ class Schedule:
     moves: list[Move]
     contacts: list[list[int | None]]
     poses: Array
+    yaw_rad: Array | None = None  # (N + 1,) of the body, where the search chose it
 
     @property
     def gait(self) -> list[str]:
@@ -36,13 +39,16 @@ class Schedule:
 def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:
     """Least knots of the stance before each move, and after the last (n + 1,), and of each move (n,)."""
     stances, swings = [], []
-    body, margin = problem.start.position_m, 1  # the body rests in the first interval
+    turn = TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s
+    body, yaw, margin = problem.start.position_m, 0.0, 1  # the body rests in the first interval
     for move in moves:
-        stances.append(max(1, margin + _knots(move.lift_off - body, body_step_m)))
+        turned = _knots(np.array([move.yaw_rad - yaw]), turn)
+        stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, body_step_m))))
         swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
         swings.append(max(swing, _knots(move.touch_down - move.lift_off, body_step_m)))
-        body, margin = move.touch_down, 0
-    stances.append(max(2, margin + 1 + _knots(problem.goal.body.position_m - body, body_step_m)))
+        body, yaw, margin = move.touch_down, move.yaw_rad, 0
+    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if _turns(problem, moves) else 0
+    stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, body_step_m))))
     return np.array(stances), np.array(swings, dtype=int)
 
 
@@ -89,7 +95,26 @@ def _knots_of(problem: Problem, ways: Ways, moves: list[Move], stances: Array, s
             else:
                 _stand(problem, contacts, poses, limb, current, k, until)
             k = until
-    return Schedule(moves, contacts, poses)
+    return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swings))
+
+
+def _turns(problem: Problem, moves: list[Move]) -> bool:
+    """Whether the body must turn further than boxes that allow for every heading on the way can bear."""
+    return any(move.yaw_rad for move in moves) or abs(float(problem.goal.body.rpy_rad[2])) > LEVEL_TURN_RAD
+
+
+def _yaws(problem: Problem, moves: list[Move], stances: Array, swings: Array) -> Array | None:
+    """The body's heading at the knots: it turns while all limbs hold on, evenly, and rests in the first interval."""
+    if not _turns(problem, moves):
+        return None
+    knots, yaws, k = [0, 1], [0.0, 0.0], 0
+    for move, stance, swing in zip(moves, stances, swings, strict=False):
+        knots += [max(k + int(stance), 1), k + int(stance) + int(swing)]
+        yaws += [move.yaw_rad] * 2
+        k = knots[-1]
+    knots.append(max(problem.steps - 1, knots[-1]))
+    yaws.append(float(problem.goal.body.rpy_rad[2]))
+    return np.interp(np.arange(problem.steps + 1), knots, yaws)
 
 
 def _stand(

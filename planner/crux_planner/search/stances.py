@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crux_planner.arrays import Array, Flags, Indices
-from crux_planner.problem import Problem
+from crux_planner.problem import Problem, turned_problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.ways import Ways
 from crux_planner.terms.reach import body_positions, turned_half
@@ -33,6 +33,7 @@ class Move:
     limbs: tuple[int, ...]
     lift_off: Array
     touch_down: Array
+    yaw_rad: float = 0.0  # of the body meanwhile
 
     @property
     def support(self) -> tuple[int, ...]:
@@ -52,10 +53,17 @@ class SearchReport:
 
 
 class Reach:
-    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box."""
+    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
 
-    def __init__(self, problem: Problem) -> None:
-        turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
+    `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's.
+    """
+
+    def __init__(self, problem: Problem, turn_rad: float | None = None) -> None:
+        self.problem = problem
+        self._turned: dict[float, Reach] = {0.0: self}
+        turn = turn_rad
+        if turn is None:
+            turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
         half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
         centres = np.stack([c.centre_w_m for c in problem.contacts])
         bounds = [body_positions(centres, centre, half) for centre in problem.boxes.centre_b_m]
@@ -66,6 +74,14 @@ class Reach:
         low = np.maximum(self.low[:, :, None], self.low[:, None])
         high = np.minimum(self.high[:, :, None], self.high[:, None])
         self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
+
+    def turned(self, yaw_rad: float) -> Reach:
+        """The same for a body turned by `yaw_rad`: positions are along its axes then."""
+        if yaw_rad not in self._turned:
+            start, goal = self.problem.start.rpy_rad[:2], self.problem.goal.body.rpy_rad[:2]
+            tilt = float(max(np.abs(start).max(), np.abs(goal).max()))
+            self._turned[yaw_rad] = Reach(turned_problem(self.problem, yaw_rad), tilt)
+        return self._turned[yaw_rad]
 
     def neighbours(self, limb: int, contact: int) -> Indices:
         """Contacts that a limb has in reach from some body position from which it also has `contact`."""

@@ -1,0 +1,192 @@
+"""Why no plan exists, if that can be shown: the goal out of reach, no equilibrium there, or no way between.
+
+The way is looked for in the graph of all sets of grips that the relaxed P1 of `relaxed` allows. Its edges are single
+limbs that let go or take hold; limbs that do so together do it one after the other there, with nothing lost, since the
+smaller set bears the load alone. A part of the graph that holds the start but not the goal, or the goal but not the
+start, and has no way out is the proof.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import deque
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.arrays import Array
+from crux_planner.build import all_grips
+from crux_planner.errors import InfeasibleError
+from crux_planner.problem import LIMBS, Problem
+from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
+from crux_planner.reasons import point_text
+
+AIR = -1
+Grips = tuple[int, ...]
+"""A grip for every limb, or AIR."""
+
+
+class Proof:
+    """What can be shown about one problem. `places` are where a limb and its goal hold stand, for the reasons."""
+
+    def __init__(self, scenario: Scenario, robot: Robot, problem: Problem) -> None:
+        self.problem = problem
+        grips = all_grips(scenario, robot, problem.heading_rad)
+        self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
+        self.hold = [g.contact.hold for g in grips]
+        self.reach, self.balance = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
+        contacts = [problem.contacts[c] for c in problem.start_contacts]
+        self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
+        self.step_m = problem.body.max_speed_m_s * problem.dt_s
+        self._supports: dict[tuple[Grips, bytes], bool] = {}
+
+    def quick(self) -> InfeasibleError | None:
+        """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
+        problem, at_goal = self.problem, self.reach.at_goal
+        place = self._goal_place()
+        room = problem.goal.tolerance_m
+        ends = []
+        for limb, name in enumerate(LIMBS):
+            wanted = problem.goal.grasps.get(limb)
+            usable = [i for key, i in self.number.items() if wanted in (None, key)]
+            if not usable:
+                return InfeasibleError("reach", f"no hold can be gripped by {name}", proven=True)
+            low, high = at_goal.low[limb, usable], at_goal.high[limb, usable]
+            beyond = np.maximum(low - room - place, place - room - high).max(axis=1)
+            if beyond.min() > 0:
+                return self._out_of_reach(limb, usable, beyond, wanted is not None)
+            ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
+        self.goals = [s for s in itertools.product(*ends) if len({self.hold[g] for g in s}) == 4]
+        if not self.goals:
+            text = f"no hold for each limb within reach for the goal body at {self._goal_text()}: they share holds"
+            return InfeasibleError("reach", text, proven=True)
+        return None
+
+    def goal_equilibrium(self, deadline: float) -> InfeasibleError | None:
+        """No stance at the goal in equilibrium; only the ones that may be remain in `goals`."""
+        goal, least = self.problem.goal.body.position_m, np.inf
+        room = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
+        held = []
+        for stance in self.goals:
+            if time.monotonic() > deadline:
+                return None
+            if self.balance.possible(stance, goal - room, goal + room):
+                held.append(stance)
+                break
+            lacking = self.balance.missing_force(stance, goal - room, goal + room)
+            if lacking < least:
+                least, nearest = lacking, stance
+        if held:
+            return None
+        text = f"no equilibrium at the goal, best on {self._text(nearest)}: short by {least:.1f} N"
+        return InfeasibleError("equilibrium", text, proven=True)
+
+    def disconnected(self, deadline: float) -> InfeasibleError | None:
+        """The start's part of the graph lacks the goal, or the goal's the start; None: they meet, or time is up."""
+        forward, backward = {self.start}, set(self.goals)
+        if forward & backward:
+            return None
+        sides = [(forward, backward, deque(forward)), (backward, forward, deque(backward))]
+        while True:
+            seen, others, queue = min(sides, key=lambda side: len(side[2]))
+            if not queue:
+                return self._closed(forward if seen is forward else backward, seen is forward)
+            if time.monotonic() > deadline:
+                return None
+            for following in self._neighbours(queue.popleft()):
+                if following in others:
+                    return None
+                if following not in seen:
+                    seen.add(following)
+                    queue.append(following)
+
+    def _neighbours(self, grips: Grips) -> list[Grips]:
+        found = []
+        region = self.reach.hull(grips)
+        if region is None:
+            return []
+        for limb in range(4):
+            if grips[limb] != AIR:
+                fewer = (*grips[:limb], AIR, *grips[limb + 1 :])
+                if self._bears(fewer, region):
+                    found.append(fewer)
+                continue
+            for grip in range(len(self.hold)):
+                if self.hold[grip] in {self.hold[g] for g in grips if g != AIR}:
+                    continue
+                more = (*grips[:limb], grip, *grips[limb + 1 :])
+                landing = self.reach.hull(more)
+                if landing is not None and self._bears(grips, landing):
+                    found.append(more)
+        return found
+
+    def _bears(self, grips: Grips, region: tuple[Array, Array]) -> bool:
+        """Whether `grips` alone may be in balance for a body in the region, or a step of time away from it."""
+        low, high = region[0] - self.step_m, region[1] + self.step_m
+        support = tuple(g for g in grips if g != AIR)
+        key = (support, np.round(np.concatenate([low, high]), 4).tobytes())
+        if key not in self._supports:
+            self._supports[key] = self.balance.possible(support, low, high)
+        return self._supports[key]
+
+    def _closed(self, part: set[Grips], from_start: bool) -> InfeasibleError:
+        """The reason, from the part of the graph that has no way out."""
+        full = [grips for grips in part if AIR not in grips]
+        stance, lacking, limb = self._hardest_lift(full)
+        others = self._text(stance, without=limb)
+        where = "from the start" if from_start else "from the goal back"
+        if len(full) <= 1 and lacking > 0:
+            text = f"no equilibrium when {LIMBS[limb]} lifts off with the others on {others}: short by {lacking:.1f} N"
+            return InfeasibleError("equilibrium", text, proven=True)
+        text = f"{where} only {len(full)} stances can be had, and none of them leads on: "
+        stuck = self._stuck_limb(full, from_start)
+        return InfeasibleError("reach", text + stuck, proven=True)
+
+    def _hardest_lift(self, stances: list[Grips]) -> tuple[Grips, float, int]:
+        best = (stances[0], np.inf, 0)
+        for stance in stances[:20]:
+            region = self.reach.hull(stance)
+            assert region is not None
+            for limb in range(4):
+                support = tuple(g for i, g in enumerate(stance) if i != limb)
+                lacking = self.balance.missing_force(support, region[0] - self.step_m, region[1] + self.step_m)
+                if lacking < best[1]:
+                    best = (stance, lacking, limb)
+        return best
+
+    def _stuck_limb(self, stances: list[Grips], from_start: bool) -> str:
+        """The limb that in none of the stances stands on what the other end needs."""
+        ends = self.goals if from_start else [self.start]
+        for limb, name in enumerate(LIMBS):
+            has = {self.hold[s[limb]] for s in stances}
+            needs = {self.hold[s[limb]] for s in ends}
+            if not has & needs:
+                names = self.problem.hold_names
+                place = ", ".join(sorted(names[h] for h in needs)[:3])
+                return f"{name} gets to {', '.join(sorted(names[h] for h in has)[:6])}, but not to {place}"
+        return "no two of their holds can be exchanged in equilibrium and within reach"
+
+    def _goal_place(self) -> Array:
+        goal, at_goal = self.problem.goal.body.position_m, self.reach.at_goal
+        c, s = np.cos(at_goal.yaw_rad), np.sin(at_goal.yaw_rad)
+        return np.array([c * goal[0] + s * goal[1], -s * goal[0] + c * goal[1], goal[2]])
+
+    def _goal_text(self) -> str:
+        return point_text(self.problem, self.problem.goal.body.position_m)
+
+    def _out_of_reach(self, limb: int, usable: list[int], beyond: Array, named: bool) -> InfeasibleError:
+        nearest = int(np.argmin(beyond))
+        hold = self.problem.hold_names[self.hold[usable[nearest]]]
+        name, far = LIMBS[limb], f"{1000 * beyond[nearest]:.0f} mm outside {LIMBS[limb]}'s workspace"
+        if named:
+            text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {self._goal_text()}: it is {far}"
+        else:
+            text = f"no hold within reach of {name} for the goal body at {self._goal_text()}: the nearest, {hold}, is "
+            text += far
+        return InfeasibleError("reach", text, proven=True)
+
+    def _text(self, stance: Grips, without: int | None = None) -> str:
+        names = self.problem.hold_names
+        return ", ".join(f"{LIMBS[i]} {names[self.hold[g]]}" for i, g in enumerate(stance) if i != without and g != AIR)
