@@ -87,7 +87,7 @@ class RelaxedReach:
         return Bounds(yaw_rad, low, high)
 
     def hull(self, stance: tuple[int, ...]) -> tuple[Array, Array] | None:
-        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air); None: there are none."""
+        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
         on = [(limb, g) for limb, g in enumerate(stance) if g >= 0]
         limbs, grips = [limb for limb, _ in on], [g for _, g in on]
         low, high = self._low[:, limbs, grips].max(axis=1), self._high[:, limbs, grips].min(axis=1)
