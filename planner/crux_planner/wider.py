@@ -74,4 +74,6 @@ def plan_wider(
             ways.forbid(*culprit)
     with work.part("proof", 0.9):
         impossible = proof.disconnected(deadline)
-    raise impossible or none_level
+    if impossible is None:
+        raise none_level
+    raise InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)

@@ -56,7 +56,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
 
 
 def _charge_for_waiting(qp: SparseQp, problem: Problem, path: list[Indices], swings: list[int]) -> None:
-    """Make it dear that the body goes further in a swing, or in the stance between two, than their least time allows."""
+    """Make it dear that the body goes further in a swing, or a stance between two, than their least time allows."""
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
     axes = np.hstack([-np.eye(3), np.eye(3)])
     start, end = (qp.variables(at, at) for at in (problem.start.position_m, problem.goal.body.position_m))

@@ -24,6 +24,7 @@ from crux_planner.search.swing import STEP_SHARE
 from crux_planner.search.ways import Ways
 
 HEADING_STEP_RAD = 0.07
+YAW_RESERVE_RAD = 0.01  # kept of the grippers' range of yaw
 SPARE_HEADINGS = 3  # beyond the start's and the goal's
 CARRIED_M = 0.15  # way of the body while a limb swings, as the estimate of the way to go sees it
 _SETTLED = 1e-9
@@ -38,7 +39,7 @@ class View:
     yaw_rad: float
     reach: Reach
     balance: Balance
-    usable: Flags  # (C,) contacts within the grippers' range of yaw
+    usable: Flags  # (4, C) contacts that a limb may use and that are within its gripper's range of yaw
 
     def to_w(self, position: Array) -> Array:
         """From the view's axes."""
@@ -78,7 +79,7 @@ class Turning:
         view, goal = self.views[self.end], self.problem.goal
         place, room = view.from_w(goal.body.position_m), goal.position_room_m
         low, high = view.reach.low[limb], view.reach.high[limb]
-        ends = view.usable & (low <= place + room).all(axis=1) & (high >= place - room).all(axis=1)
+        ends = view.usable[limb] & (low <= place + room).all(axis=1) & (high >= place - room).all(axis=1)
         wanted = goal.grasps.get(limb)
         if wanted is not None:
             ends &= np.array([(c.hold, c.pair) == wanted for c in self.problem.contacts])
@@ -91,7 +92,7 @@ class Turning:
         for view in self.views:
             low, high = view.reach.low[limb] - CARRIED_M / 2, view.reach.high[limb] + CARRIED_M / 2
             both = np.maximum(low[:, None], low[None]) <= np.minimum(high[:, None], high[None])
-            meet |= both.all(axis=2) & view.usable[:, None] & view.usable[None]
+            meet |= both.all(axis=2) & view.usable[limb, :, None] & view.usable[limb, None]
         edges = np.where(meet, self.least_cost, np.inf)
         cost = np.where(self._goal_contacts(limb), 0.0, np.inf)
         waiting = np.ones(count, dtype=bool)
@@ -173,7 +174,7 @@ class Turning:
             others = [other for other in range(4) if other != limb]
             low = view.reach.low[others, list(support)].max(axis=0)
             high = view.reach.high[others, list(support)].min(axis=0)
-            fits = view.usable & np.isfinite(self.to_go[limb])
+            fits = view.usable[limb] & np.isfinite(self.to_go[limb])
             fits &= (view.reach.low[limb] <= high).all(axis=1) & (view.reach.high[limb] >= low).all(axis=1)
             fits &= ~np.isin(self.holds, self.holds[list(support)])
             fits[stance[limb]] = False
@@ -188,7 +189,7 @@ class Turning:
         stance, heading = step.after
         view = self.views[heading]
         landing = view.reach.of(stance)
-        if landing is None or not all(view.usable[list(stance)]):
+        if landing is None or not all(view.usable[range(4), stance]):
             return None
         wanted = np.clip(view.from_w(self.problem.goal.body.position_m), *landing)
         if step.limb is None:
@@ -242,9 +243,7 @@ def _view(problem: Problem, reach: Reach, yaw_rad: float) -> View:
     turned = reach.turned(yaw_rad)
     low, high = problem.gripper_yaw_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - yaw_rad
-    return View(
-        yaw_rad,
-        turned,
-        Balance(turned.problem, problem.friction_share),
-        np.asarray((yaws >= low + 0.01) & (yaws <= high - 0.01)),
-    )
+    fingers = np.array([c.spines_only for c in problem.contacts])
+    usable = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
+    usable &= (yaws >= low + YAW_RESERVE_RAD) & (yaws <= high - YAW_RESERVE_RAD)
+    return View(yaw_rad, turned, Balance(turned.problem, problem.friction_share), usable)
