@@ -27,6 +27,8 @@ from crux_planner.terms.torque import limb_masses
 from crux_planner.workspace import WorkspaceRange, acceptance_boxes
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
+TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more room
+LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
@@ -56,17 +58,6 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         robot.gripper.pad_radius_m,
         robot.gripper.finger_height_m,
     )
-    limits = SwingLimits(
-        scenario.horizon.dt_s,
-        robot.grasp.approach_speed_m_s,
-        robot.grasp.yaw_rate_rad_s,
-        clearance,
-        PASSING_CLEARANCE_M,
-        robot.grasp.max_swing_height_m,
-    )
-    cuboids = _cuboids(scenario, heading)
-    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
-    begin = _start_contacts(scenario, contacts, unusable)
     boxes = acceptance_boxes(
         robot.limbs,
         WorkspaceRange(
@@ -78,6 +69,18 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
             robot.grasp.gripper_yaw_rad,
         ),
     )
+    highest = body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
+    limits = SwingLimits(
+        scenario.horizon.dt_s,
+        robot.grasp.approach_speed_m_s,
+        robot.grasp.yaw_rate_rad_s,
+        clearance,
+        PASSING_CLEARANCE_M,
+        min(robot.grasp.max_swing_height_m, highest),
+    )
+    cuboids = _cuboids(scenario, heading)
+    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
+    begin = _start_contacts(scenario, contacts, unusable)
     contact = scenario.contact
     low, high = robot.grasp.gripper_yaw_rad
     final_yaw = float(goal.rpy_rad[2])
@@ -194,7 +197,9 @@ def _contacts(
             sides = (0.0, room, -room) if off_centre and room > EDGE_RESERVE_M else (0.0,)
             for side in sides:
                 centre = middle + side * np.array([-axis[1], axis[0], 0.0])
-                opening = opening_for(centre, axis, index, half, cuboids, shape, limits.clearance_m)
+                opening = None
+                for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
+                    opening = opening or opening_for(centre, axis, index, half, cuboids, shape, clearance)
                 if opening is None:
                     continue
                 for yaw, swapped in yaws_in_range(normal, yaw_range):

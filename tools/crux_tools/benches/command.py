@@ -10,6 +10,9 @@ from crux_tools.output import add_json_option, note
 
 BENCHES = {
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
+    "scenes": ("plan, check and climb every scene that ships", "crux_tools.benches.scenes"),
+    "fig7": ("the faces that are gripped where others are slippery", "crux_tools.benches.slippery"),
+    "fig8": ("shear of a finger at zero normal force", "crux_tools.benches.spines"),
     "fields": ("decide random hold fields: solved, or proven infeasible", "crux_tools.benches.hold_fields"),
 }
 
