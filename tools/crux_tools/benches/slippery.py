@@ -29,7 +29,7 @@ class Grip:
     hold: str
     faces: str
     normal_deg: float
-    """direction of finger 1's face, its outward normal in W: 0 up the wall, 90 to the left; the other one is opposite"""
+    """of finger 1's face, its outward normal in W: 0 up the wall, 90 to the left; the other face is opposite"""
     friction: float
     slippery: float
     """friction of the hold's other pair of faces"""
@@ -100,7 +100,7 @@ def draw(plan: Any, grips: list[Grip], path: Path) -> None:
             out = np.array([np.cos(angle), np.sin(angle)])
             end = np.array(hold.position_w_m[:2]) + out * (hold.size_m[0] / 2)
             axes.annotate("", end[::-1], (end + 0.05 * out)[::-1], arrowprops={"arrowstyle": "->", "color": "tab:red"})
-        axes.text(*hold.position_w_m[1::-1], grip.limb, ha="center", va="center", fontsize=8)
+        axes.text(hold.position_w_m[1], hold.position_w_m[0], grip.limb, ha="center", va="center", fontsize=8)
     axes.set_aspect("equal")
     axes.invert_xaxis()
     axes.autoscale_view()
