@@ -19,7 +19,9 @@ from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
-from crux_planner.search.schedule import Schedule, lay_out
+from crux_planner.search.event_cost import EventCost
+from crux_planner.search.improve import improve
+from crux_planner.search.schedule import Schedule, at_knots, lay_out, turns
 from crux_planner.search.stances import Move, Reach, SearchReport, search
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 TIME_LIMIT_S = 60.0
 BOUNDED_HOLDS = 20  # up to so many holds, the cost's lower bound is a matter of tenths of a second
+IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
@@ -207,20 +210,42 @@ def _realise(
     work: Work,
     deadline: float,
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
-    """A checked plan for a sequence of moves, or why there is none."""
-    with work.part("body", 0.4):
-        moves = smooth_events(problem, balance, reach, ways, moves)
-        try:
-            schedule = lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
-        except InfeasibleError as too_short:
-            return too_short, None
-        path = knot_path(problem, balance, schedule)
-    if path is None:
-        error = InfeasibleError(
-            "body", f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
-        )
-        return error, _longest(problem, moves)
-    return _finish(scenario, robot, problem, schedule, path, work, deadline)
+    """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
+    with work.part("improve", 0.3):
+        now = time.monotonic()
+        costs = EventCost(problem, balance, reach, ways)
+        until = now + IMPROVING_SHARE * (deadline - now)
+        timed = None if turns(problem, moves) else improve(costs, moves, until)  # its estimates are of a level body
+    first: tuple[InfeasibleError, Culprit] | None = None
+    for choice in (timed, None):
+        if choice is None and first is not None and time.monotonic() > deadline:
+            break
+        with work.part("body", 0.4):
+            try:
+                schedule = (
+                    at_knots(problem, ways, choice.moves, choice.stances, choice.swings)
+                    if choice is not None
+                    else _evenly(problem, balance, reach, ways, moves)
+                )
+            except InfeasibleError as too_short:
+                return first or (too_short, None)
+            path = knot_path(problem, balance, schedule)
+        if path is not None:
+            attempt = _finish(scenario, robot, problem, schedule, path, work, deadline)
+            if isinstance(attempt, PlanResult):
+                return attempt
+        else:
+            text = f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
+            attempt = InfeasibleError("body", text), _longest(problem, schedule.moves)
+        if choice is not None:
+            first = attempt
+    return attempt
+
+
+def _evenly(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> Schedule:
+    """The moves as they are, the time to spare spread over stances and swings. Raises InfeasibleError."""
+    moves = smooth_events(problem, balance, reach, ways, moves)
+    return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
 def _finish(

@@ -13,6 +13,7 @@ from crux_planner.admm.hull import SHARES, SQUARED, StageCost
 from crux_planner.admm.stages import REST_KNOTS, Stages
 from crux_planner.arrays import Array
 from crux_planner.search.swing import contact_pose
+from crux_planner.terms.cost import swing_cost
 
 
 def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -> StageCost:
@@ -50,12 +51,6 @@ def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -
     return StageCost(square, body_linear, body_square, linear, held, arcs)
 
 
-def swing_cost(stages: Stages, poses: Array) -> float:
-    """What J (6) says of one swing: zeta (height), xi (opening) and S (two changes of contact)."""
-    weights = stages.problem.weights
-    return float(weights.lift * poses[:, 2].sum() + 2 * weights.opening * poses[:, 4].sum() + 2 * weights.switching)
-
-
 def held_costs(stages: Stages, limb: int, target: Eta, pull: float, scales: Scales) -> Array:
     """(S, C): the proximal term of a gripper's pose while it holds each of its contacts through a stage."""
     costs = np.zeros((stages.count, len(stages.problem.contacts)))
@@ -75,7 +70,7 @@ def arc_costs(stages: Stages, limb: int, target: Eta | None, pull: float, scales
         way = stages.ways.swing(swing.start, swing.goal)
         assert way is not None
         poses = way.poses(swing.end - swing.first)[:-1]
-        costs[i] = swing_cost(stages, poses)
+        costs[i] = swing_cost(stages.problem.weights, poses)
         if target is not None:
             rest = np.tile(_grasp_pose(stages, swing.start), (REST_KNOTS, 1))
             costs[i] += _apart(np.vstack([rest, poses]), target, limb, swing.first - REST_KNOTS, pull, scales)

@@ -99,7 +99,7 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
         yaw = 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[k])
-        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()), yaw)
+        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()), yaw, problem.weights.wrench)
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
     path.append(_within(qp, low[-1], high[-1], 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[-1])))
@@ -123,7 +123,13 @@ def _add_cost(qp: SparseQp, problem: Problem, path: list[Indices]) -> None:
 
 
 def _position(
-    qp: SparseQp, balance: Balance, low: Array, high: Array, support: tuple[int, ...], yaw_rad: float = 0.0
+    qp: SparseQp,
+    balance: Balance,
+    low: Array,
+    high: Array,
+    support: tuple[int, ...],
+    yaw_rad: float = 0.0,
+    comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
     position = _within(qp, low, high, yaw_rad)
@@ -133,7 +139,7 @@ def _position(
         index = qp.variables(np.concatenate([-bound[:4], [0.0]]), bound)
         rows, right = balance.limit_rows(contact)
         qp.below(rows, index, right)
-        qp.squares(index[:, None], np.append(balance.effort, 1.0)[:, None], np.zeros(WRENCH), _COMFORT)
+        qp.squares(index[:, None], np.append(balance.effort, 1.0)[:, None], np.zeros(WRENCH), comfort)
         wrenches.append(index)
     maps = np.concatenate([balance.maps[c] for c in support], axis=1)
     columns = np.concatenate([*[w[:4] for w in wrenches], position])

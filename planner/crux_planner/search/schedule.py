@@ -47,7 +47,7 @@ def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m
         swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
         swings.append(max(swing, _knots(move.touch_down - move.lift_off, body_step_m)))
         body, yaw, margin = move.touch_down, move.yaw_rad, 0
-    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if _turns(problem, moves) else 0
+    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if turns(problem, moves) else 0
     stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, body_step_m))))
     return np.array(stances), np.array(swings, dtype=int)
 
@@ -71,10 +71,11 @@ def lay_out(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float)
         else:
             stances[shortest] += 1
         spare -= 1
-    return _knots_of(problem, ways, moves, stances, swings)
+    return at_knots(problem, ways, moves, stances, swings)
 
 
-def _knots_of(problem: Problem, ways: Ways, moves: list[Move], stances: Array, swings: Array) -> Schedule:
+def at_knots(problem: Problem, ways: Ways, moves: list[Move], stances: Array, swings: Array) -> Schedule:
+    """The schedule with given knots of the stance before each move, and after the last (n + 1,), and each move (n,)."""
     total = problem.steps + 1
     contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
     poses = np.zeros((total, 4, 5))
@@ -98,14 +99,14 @@ def _knots_of(problem: Problem, ways: Ways, moves: list[Move], stances: Array, s
     return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swings))
 
 
-def _turns(problem: Problem, moves: list[Move]) -> bool:
+def turns(problem: Problem, moves: list[Move]) -> bool:
     """Whether the body must turn further than boxes that allow for every heading on the way can bear."""
     return any(move.yaw_rad for move in moves) or abs(float(problem.goal.body.rpy_rad[2])) > LEVEL_TURN_RAD
 
 
 def _yaws(problem: Problem, moves: list[Move], stances: Array, swings: Array) -> Array | None:
     """The body's heading at the knots: it turns while all limbs hold on, evenly, and rests in the first interval."""
-    if not _turns(problem, moves):
+    if not turns(problem, moves):
         return None
     knots, yaws, k = [0, 1], [0.0, 0.0], 0
     for move, stance, swing in zip(moves, stances, swings, strict=False):

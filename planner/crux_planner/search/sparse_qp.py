@@ -47,6 +47,10 @@ class SparseQp:
         """matrix @ x[columns] <= right."""
         self._below.add(matrix, columns, right)
 
+    def value(self, x: Array) -> float:
+        """The weighted squares at x."""
+        return float(sum((((c * x[i]).sum(axis=1) - t) ** 2).sum() for i, c, t in self._cost))
+
     def solve(self) -> Array | None:
         """The solution, or None where the constraints leave none."""
         rows, columns, values, targets, start = [], [], [], [], 0

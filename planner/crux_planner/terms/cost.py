@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+from crux_planner.arrays import Array
 from crux_planner.problem import Goal, Problem, Weights
 from crux_planner.search.schedule import Schedule
 
@@ -44,3 +45,8 @@ def schedule_cost(schedule: Schedule, problem: Problem) -> float:
     opened = float(2 * schedule.poses[..., 4][air].sum())
     changes = int(np.abs(np.diff(air.astype(int), axis=0)).sum())
     return weights.lift * lifted + weights.opening * opened + weights.switching * changes
+
+
+def swing_cost(weights: Weights, poses: Array) -> float:
+    """zeta, xi and S of one swing alone: `poses` (n, 5) of the gripper at its knots in the air, and two changes."""
+    return float(weights.lift * poses[:, 2].sum() + 2 * weights.opening * poses[:, 4].sum() + 2 * weights.switching)

@@ -1,0 +1,211 @@
+"""Local search on J (6): the order of the moves, the contacts they go to, and when each happens.
+
+The search for contacts finds the quickest sequence; this one looks for a cheaper one near it. A neighbour moves one
+step elsewhere in the order, sends a limb to another contact or straight to its next one, or shifts knots between
+stances and swings; each is judged by `EventCost`. The work is counted in estimates, so that it is the same every time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.search.event_cost import Estimate, EventCost, Timed
+from crux_planner.search.stances import Move, Stance, goal_contacts
+
+ESTIMATES = 60  # at most
+_LEAST_GAIN = 2e-4  # of J, as a share of it
+_FARTHEST = 5  # places by which a step moves in the order
+_OTHERS = 3  # contacts tried instead of one
+_LAST_STANCE = 2  # knots at least
+
+Steps = tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+"""The limbs of each move and the contacts they go to."""
+
+
+@dataclass(frozen=True)
+class _Best:
+    steps: Steps
+    timed: Timed
+    estimate: Estimate
+
+
+def improve(costs: EventCost, moves: list[Move], deadline: float, estimates: int = ESTIMATES) -> Timed | None:
+    """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance."""
+    return _Improvement(costs, deadline, estimates).run(moves)
+
+
+Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
+
+
+class _Improvement:
+    def __init__(self, costs: EventCost, deadline: float, estimates: int) -> None:
+        self.costs, self.deadline, self.estimates = costs, deadline, estimates
+        self.problem, self.reach, self.ways = costs.problem, costs.reach, costs.ways
+        self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
+        self.tried: set[tuple[Steps, bytes]] = set()
+        self.least_gain = 0.0
+
+    def run(self, moves: list[Move]) -> Timed | None:
+        steps: Steps = tuple((move.limbs, tuple(move.after[limb] for limb in move.limbs)) for move in moves)
+        best = self._first(steps)
+        if best is None:
+            return None
+        self.least_gain = _LEAST_GAIN * abs(best.estimate.cost)
+        improved = True
+        while improved and not self._over():
+            best, in_order = self._climb(best, self._other_steps)
+            best, in_time = self._climb(best, self._other_times)
+            improved = in_order and in_time
+        places = best.estimate.places
+        timed = [replace(m, lift_off=p[0], touch_down=p[1]) for m, p in zip(best.timed.moves, places, strict=True)]
+        return replace(best.timed, moves=timed)
+
+    def _over(self) -> bool:
+        return self.costs.count >= self.estimates or time.monotonic() > self.deadline
+
+    def _first(self, steps: Steps) -> _Best | None:
+        moves = self._moves(steps)
+        found = [
+            (timed, estimate)
+            for where in (range(len(steps) + 1) if moves is not None else ())
+            if (timed := self._quick(moves or [], where)) is not None
+            and (estimate := self.costs.estimate(timed)) is not None
+        ]
+        if not found:
+            return None
+        timed, estimate = min(found, key=lambda pair: pair[1].cost)
+        return _Best(steps, timed, estimate)
+
+    def _climb(self, best: _Best, neighbours: Neighbours) -> tuple[_Best, bool]:
+        """Takes neighbours as long as some are better; whether one was."""
+        better = True
+        ever = False
+        while better and not self._over():
+            better = False
+            for steps, timed in neighbours(best):
+                key = (steps, np.concatenate([timed.stances, timed.swings]).tobytes())
+                if key in self.tried:
+                    continue
+                self.tried.add(key)
+                estimate = self.costs.estimate(timed)
+                if estimate is not None and estimate.cost < best.estimate.cost - self.least_gain:
+                    best, better, ever = _Best(steps, timed, estimate), True, True
+                    break
+                if self._over():
+                    break
+        return best, ever
+
+    def _other_steps(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
+        for steps in self._rearranged(best.steps):
+            moves = self._moves(steps)
+            timed = None if moves is None else self._as_before(moves, best.timed)
+            if timed is not None:
+                yield steps, timed
+
+    def _rearranged(self, steps: Steps) -> Iterator[Steps]:
+        count = len(steps)
+        for i in range(count):
+            for j in range(i + 1, count):  # straight to where the limb goes next
+                if steps[i][0] == steps[j][0]:
+                    yield (*steps[:i], steps[j], *steps[i + 1 : j], *steps[j + 1 :])
+                    yield steps[:i] + steps[i + 1 :]
+                    break
+        for by in range(1, _FARTHEST + 1):
+            for i in range(count):
+                for j in (i + by, i - by) if by > 1 else (i + by,):
+                    if 0 <= j < count:
+                        rest = steps[:i] + steps[i + 1 :]
+                        yield (*rest[:j], steps[i], *rest[j:])
+        for i, (limbs, ends) in enumerate(steps):
+            if len(limbs) > 1:
+                continue
+            last = not any(limbs[0] in later for later, _ in steps[i + 1 :])
+            for other in self._others(limbs[0], ends[0], last):
+                yield (*steps[:i], (limbs, (other,)), *steps[i + 1 :])
+
+    def _others(self, limb: int, contact: int, last: bool) -> list[int]:
+        contacts = self.problem.contacts
+        usable = self.ends[limb] if last else set(self.problem.limb_contacts[limb])
+        place = contacts[contact].centre_w_m
+        found = [int(c) for c in self.reach.neighbours(limb, contact) if int(c) in usable and c != contact]
+        return sorted(found, key=lambda c: float(np.abs(contacts[c].centre_w_m - place).sum()))[:_OTHERS]
+
+    def _moves(self, steps: Steps) -> list[Move] | None:
+        """The steps as moves, None where a way, a reach or the goal is missing."""
+        stance: Stance = self.problem.start_contacts
+        moves, nowhere = [], np.zeros(3)
+        for limbs, ends in steps:
+            changed = list(stance)
+            for limb, end in zip(limbs, ends, strict=True):
+                if changed[limb] == end:
+                    return None
+                changed[limb] = end
+            after = (changed[0], changed[1], changed[2], changed[3])
+            move = Move(stance, after, limbs, nowhere, nowhere)
+            ways = [(stance[limb], after[limb]) for limb in limbs]
+            if self.reach.of(after) is None or not self.ways.free(ways, move.support):
+                return None
+            moves.append(move)
+            stance = after
+        return moves if all(c in ends for c, ends in zip(stance, self.ends, strict=True)) else None
+
+    def _least(self, moves: list[Move]) -> tuple[Array, Array, int]:
+        """Least knots of stances and swings, and the knots to spare."""
+        stances = np.ones(len(moves) + 1, dtype=int)
+        stances[-1] = _LAST_STANCE
+        swings = [max(self.ways.intervals(m.before[limb], m.after[limb]) for limb in m.limbs) for m in moves]
+        return stances, np.array(swings, dtype=int), self.problem.steps - int(stances.sum()) - sum(swings)
+
+    def _quick(self, moves: list[Move], where: int) -> Timed | None:
+        """As quick as can be, all spare time in stance `where`."""
+        stances, swings, spare = self._least(moves)
+        if spare < 0:
+            return None
+        stances[where] += spare
+        return Timed(moves, stances, swings)
+
+    def _as_before(self, moves: list[Move], before: Timed) -> Timed | None:
+        """Moves with the stances of others as far as they fit."""
+        longest = int(np.argmax(before.stances))
+        stances, swings, spare = self._least(moves)
+        if len(moves) != len(before.moves):
+            return self._quick(moves, min(longest, len(moves)))
+        more = before.stances - stances
+        more[longest] += spare - int(more.sum())
+        return Timed(moves, stances + more, swings) if spare >= 0 and more[longest] >= 0 else None
+
+    def _other_times(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
+        """Knots shifted between stances, and into or out of swings where J may gain by it."""
+        stances, swings = best.timed.stances, best.timed.swings
+        least, quickest, _ = self._least(best.timed.moves)
+        room = stances - least
+        longest = int(np.argmax(room))
+        spare = int(room[longest])
+        others = [where for where in range(len(stances)) if where != longest]
+        for knots in dict.fromkeys((spare, 2, 1)):
+            for where in others:
+                if 0 < knots <= spare:
+                    yield best.steps, replace(best.timed, stances=_shifted(stances, longest, where, knots))
+                if knots <= room[where]:
+                    yield best.steps, replace(best.timed, stances=_shifted(stances, where, longest, knots))
+        for knots in dict.fromkeys((spare, spare // 4, 1)):
+            for i, worth in enumerate(best.estimate.air_costs):
+                more = min(knots, spare) if worth < 0.0 else -min(knots, int(swings[i] - quickest[i]))
+                if more:
+                    times = swings.copy()
+                    times[i] += more
+                    shorter = stances.copy()
+                    shorter[longest] -= more
+                    yield best.steps, replace(best.timed, stances=shorter, swings=times)
+
+
+def _shifted(stances: Array, a: int, b: int, knots: int) -> Array:
+    changed = stances.copy()
+    changed[a] -= knots
+    changed[b] += knots
+    return changed

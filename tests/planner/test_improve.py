@@ -1,0 +1,119 @@
+"""The local search on J and its quick estimate of J."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from crux_contracts.robot import Robot
+from crux_planner.build import build_problem
+from crux_planner.nlp import solve_within_torques
+from crux_planner.problem import Problem
+from crux_planner.search.balance import Balance
+from crux_planner.search.body_path import knot_path
+from crux_planner.search.event_cost import EventCost, Timed
+from crux_planner.search.improve import improve
+from crux_planner.search.schedule import at_knots
+from crux_planner.search.stances import Move, Reach, search
+from crux_planner.search.ways import Ways
+from walls import scenario, two_rows
+
+
+@dataclass(frozen=True)
+class Wall:
+    problem: Problem
+    moves: list[Move]
+    costs: EventCost
+
+    @property
+    def quickest(self) -> Timed:
+        """The moves as quick as can be after waiting."""
+        problem, ways = self.problem, self.costs.ways
+        swings = np.array([ways.intervals(m.before[m.limbs[0]], m.after[m.limbs[0]]) for m in self.moves])
+        stances = np.ones(len(self.moves) + 1, dtype=int)
+        stances[-1] = 2
+        stances[0] += problem.steps - stances.sum() - swings.sum()
+        return Timed(self.moves, stances, swings)
+
+    def exact_cost(self, timed: Timed) -> float:
+        """J of the exact NLP."""
+        problem, costs = self.problem, self.costs
+        schedule = at_knots(problem, costs.ways, timed.moves, timed.stances, timed.swings)
+        path = knot_path(problem, costs.balance, schedule)
+        assert path is not None
+        solution = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+        assert solution.solved
+        return solution.cost
+
+
+def wall_of(robot: Robot, **weights: float) -> Wall:
+    content = two_rows()
+    content["planner"] = {"weights": weights}
+    problem = build_problem(scenario(content), robot)
+    balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
+    later = time.monotonic() + 30
+    moves, _ = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=later)
+    assert moves is not None
+    return Wall(problem, moves, EventCost(problem, balance, reach, ways))
+
+
+@pytest.fixture(scope="module")
+def wall(robot: Robot) -> Wall:
+    return wall_of(robot)
+
+
+def improved(wall: Wall) -> Timed:
+    timed = improve(wall.costs, wall.moves, time.monotonic() + 30)
+    assert timed is not None
+    return timed
+
+
+def test_the_estimate_is_near_the_exact_cost(wall: Wall) -> None:
+    late = wall.quickest
+    early = replace(late, stances=np.array([1, 1, 1, 1, late.stances[0] + 1]))
+    for timed in (late, early):
+        estimate = wall.costs.estimate(timed)
+        assert estimate is not None
+        assert estimate.cost == pytest.approx(wall.exact_cost(timed), rel=0.03)
+
+
+def test_the_improved_sequence_is_cheaper_by_the_exact_cost(wall: Wall) -> None:
+    timed = improved(wall)
+    assert wall.exact_cost(timed) < wall.exact_cost(wall.quickest)
+    assert timed.stances.sum() + timed.swings.sum() == wall.problem.steps
+    assert [move.before for move in timed.moves[1:]] == [move.after for move in timed.moves[:-1]]
+    ends = [wall.problem.contacts[c] for c in timed.moves[-1].after]
+    assert {limb: (c.hold, c.pair) for limb, c in enumerate(ends)} == wall.problem.goal.grasps
+
+
+def test_a_detour_is_left_out(wall: Wall) -> None:
+    """A limb that goes to its goal over another hold goes straight there."""
+    last = wall.moves[-1]
+    limb = last.limbs[0]
+    others = [c for c in wall.problem.limb_contacts[limb] if wall.problem.contacts[c].hold not in held(wall, last)]
+    stops = [
+        c for c in others if wall.costs.ways.swing(last.before[limb], c) and wall.costs.ways.swing(c, last.after[limb])
+    ]
+    for stop in stops:
+        a, b, c, d = (stop if i == limb else c for i, c in enumerate(last.before))
+        over = (a, b, c, d)
+        detour = [replace(last, after=over), replace(last, before=over)]
+        timed = improve(wall.costs, [*wall.moves[:-1], *detour], time.monotonic() + 30, estimates=10_000)
+        if timed is not None:
+            assert len(timed.moves) == len(wall.moves)
+            return
+    pytest.fail("no detour to try")
+
+
+def held(wall: Wall, move: Move) -> set[int]:
+    return {wall.problem.contacts[c].hold for c in (*move.before, *move.after)}
+
+
+def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None:
+    """zeta and xi of (6) lengthen the swings."""
+    usual = int(improved(wall).swings.sum())
+    assert usual == wall.quickest.swings.sum()
+    for weights in ({"lift": 3.0}, {"opening": 3.0}):
+        assert improved(wall_of(robot, **weights)).swings.sum() > usual
