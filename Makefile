@@ -6,9 +6,9 @@ OUT ?= out
 
 BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
-TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/ports/host/*.c')
+TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build can-kernel climb test test-native test-sanitized test-python lint format bench firmware lock clean
+.PHONY: help setup build can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -61,6 +61,9 @@ bench: build ## reproduce the figures of merit
 
 firmware: setup build/cmake/build.ninja ## the node images and their sizes
 	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
+
+fuzz: build ## ten million fuzzed frames against both nodes, under sanitizers
+	CRUX_FUZZ_FRAMES=10000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -k unsafe
 
 lock: setup ## resolve pyproject.toml anew
 	@tools/setup/lock

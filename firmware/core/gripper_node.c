@@ -16,7 +16,7 @@ void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame
   if (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) {
     const uint8_t cause = crux_guard_sync(&node->guard, frame);
     crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.command_fresh) {
+    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.take) {
       node->taken = node->pending;
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND) {
@@ -76,8 +76,16 @@ static void latch(crux_gripper_node *node, uint32_t silent_us) {
   node->state = (uint8_t)CRUX_STATE_HOLD;
 }
 
+/// No finger is a whole travel out of its ends, or this many times faster than its limit.
+#define SENSELESS_SPEEDS 100.0F
+
 static bool measure(crux_gripper_node *node, const crux_gripper_inputs *inputs) {
-  const bool measured = (isfinite(inputs->opening_m) != 0) && (isfinite(inputs->speed_m_s) != 0);
+  const crux_gripper_parameters *limits = &node->parameters;
+  const float travel_m = limits->opening_max_m - limits->opening_min_m;
+  const float fastest_m_s = SENSELESS_SPEEDS * limits->speed_limit_m_s;
+  const bool measured =
+      crux_makes_sense(inputs->opening_m, limits->opening_min_m - travel_m, limits->opening_max_m + travel_m) &&
+      crux_makes_sense(inputs->speed_m_s, -fastest_m_s, fastest_m_s);
   if (measured && !node->has_seen) {
     node->has_seen = true;
     node->setpoint_m = inputs->opening_m;

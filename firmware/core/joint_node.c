@@ -17,7 +17,7 @@ void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
   if (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) {
     const uint8_t cause = crux_guard_sync(&node->guard, frame);
     crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.command_fresh) {
+    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.take) {
       node->taken = node->pending;
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(node->link.node)) {
@@ -90,9 +90,17 @@ static void latch(crux_joint_node *node, uint32_t silent_us) {
   stop(node);
 }
 
+/// No joint is a whole range out of its limits, or this many times faster than its limit.
+#define SENSELESS_SPEEDS 100.0F
+
 /// Takes in the measurement. Losing it is a latched fault, seeing it again needs a REARM.
 static bool measure(crux_joint_node *node, const crux_joint_inputs *inputs) {
-  const bool measured = (isfinite(inputs->position_rad) != 0) && (isfinite(inputs->velocity_rad_s) != 0);
+  const crux_joint_parameters *limits = &node->parameters;
+  const float range_rad = limits->position_max_rad - limits->position_min_rad;
+  const float fastest_rad_s = SENSELESS_SPEEDS * limits->velocity_limit_rad_s;
+  const bool measured = crux_makes_sense(inputs->position_rad, limits->position_min_rad - range_rad,
+                                         limits->position_max_rad + range_rad) &&
+                        crux_makes_sense(inputs->velocity_rad_s, -fastest_rad_s, fastest_rad_s);
   if (measured && !node->has_seen) {
     node->has_seen = true;
     node->setpoint_rad = inputs->position_rad;

@@ -114,6 +114,22 @@ TEST(Acceptance, RejectsWrongLengths) {
   }
 }
 
+TEST(Acceptance, DecodesNothingFromAFrameTooShort) {
+  const crux_joint_parameters joint_limits = joint_parameters();
+  const crux_gripper_parameters gripper_limits = gripper_parameters();
+  for (std::uint8_t length = 0; length < 16; ++length) {
+    crux_frame joint_frame = frame_of(kMove, 0);
+    crux_frame gripper_frame = frame_of(GripperCommand{}, 0);
+    joint_frame.length = length;
+    gripper_frame.length = length;
+    crux_joint_command joint_command{};
+    crux_gripper_command gripper_command{};
+    EXPECT_EQ(crux_joint_command_accept(&joint_frame, &joint_limits, &joint_command), CRUX_CAUSE_INVALID_COMMAND);
+    EXPECT_EQ(crux_gripper_command_accept(&gripper_frame, &gripper_limits, &gripper_command),
+              CRUX_CAUSE_INVALID_COMMAND);
+  }
+}
+
 TEST(Acceptance, RejectsWhatIsNoPosition) {
   for (const float bad : {kNaN, std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity()}) {
     Joint joint;
@@ -175,12 +191,70 @@ TEST(Acceptance, ACommandWaitsForItsSync) {
   EXPECT_EQ(joint.node.state, CRUX_STATE_TRACK);
 }
 
-TEST(Acceptance, TheNewestCommandBeforeTheSyncCounts) {
+TEST(Acceptance, OfTwoCommandsForOneSyncNoneIsBelieved) {
   Joint joint;
+  joint.run({.position_rad = 0.5F});
   joint.command({.position_rad = -1.0F});
   joint.command({.position_rad = 1.0F});
   joint.sync();
-  EXPECT_GT(joint.tick(), 0.0F);
+  joint.tick();
+  EXPECT_FLOAT_EQ(joint.node.taken.position_rad, 0.5F);
+  EXPECT_EQ(joint.node.state, CRUX_STATE_TRACK);
+  joint.run({.position_rad = -0.5F});
+  EXPECT_FLOAT_EQ(joint.node.taken.position_rad, -0.5F) << "one for one again";
+}
+
+TEST(Acceptance, CommandsOfLostSyncsAreNoStrangers) {
+  for (int lost = 0; lost < kWatchdogCycles - 1; ++lost) {
+    Joint joint;
+    joint.run({.position_rad = 0.5F});
+    for (int i = 0; i < lost; ++i) {
+      joint.command({.position_rad = 0.1F});
+      ++joint.sync_counter;
+      joint.tick();
+    }
+    joint.command({.position_rad = -1.0F});
+    joint.sync();
+    joint.tick();
+    EXPECT_FLOAT_EQ(joint.node.taken.position_rad, -1.0F) << lost << " lost";
+  }
+}
+
+TEST(Acceptance, AStrangerOnTheBusEndsInTheWatchdogsHold) {
+  // Somebody else sends whole commands with counters of all kinds beside the host's: some fall into the window.
+  Joint joint;
+  Gripper gripper(0.02F);
+  for (int cycle = 0; cycle < 20; ++cycle) {
+    joint.run({.position_rad = 0.3F});
+    gripper.run({.opening_m = 0.01F});
+  }
+  const float squeeze_N = gripper.tick();
+  for (int cycle = 0; cycle < 256; ++cycle) {
+    const auto guess = static_cast<std::uint8_t>(7 * cycle);
+    joint.command({.position_rad = 0.3F});
+    joint.hear(frame_of(JointCommand{.position_rad = -2.0F, .kp = 1.0F, .kd = 0.0F}, guess));
+    joint.sync();
+    joint.tick();
+    gripper.command({.opening_m = 0.01F});
+    gripper.hear(frame_of(GripperCommand{.opening_m = 0.066F, .force_limit_N = 60.0F}, guess));
+    gripper.sync();
+    EXPECT_GE(gripper.tick(), squeeze_N * 0.99F) << "cycle " << cycle;
+    EXPECT_FLOAT_EQ(joint.node.position_gain_Nm_rad, 100.0F) << "cycle " << cycle;
+  }
+  EXPECT_EQ(joint.node.state, CRUX_STATE_HOLD);
+  EXPECT_TRUE(joint.node.latched);
+  EXPECT_TRUE(gripper.node.latched);
+}
+
+TEST(Acceptance, TwoSyncsInAPeriodDoNotLetAStrangerIn) {
+  Joint joint;
+  joint.command({.position_rad = 0.4F});
+  joint.sync();
+  joint.command({.position_rad = 0.4F});
+  joint.command({.position_rad = -2.0F});
+  joint.sync();
+  joint.tick();
+  EXPECT_FLOAT_EQ(joint.node.taken.position_rad, 0.4F);
 }
 
 }  // namespace

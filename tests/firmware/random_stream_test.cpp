@@ -30,18 +30,22 @@ struct Line {
   std::uint8_t counter = 0;
   int silent_periods = kWatchdogCycles;  // before the first frame every counter is good
   bool heard = false;
+  int step = kWatchdogCycles;  // of the last good counter
+  int whole = 0;               // frames with a right CRC since the last good Sync, whoever sent them
 
   bool lapsed() const { return silent_periods >= kWatchdogCycles; }
   std::uint8_t good(Traffic& traffic) {
-    counter = static_cast<std::uint8_t>(lapsed() ? traffic.whole(0, 255)
-                                                 : counter + traffic.whole(1, traffic.chance(0.1) ? 5 : 1));
+    step = lapsed() ? kWatchdogCycles : traffic.whole(1, traffic.chance(0.1) ? 5 : 1);
+    counter = static_cast<std::uint8_t>(lapsed() ? traffic.whole(0, 255) : counter + step);
+    ++whole;
     heard = true;
     silent_periods = 0;
     return counter;
   }
-  std::uint8_t stale(Traffic& traffic) const {
-    const int step = traffic.chance(0.3) ? 0 : traffic.whole(kWatchdogCycles + 1, 255);
-    return static_cast<std::uint8_t>(counter + step);
+  std::uint8_t stale(Traffic& traffic) {
+    const int off = traffic.chance(0.3) ? 0 : traffic.whole(kWatchdogCycles + 1, 255);
+    whole += (off > 0) ? 1 : 0;
+    return static_cast<std::uint8_t>(counter + off);
   }
   void tick() {
     silent_periods = heard ? 0 : silent_periods + 1;
@@ -137,11 +141,13 @@ template <typename Node, typename Command>
 void send_sync(Node& node, Model<Command>& model, Traffic& traffic) {
   const crux_frame frame = sync_frame(++node.cycle, model.syncs.good(traffic));
   node.hear(frame);
-  if (model.waiting) {
-    model.waiting = false;
+  // One command a Sync: of more, nobody knows which is the host's.
+  if (model.waiting && model.commands.whole <= model.syncs.step) {
     model.fresh = true;
     model.taken = model.pending;
   }
+  model.waiting = false;
+  model.commands.whole = 0;
 }
 
 unsigned any_mode(Traffic& traffic) {

@@ -19,6 +19,8 @@ float crux_clamp(float value, float lower, float upper) {
   return result;
 }
 
+bool crux_makes_sense(float measured, float lower, float upper) { return (measured >= lower) && (measured <= upper); }
+
 static uint32_t saturating_add(uint32_t value, uint32_t step, uint32_t limit) {
   return (step >= (limit - value)) ? limit : (value + step);
 }
@@ -34,9 +36,13 @@ static uint8_t receive(crux_receiver *receiver, const crux_frame *frame, uint8_t
     const uint8_t step = (uint8_t)(next.counter - receiver->e2e.counter);
     if (verdict == CRUX_E2E_CORRUPT) {
       cause = (uint8_t)CRUX_CAUSE_E2E_CRC;
-    } else if ((verdict == CRUX_E2E_REPEATED) || (receiver->e2e.seen && (step > window))) {
+    } else if (verdict == CRUX_E2E_REPEATED) {
       cause = (uint8_t)CRUX_CAUSE_E2E_COUNTER;
+    } else if (receiver->e2e.seen && (step > window)) {
+      cause = (uint8_t)CRUX_CAUSE_E2E_COUNTER;
+      receiver->whole = (uint8_t)saturating_add(receiver->whole, 1U, UINT8_MAX);
     } else {
+      receiver->whole = (uint8_t)saturating_add(receiver->whole, 1U, UINT8_MAX);
       receiver->e2e = next;
       receiver->heard = true;
     }
@@ -59,16 +65,18 @@ void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cy
 }
 
 uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame) {
+  const struct crux_e2e_receiver before = guard->sync.e2e;
   const uint8_t cause = receive(&guard->sync, frame, (uint8_t)CRUX_CAN_LENGTH_SYNC, guard->window);
   if (cause == (uint8_t)CRUX_CAUSE_NONE) {
     struct crux_can_sync_t sync;
     (void)crux_can_sync_unpack(&sync, frame->data, frame->length);
     guard->cycle = sync.cycle;
     guard->answer_due = true;
-    if (guard->command_waiting) {
-      guard->command_waiting = false;
-      guard->command_fresh = true;
-    }
+    const uint8_t syncs = before.seen ? (uint8_t)(guard->sync.e2e.counter - before.counter) : guard->window;
+    guard->take = guard->command_waiting && (guard->command.whole <= syncs);
+    guard->command_fresh = guard->command_fresh || guard->take;
+    guard->command_waiting = false;
+    guard->command.whole = 0U;
   }
   return cause;
 }

@@ -1,6 +1,6 @@
 /// What a node believes and when it stops by itself. Small and apart from the control laws, so that it can be read in
 /// one sitting: acceptance of frames (length, CRC, counter), acceptance of commands (known mode, finite, in range, not
-/// limp) and the watchdog on the bus cycle.
+/// limp) and of measurements, and the watchdog on the bus cycle.
 #ifndef CRUX_FIRMWARE_SAFETY_H
 #define CRUX_FIRMWARE_SAFETY_H
 
@@ -16,7 +16,8 @@
 typedef struct crux_receiver {
   struct crux_e2e_receiver e2e;
   uint32_t silent_us;
-  bool heard;  ///< since the last tick
+  bool heard;     ///< since the last tick
+  uint8_t whole;  ///< frames with a right CRC since the last valid Sync, repetitions left out; whoever sent them
 } crux_receiver;
 
 /// Acceptance and watchdog of a node. A period is good when a valid Sync took over a valid command in it.
@@ -28,6 +29,7 @@ typedef struct crux_guard {
   uint32_t cycle;      ///< of the last valid Sync
   uint8_t window;
   bool command_waiting;  ///< valid, waits for its Sync
+  bool take;             ///< the last valid Sync took the waiting command over
   bool command_fresh;    ///< taken over since the last tick
   bool answer_due;       ///< a Sync has not been answered with a status yet
 } crux_guard;
@@ -57,6 +59,8 @@ typedef struct crux_gripper_command {
 void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cycles);
 
 /// Judges a Sync and takes the waiting command over. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
+/// A host sends one command a Sync. Where more of them came, somebody else sends too and nobody knows whose command
+/// waits: none is taken over, and if that lasts the watchdog holds the node where it is.
 uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame);
 
 /// Judges a command frame's length, CRC and counter. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
@@ -71,6 +75,10 @@ uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_para
                                   crux_joint_command *command);
 uint8_t crux_gripper_command_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,
                                     crux_gripper_command *command);
+
+/// Whether a measurement can be one: within lower..upper, which not a number never is. What is further off than that is
+/// a broken sensor, not a place, and would carry its nonsense into the torque.
+bool crux_makes_sense(float measured, float lower, float upper);
 
 /// Value limited to lower..upper.
 float crux_clamp(float value, float lower, float upper);

@@ -1,0 +1,71 @@
+"""Firmware compiled apart from the usual build, with flags of a test's own: for coverage, mutants and fuzzing."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from shutil import which
+
+from crux_tools.paths import BUILD_DIR, ROOT
+
+GENERATED_C = ROOT / "build" / "gen" / "c"
+INCLUDES = [
+    *(f"-I{ROOT / folder}" for folder in ("firmware/core", "firmware/safety", "msgs/can", "tests/firmware")),
+    f"-isystem{GENERATED_C}",
+]
+SAFETY_SOURCES = (ROOT / "firmware/safety/safety.c", ROOT / "msgs/can/e2e.c")
+CORE_SOURCES = (*sorted((ROOT / "firmware/core").glob("*.c")), GENERATED_C / "crux_can.c")
+SAFETY_TESTS = (
+    *(ROOT / f"tests/firmware/{name}_test.cpp" for name in ("acceptance", "guard", "watchdog", "random_stream")),
+    ROOT / "tests/msgs/e2e_test.cpp",
+)
+JOBS = 2
+
+
+class CompileError(Exception):
+    """What the compiler said."""
+
+
+def compiler(source: Path, family: str) -> list[str]:
+    """The compiler of a source, through the compiler cache where there is one."""
+    c = source.suffix == ".c"
+    name = {"gcc": ("gcc", "g++"), "clang": ("clang", "clang++")}[family][0 if c else 1]
+    cache = ["ccache"] if which("ccache") else []
+    return [*cache, name, "-std=c11" if c else "-std=c++20"]
+
+
+def run(command: Sequence[str], folder: Path) -> None:
+    """Runs a compiler or linker; raises CompileError with its words."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise CompileError(f"{' '.join(map(str, command))}\n{done.stderr}")
+
+
+def objects(sources: Iterable[Path], folder: Path, flags: Sequence[str], family: str = "gcc") -> list[Path]:
+    """Compiles each source to folder/NAME.o and returns the objects."""
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def one(source: Path) -> Path:
+        target = folder / f"{source.stem}.o"
+        command = [
+            *compiler(source, family),
+            *flags,
+            *INCLUDES,
+            "-ffp-contract=off",
+            "-c",
+            str(source),
+            "-o",
+            target.name,
+        ]
+        run(command, folder)
+        return target
+
+    with ThreadPoolExecutor(JOBS) as pool:
+        return list(pool.map(one, sources))
+
+
+def build_folder(name: str) -> Path:
+    """A folder of its own below the build folder."""
+    return BUILD_DIR.parent / "firmware-checks" / name

@@ -1,0 +1,69 @@
+"""Coverage-guided fuzzing of both nodes under AddressSanitizer and UndefinedBehaviorSanitizer."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import native
+import pytest
+from crux_tools.paths import ROOT
+
+FRAMES = int(os.environ.get("CRUX_FUZZ_FRAMES", "1000000"))
+SEED = 20260101
+SANITIZERS = "-fsanitize=fuzzer,address,undefined"
+HARNESS = ROOT / "tests/firmware/fuzz/fuzz_nodes.cpp"
+
+
+def build(folder: Path, sources: list[Path]) -> Path:
+    """The fuzzer, made of these firmware sources."""
+    flags = ["-O1", "-g", SANITIZERS, "-fno-sanitize-recover=all"]
+    objects = native.objects([*sources, HARNESS], folder, flags, family="clang")
+    native.run(["clang++", SANITIZERS, *map(str, objects), "-o", "fuzz_nodes"], folder)
+    return folder / "fuzz_nodes"
+
+
+def fuzz(program: Path, frames: int) -> subprocess.CompletedProcess[str]:
+    """Runs it from an empty corpus, the same way each time."""
+    corpus = program.parent / "corpus"
+    shutil.rmtree(corpus, ignore_errors=True)
+    corpus.mkdir()
+    command = [str(program), str(corpus), f"-seed={SEED}", "-max_len=4096", "-len_control=0", "-print_final_stats=0"]
+    environment = os.environ | {"CRUX_FUZZ_FRAMES": str(frames)}
+    return subprocess.run(command, cwd=program.parent, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def sources() -> list[Path]:
+    return [*native.CORE_SOURCES, *native.SAFETY_SOURCES]
+
+
+def test_no_frame_makes_a_node_unsafe(sources: list[Path]) -> None:
+    run = fuzz(build(native.build_folder("fuzz"), sources), FRAMES)
+    assert f"fuzzed {FRAMES} frames" in run.stdout, run.stderr[-3000:]
+
+
+GAIN = "node->position_gain_Nm_rad = "
+LOWER_LIMIT = "? -node->force_limit_N : "
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "complaint"),
+    [
+        ("joint_node.c", f"{GAIN}command->position_gain_Nm_rad;", f"{GAIN}0.0F;", "limp"),
+        ("gripper_node.c", f"{LOWER_LIMIT}0.0F;", f"{LOWER_LIMIT}-node->force_limit_N;", "opens by itself"),
+    ],
+)
+def test_the_fuzzer_finds_a_node_that_lets_go(
+    sources: list[Path], name: str, before: str, after: str, complaint: str
+) -> None:
+    folder = native.build_folder(f"fuzz-{name}")
+    folder.mkdir(parents=True, exist_ok=True)
+    broken = folder / name
+    text = (ROOT / "firmware/core" / name).read_text(encoding="utf-8")
+    assert before in text
+    broken.write_text(text.replace(before, after), encoding="utf-8")
+    run = fuzz(build(folder, [source for source in sources if source.name != name] + [broken]), FRAMES)
+    assert complaint in run.stderr
