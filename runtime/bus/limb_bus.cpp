@@ -4,6 +4,7 @@
 #include <string>
 
 #include "bus/bus.hpp"
+#include "core/node_protocol.hpp"
 #include "crux_can.h"
 
 namespace crux {
@@ -110,6 +111,7 @@ std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& ou
   awaited_cycle_ = static_cast<std::uint16_t>(cycle);
   answered_ = 0;
   foreign_host_ = false;
+  restarted_ = 0;
   sync_stamp_ns_ = answer_stamp_ns_ = 0;
   return {frames_.data(), n_frames_};
 }
@@ -177,6 +179,7 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
       ++statistics_.emergencies;
       crux_can_joint_emergency_t emergency{};  // the gripper's has the same layout
       crux_can_joint_emergency_unpack(&emergency, frame.data.data(), frame.length);
+      if (emergency.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) restarted_ |= 1U << meaning.node;
       notice = {NodeNotice::Kind::kEmergency, static_cast<std::int8_t>(limb_), meaning.node, emergency.cause,
                 emergency.detail};
       return true;
@@ -283,18 +286,21 @@ std::vector<int> LimbBus::silent_nodes() const {
 
 void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {
   const auto fresh = [this](std::uint32_t bit) { return static_cast<std::int8_t>(answered_ >> bit & 1U); };
+  const auto state_of = [this](std::uint32_t node, std::int8_t said) {
+    return (restarted_ >> node & 1U) != 0 ? static_cast<std::int8_t>(NodeState::kBoot) : said;
+  };
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
     const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
     const JointValues& values = joints_[joint];
     input.joint_fresh[i] = fresh(node_of_joint_[joint]);
-    input.joint_state[i] = values.state;
+    input.joint_state[i] = state_of(node_of_joint_[joint], values.state);
     input.joint_faults[i] = values.faults;
     input.joint_position_rad[i] = values.position_rad;
     input.joint_velocity_rad_s[i] = values.velocity_rad_s;
     input.joint_torque_nm[i] = values.torque_Nm;
   }
   input.gripper_fresh[limb_] = fresh(CRUX_CAN_NODE_GRIPPER);
-  input.gripper_state[limb_] = gripper_.state;
+  input.gripper_state[limb_] = state_of(CRUX_CAN_NODE_GRIPPER, gripper_.state);
   input.gripper_faults[limb_] = gripper_.faults;
   input.finger_opening_m[limb_] = gripper_.opening_m;
   input.finger_speed_m_s[limb_] = gripper_.speed_m_s;

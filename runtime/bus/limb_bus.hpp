@@ -131,6 +131,7 @@ class LimbBus {
   std::uint32_t answered_ = 0;
   std::uint32_t distrusted_nodes_ = 0;
   bool foreign_host_ = false;
+  std::uint32_t restarted_ = 0;  ///< nodes that said so since the last pack_cycle; their statuses may be newer already
   std::int64_t sync_stamp_ns_ = 0, answer_stamp_ns_ = 0;
   std::array<JointValues, CRUX_CAN_JOINTS> joints_{};
   GripperValues gripper_;

@@ -36,8 +36,10 @@ bool unfit(int state, int faults) {
 
 bool latched(int faults) { return (faults & kFaultCommandTimeout) != 0; }
 
+/// A node that has just started holds as well: it has lost what it was told.
 bool holds(int state) {
-  return state == static_cast<int>(NodeState::kHold) || state == static_cast<int>(NodeState::kDecelerate);
+  return state == static_cast<int>(NodeState::kHold) || state == static_cast<int>(NodeState::kDecelerate) ||
+         state == static_cast<int>(NodeState::kBoot);
 }
 
 /// Adds dt while `wrong` lasts; true once it has lasted for `persistence_s`.

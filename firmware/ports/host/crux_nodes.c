@@ -1,6 +1,7 @@
 #include "crux_nodes.h"
 
 #include <errno.h>
+#include <math.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,6 +24,8 @@ typedef struct interference {
   uint32_t drop_received;
   uint32_t corrupt_received;
   uint32_t drop_sent;
+  uint32_t lost_of_2_32;  ///< share of frames that get lost, both ways; UINT32_MAX: all of them
+  uint32_t random;        ///< state of the generator that chooses them, never 0
 } interference;
 
 typedef struct limb {
@@ -34,6 +37,7 @@ typedef struct limb {
   interference interference[CRUX_CAN_NODES];
   uint32_t sync_cycle;
   bool sync_new;
+  bool connected;
 } limb;
 
 struct crux_nodes {
@@ -96,6 +100,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
   for (int l = 0; good && (l < CRUX_LIMBS); l++) {
     limb *owner = &nodes->limbs[l];
     good = crux_bus_open(&owner->bus, bus_urls[l], last_error, sizeof(last_error));
+    owner->connected = true;
     owner->gripper_inputs.temperature_degC = ROOM_TEMPERATURE_DEG_C;
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
@@ -130,10 +135,22 @@ static bool use_up(uint32_t *count) {
   return left;
 }
 
+/// Marsaglia's xorshift: good enough to choose frames, and the same everywhere.
+static bool gets_lost(interference *disturbed) {
+  bool lost = disturbed->lost_of_2_32 == UINT32_MAX;
+  if (!lost && (disturbed->lost_of_2_32 > 0U)) {
+    disturbed->random ^= disturbed->random << 13U;
+    disturbed->random ^= disturbed->random >> 17U;
+    disturbed->random ^= disturbed->random << 5U;
+    lost = disturbed->random < disturbed->lost_of_2_32;
+  }
+  return lost;
+}
+
 static void deliver(limb *owner, int index, const crux_frame *frame) {
   interference *disturbed = &owner->interference[index];
   crux_frame heard = *frame;
-  if (!concerns(frame, index) || use_up(&disturbed->drop_received)) {
+  if (!concerns(frame, index) || use_up(&disturbed->drop_received) || gets_lost(disturbed)) {
     return;
   }
   if (use_up(&disturbed->corrupt_received)) {
@@ -159,8 +176,7 @@ static void listen(crux_nodes *nodes, int limb_index, const crux_frame *frame) {
     (void)crux_can_sync_unpack(&sync, frame->data, frame->length);
     nodes->limbs[limb_index].sync_cycle = sync.cycle;
     nodes->limbs[limb_index].sync_new = true;
-  } else if ((limb_index == 0) && (frame->id == CRUX_CAN_ID_HOST_HEARTBEAT) &&
-             is_whole(frame, CRUX_CAN_LENGTH_HOST_HEARTBEAT)) {
+  } else if ((frame->id == CRUX_CAN_ID_HOST_HEARTBEAT) && is_whole(frame, CRUX_CAN_LENGTH_HOST_HEARTBEAT)) {
     struct crux_can_host_heartbeat_t heartbeat;
     (void)crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length);
     nodes->host_state = heartbeat.host_state;
@@ -193,12 +209,19 @@ static bool drain(crux_nodes *nodes, int limb_index) {
   return true;
 }
 
-static bool all_synchronised(const crux_nodes *nodes) {
+/// All connected buses have brought a new Sync of the same cycle, which `cycle` then is.
+static bool all_synchronised(const crux_nodes *nodes, uint32_t *cycle) {
+  bool any = false;
   bool all = true;
   for (int l = 0; l < CRUX_LIMBS; l++) {
-    all = all && nodes->limbs[l].sync_new && (nodes->limbs[l].sync_cycle == nodes->limbs[0].sync_cycle);
+    const limb *owner = &nodes->limbs[l];
+    if (owner->connected) {
+      all = all && owner->sync_new && (!any || (owner->sync_cycle == *cycle));
+      any = true;
+      *cycle = owner->sync_cycle;
+    }
   }
-  return all;
+  return any && all;
 }
 
 static int64_t now_ms(void) {
@@ -211,9 +234,10 @@ int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle) {
   const int64_t deadline_ms = now_ms() + timeout_ms;
   struct pollfd polled[CRUX_LIMBS];
   for (int l = 0; l < CRUX_LIMBS; l++) {
-    polled[l] = (struct pollfd){.fd = nodes->limbs[l].bus.receive_fd, .events = POLLIN};
+    const int descriptor = nodes->limbs[l].connected ? nodes->limbs[l].bus.receive_fd : -1;  // poll skips negatives
+    polled[l] = (struct pollfd){.fd = descriptor, .events = POLLIN};
   }
-  while (!all_synchronised(nodes)) {
+  while (!all_synchronised(nodes, cycle)) {
     const int64_t left_ms = deadline_ms - now_ms();
     const int ready = poll(polled, CRUX_LIMBS, (left_ms > 0) ? (int)left_ms : 0);
     if ((ready == 0) || ((ready < 0) && (errno == EINTR))) {
@@ -232,7 +256,6 @@ int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle) {
   for (int l = 0; l < CRUX_LIMBS; l++) {
     nodes->limbs[l].sync_new = false;
   }
-  *cycle = nodes->limbs[0].sync_cycle;
   return 1;
 }
 
@@ -262,7 +285,8 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
 /// Moves what the node wants to say to the end of `frames`; returns their new number.
 static int collect(crux_link *link, interference *disturbed, crux_frame *frames, int count) {
   while (crux_link_take_frame(link, &frames[count])) {
-    count += use_up(&disturbed->drop_sent) ? 0 : 1;
+    const bool lost = use_up(&disturbed->drop_sent) || gets_lost(disturbed);
+    count += lost ? 0 : 1;
   }
   return count;
 }
@@ -296,7 +320,7 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
     }
     crux_gripper_node_publish(&owner->gripper, inputs);
     count = collect(&owner->gripper.link, &owner->interference[GRIPPER], frames, count);
-    if (!crux_bus_send(&owner->bus, frames, count)) {
+    if (owner->connected && !crux_bus_send(&owner->bus, frames, count)) {
       (void)bus_failure(l, "cannot send");
       result = -1;
     }
@@ -357,6 +381,51 @@ int crux_nodes_drop_sent(crux_nodes *nodes, int limb_index, int node, uint32_t c
     return -1;
   }
   nodes->limbs[limb_index].interference[node - 1].drop_sent = count;
+  return 0;
+}
+
+int crux_nodes_lose(crux_nodes *nodes, int limb_index, double share, uint32_t seed) {
+  if (!exists(limb_index, 1)) {
+    return -1;
+  }
+  for (int i = 0; i < NODES_PER_LIMB; i++) {
+    interference *disturbed = &nodes->limbs[limb_index].interference[i];
+    disturbed->lost_of_2_32 = (uint32_t)lround(fmin(fmax(share, 0.0), 1.0) * (double)UINT32_MAX);
+    disturbed->random = (seed * 2654435761U) ^ ((uint32_t)i + 1U);
+    disturbed->random |= 1U;
+  }
+  return 0;
+}
+
+int crux_nodes_connect(crux_nodes *nodes, int limb_index, int connected) {
+  if (!exists(limb_index, 1)) {
+    return -1;
+  }
+  limb *owner = &nodes->limbs[limb_index];
+  crux_frame frames[CRUX_BUS_BATCH];
+  int count = 0;
+  // What waits in the socket is of the time before, and so is the report that the interface went down.
+  while (!owner->connected && (connected != 0) && (crux_bus_receive(&owner->bus, frames, &count) != 0)) {
+  }
+  owner->sync_new = false;
+  owner->connected = connected != 0;
+  return 0;
+}
+
+int crux_nodes_intrude(crux_nodes *nodes, int limb_index, uint16_t id, const uint8_t *data, int length) {
+  if (!exists(limb_index, 1) || (length < 0) || (length > (int)CRUX_FRAME_CAPACITY)) {
+    return -1;
+  }
+  limb *owner = &nodes->limbs[limb_index];
+  crux_frame frame = {.id = id, .length = (uint8_t)length};
+  (void)memcpy(frame.data, data, (size_t)length);
+  for (int i = 0; i < NODES_PER_LIMB; i++) {
+    deliver(owner, i, &frame);
+  }
+  if (owner->connected && !crux_bus_send(&owner->bus, &frame, 1)) {
+    (void)bus_failure(limb_index, "cannot send");
+    return -1;
+  }
   return 0;
 }
 

@@ -47,7 +47,7 @@ CRUX_API int crux_nodes_publish(crux_nodes *nodes, const double joint_position[C
                                 const double finger_opening[CRUX_LIMBS], const double finger_speed[CRUX_LIMBS],
                                 const double finger_force[CRUX_LIMBS], const double ft_wrench[CRUX_LIMBS * 6]);
 
-/// HostState of the last valid HostHeartbeat on the first bus; 0xFF before the first.
+/// HostState of the last valid HostHeartbeat on any bus; 0xFF before the first.
 CRUX_API uint8_t crux_nodes_host_state(const crux_nodes *nodes);
 
 /// States (DBC: JointStatus.State, GripperStatus.State) and fault bits.
@@ -58,13 +58,20 @@ CRUX_API void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRU
 /// Counters of a node: limb 0..3, node 1..7. 0, or -1 when there is no such node.
 CRUX_API int crux_nodes_counters(const crux_nodes *nodes, int limb, int node, crux_node_counters *counters);
 
-// Faults the bench can inject. 0, or -1 when there is no such node.
+// Faults the bench can inject. 0, or -1 when there is no such node or limb.
 
 /// The node does not hear its next `count` frames (its commands and Syncs), or hears them with a flipped bit.
 CRUX_API int crux_nodes_drop_received(crux_nodes *nodes, int limb, int node, uint32_t count);
 CRUX_API int crux_nodes_corrupt_received(crux_nodes *nodes, int limb, int node, uint32_t count);
 /// The next `count` frames of the node get lost on their way to the bus.
 CRUX_API int crux_nodes_drop_sent(crux_nodes *nodes, int limb, int node, uint32_t count);
+/// From now on this share of the frames between the bus and each of the limb's nodes gets lost, both ways, at random;
+/// the same seed loses the same frames. A share of 1 cuts the bus, 0 mends it.
+CRUX_API int crux_nodes_lose(crux_nodes *nodes, int limb, double share, uint32_t seed);
+/// Whether the limb's bus exists for the nodes: without it no Sync is waited for there and nothing is sent.
+CRUX_API int crux_nodes_connect(crux_nodes *nodes, int limb, int connected);
+/// A stranger's frame of at most CRUX_FRAME_CAPACITY bytes: goes out on the limb's bus, and its nodes hear it.
+CRUX_API int crux_nodes_intrude(crux_nodes *nodes, int limb, uint16_t id, const uint8_t *data, int length);
 /// The node restarts as after a loss of power.
 CRUX_API int crux_nodes_reset(crux_nodes *nodes, int limb, int node);
 /// What the node's thermometer reads from now on; 25 degC at the start.

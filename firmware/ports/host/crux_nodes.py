@@ -141,6 +141,9 @@ def _load(path: Path) -> ctypes.CDLL:
         "drop_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "corrupt_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "drop_sent": (integer, [handle, integer, integer, ctypes.c_uint32]),
+        "lose": (integer, [handle, integer, ctypes.c_double, ctypes.c_uint32]),
+        "connect": (integer, [handle, integer, integer]),
+        "intrude": (integer, [handle, integer, ctypes.c_uint16, ctypes.c_char_p, integer]),
         "reset": (integer, [handle, integer, integer]),
         "set_temperature": (integer, [handle, integer, integer, ctypes.c_double]),
     }  # fmt: skip
@@ -261,7 +264,7 @@ class Nodes:
         self._check(self._library.crux_nodes_publish(self._handle, *(pointer for _, pointer in keep)))
 
     def host_state(self) -> int:
-        """HostState of the last HostHeartbeat on the first bus; NO_HOST_STATE before the first."""
+        """HostState of the last HostHeartbeat on any bus; NO_HOST_STATE before the first."""
         return int(self._library.crux_nodes_host_state(self._handle))
 
     def states(self) -> tuple[bytes, bytes, bytes, bytes]:
@@ -288,6 +291,18 @@ class Nodes:
     def drop_sent(self, limb: int, node: int, count: int) -> None:
         """The next `count` frames of the node get lost."""
         self._check(self._library.crux_nodes_drop_sent(self._handle, limb, node, count))
+
+    def lose(self, limb: int, share: float, seed: int = 1) -> None:
+        """From now on this share of the frames to and from each node of the limb gets lost; 1 cuts the bus."""
+        self._check(self._library.crux_nodes_lose(self._handle, limb, share, seed))
+
+    def connect(self, limb: int, connected: bool) -> None:
+        """Whether the limb's bus exists for the nodes."""
+        self._check(self._library.crux_nodes_connect(self._handle, limb, int(connected)))
+
+    def intrude(self, limb: int, identifier: int, data: bytes) -> None:
+        """A stranger's frame goes out on the limb's bus, and its nodes hear it."""
+        self._check(self._library.crux_nodes_intrude(self._handle, limb, identifier, data, len(data)))
 
     def reset(self, limb: int, node: int) -> None:
         """The node restarts as after a loss of power."""

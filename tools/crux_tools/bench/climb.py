@@ -14,6 +14,8 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
+from crux_tools.bench.disturbance import Course, Disturbance
+from crux_tools.bench.fault_file import Fault
 from crux_tools.bench.firmware_nodes import FirmwareNodes
 from crux_tools.bench.judge import Verdict, judge
 from crux_tools.bench.loop import START_CYCLE, Ending, Loop, Outcome
@@ -22,7 +24,7 @@ from crux_tools.bench.ports import run_ports
 from crux_tools.bench.priority import no_garbage_collection, realtime_priority
 from crux_tools.bench.recorder import Recorder
 from crux_tools.bench.robot_model import build_model
-from crux_tools.bench.runtime_process import STOP_TIMEOUT_S, RuntimeProcess
+from crux_tools.bench.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess
 from crux_tools.errors import WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
@@ -33,7 +35,8 @@ from crux_tools.telemetry.wording import fault_line
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
 EXTRA_TIME_SHARE = 1.0  # of the plan's duration
-SOCKETCAN = [f"socketcan:can{bus}" for bus in range(4)]
+INTERFACES = [f"can{bus}" for bus in range(4)]
+FAULT_GUARD_S = 0.02  # lockstep with faults: nodes that cannot answer are waited for in every cycle
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class ClimbOptions:
     pace: str = "lockstep"
     bus: str = "udp"
     seed: int = 0
+    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class ClimbResult:
     missed_cycles: int
     reason: str
     log: Path
+    courses: tuple[Course, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -87,6 +92,9 @@ class ClimbResult:
         }
         if self.outcome.robot_on_wall is not None:
             result["robot_on_wall"] = self.outcome.robot_on_wall
+        if self.courses:
+            result["robot_on_wall"] = not verdict.fell
+            result["faults"] = [course.as_json() for course in self.courses]
         return result
 
 
@@ -135,8 +143,12 @@ def climb(
     recorder = Recorder(plant)
     with ExitStack() as stack:
         ports = stack.enter_context(run_ports())
-        buses = ports.bus_urls() if options.bus == "udp" else SOCKETCAN
-        runtime = stack.enter_context(RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log))
+        on_udp = options.bus == "udp"
+        buses = ports.bus_urls() if on_udp else [f"socketcan:{interface}" for interface in INTERFACES]
+        guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
+        runtime = stack.enter_context(
+            RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log, guard_s)
+        )
         link = stack.enter_context(OperatorLink(ports.lcm_url))
         runtime.await_answer(link)
         link.upload(plan)
@@ -144,7 +156,11 @@ def climb(
         nodes = stack.enter_context(FirmwareNodes(buses, robot))
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
-        loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s))
+        disturbance = None
+        if options.faults:
+            interfaces = None if on_udp else INTERFACES
+            disturbance = Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed)
+        loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may make the bench late")
@@ -153,10 +169,13 @@ def climb(
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
         last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""
-    return _judged(plan, recorder, log, outcome, last_words)
+    courses = tuple(disturbance.courses) if disturbance is not None else ()
+    return _judged(plan, recorder, log, outcome, last_words, courses)
 
 
-def _judged(plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_words: str) -> ClimbResult:
+def _judged(
+    plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_words: str, courses: tuple[Course, ...]
+) -> ClimbResult:
     robot, dt_s = recorder.plant.robot, recorder.plant.dt_s
     telemetry = read_log(log)
     if not len(telemetry.state):
@@ -170,4 +189,5 @@ def _judged(plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_
         missed_cycles=int(telemetry.state["missed_cycles"][-1]) + outcome.missed,
         reason=_reason(outcome, verdict, ([last_words] if last_words else []) + faults),
         log=log,
+        courses=courses,
     )

@@ -42,6 +42,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
     )
+    parser.add_argument(
+        "--faults",
+        type=Path,
+        metavar="FILE.yaml",
+        help="what goes wrong on the buses when (crux_tools/bench/fault_file.py)",
+    )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
     parser.set_defaults(func=run)
@@ -63,6 +69,13 @@ def _print_summary(result: Any) -> None:
         f"  time      {result.outcome.cycles} cycles at {result.real_time_factor:.2f} x real time, "
         f"{result.missed_cycles} missed"
     )
+    for course in result.courses:
+        fault = course.as_json()
+        stopped = (
+            "climbed on" if course.runtime_s is None else f"stopped climbing after {course.runtime_s * 1e3:.0f} ms"
+        )
+        held = "" if course.held_s is None else f", held after {course.held_s * 1e3:.0f} ms"
+        note(f"  fault     {fault['kind']} on {fault['limb']} at {fault['at_s']:g} s: {stopped}{held}")
     note(f"  log       {result.log}")
 
 
@@ -82,13 +95,16 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.plan_file import read_plan
 
     from crux_tools.bench.climb import ClimbOptions, climb
+    from crux_tools.bench.fault_file import read_faults
     from crux_tools.plan_robot import robot_of_plan
 
     plan = read_plan(options.plan)
     robot = robot_of_plan(plan, options.plan)
+    faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     options.output.parent.mkdir(parents=True, exist_ok=True)
+    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults)
     with progress("climbing", plan.knots[-1].time_s) as bar:
-        result = climb(plan, robot, options.output, ClimbOptions(options.pace, options.bus, options.seed), bar.at)
+        result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:
         print_json(result.as_json())
     else:

@@ -11,6 +11,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from numpy.typing import NDArray
 
+from crux_tools.bench.disturbance import Injector
 from crux_tools.bench.plant import Plant
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import ROOT, built
@@ -53,6 +54,12 @@ class FirmwareNodes:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._nodes.close()
+
+    @property
+    def injector(self) -> Injector:
+        """What can be done to the nodes and their buses."""
+        injector: Injector = self._nodes
+        return injector
 
     def wait_sync(self, timeout_s: float) -> int | None:
         """Cycle of the next Sync on all buses, None after `timeout_s`."""

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from crux_tools.bench.disturbance import Disturbance
 from crux_tools.bench.plant import Plant
 from crux_tools.bench.recorder import Recorder
 
@@ -83,6 +84,8 @@ class Loop:
     runtime_alive: Callable[[], bool]
     progress: Callable[[float], None]
     max_cycles: int
+    disturbance: Disturbance | None = None
+    """faults to live through: a climb that stops is then watched until they are over"""
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Goes on answering Syncs, unjudged, until `until()`: in real time silent nodes would be a fault."""
@@ -119,7 +122,11 @@ class Loop:
             if last < 0:
                 began_s = time.monotonic()
             missed += cycle - last - 1  # the bench came too late: physics stands still, no watchdog counts
+            if self.disturbance is not None:
+                self.disturbance.begin_cycle(cycle)
             self._step(cycle)
+            if self.disturbance is not None:
+                self.disturbance.end_cycle(cycle)
             self.nodes.publish(self.plant)
             last = cycle
             if cycle % REPORT_CYCLES == 0:
@@ -138,7 +145,7 @@ class Loop:
         if host != UNKNOWN:
             if host & PLAN_COMPLETE:
                 return Ending.COMPLETE
-            if cycle > START_CYCLE + START_GRACE_CYCLES:
+            if cycle > START_CYCLE + START_GRACE_CYCLES and (self.disturbance is None or self.disturbance.over(cycle)):
                 if state in (HOLDING, FAULT):
                     return Ending.STOPPED
                 if state != CLIMBING:

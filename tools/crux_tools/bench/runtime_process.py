@@ -26,11 +26,14 @@ STDERR_SHOWN = 400  # characters of a dead runtime's last words
 class RuntimeProcess:
     """Starts crux-runtime; leaving the context ends it."""
 
-    def __init__(self, robot_dir: Path, bus_urls: list[str], pace: str, lcm_url: str, log: Path) -> None:
+    def __init__(
+        self, robot_dir: Path, bus_urls: list[str], pace: str, lcm_url: str, log: Path, guard_s: float = GUARD_TIME_S
+    ) -> None:
+        """`guard_s`: how long the runtime waits for the nodes in lockstep."""
         self._arguments = [
             str(built(BINARY)),
             *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
-            *("--guard-time", str(GUARD_TIME_S)),
+            *("--guard-time", str(guard_s)),
             *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__

@@ -9,6 +9,7 @@ from typing import Any
 from crux_tools.output import add_json_option, note
 
 BENCHES = {
+    "faults": ("break the buses in mid-climb in every way and time the hold", "crux_tools.benches.bus_faults"),
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
     "scenes": ("plan, check and climb every scene that ships", "crux_tools.benches.scenes"),
     "fig7": ("the faces that are gripped where others are slippery", "crux_tools.benches.slippery"),

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from crux_tools.can.run_command import add_kernel, add_run
+from crux_tools.can.setup_command import add_check, add_up
 
 
 def add_parser(subparsers: Any) -> None:
@@ -16,6 +17,8 @@ def add_parser(subparsers: Any) -> None:
         description="CAN interfaces of this machine: set up and check them; or a kernel that has some.",
     )
     actions = parser.add_subparsers(dest="can_action", metavar="ACTION", required=True)
+    add_up(actions)
+    add_check(actions)
     add_run(actions)
     add_kernel(actions)
 

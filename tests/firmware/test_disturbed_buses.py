@@ -1,0 +1,97 @@
+"""What the bench can do to a limb's bus: lose frames, take it away, put a stranger's frames on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import crux_nodes
+import pytest
+from crux_contracts import can_codec
+from crux_contracts.robot import load_robot
+from host import HOLD, TRACK, Host, host
+
+JOINT: can_codec.Values = {"Mode": TRACK, "Position_rad": 0.0, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 2.0}
+GRIPPER: can_codec.Values = {"Mode": TRACK, "Opening_m": 0.029, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 30.0}
+CYCLES = 300
+LIMB = 2
+
+
+@pytest.fixture
+def bench() -> Iterator[Host]:
+    with host(load_robot("scaler")) as made:
+        yield made
+
+
+def statuses(bench: Host, limb: int) -> list[int]:
+    """Statuses of the limb's joints since the last call."""
+    heard = bench.heard(limb)
+    return [len(heard["JointStatus", node]) for node in range(1, 7)]
+
+
+def test_a_share_of_one_cuts_the_limb_and_zero_mends_it(bench: Host) -> None:
+    bench.run(0, JOINT, GRIPPER)
+    bench.heard(LIMB)
+    bench.nodes.lose(LIMB, 1.0)
+    for cycle in range(1, 121):
+        bench.run(cycle, JOINT, GRIPPER)
+    assert statuses(bench, LIMB) == [0] * 6
+    joints = bench.nodes.states()[0]
+    assert set(joints[6 * LIMB : 6 * LIMB + 6]) == {HOLD + 1}, "the watchdog stopped them"
+    assert set(joints[: 6 * LIMB]) == {TRACK + 1}, "other limbs go on"
+    bench.nodes.lose(LIMB, 0.0)
+    bench.run(121, JOINT, GRIPPER)
+    assert statuses(bench, LIMB) == [1] * 6
+
+
+def answered_with_loss(share: float, seed: int) -> list[int]:
+    """Statuses that got through in CYCLES cycles on a fresh robot."""
+    answered = [0] * 6
+    with host(load_robot("scaler")) as bench:
+        bench.nodes.lose(LIMB, share, seed)
+        for cycle in range(CYCLES):
+            bench.run(cycle, {**JOINT, "Mode": HOLD}, GRIPPER)
+            answered = [sum(pair) for pair in zip(answered, statuses(bench, LIMB), strict=True)]
+    return answered
+
+
+def test_a_share_is_lost_both_ways_and_the_same_frames_for_the_same_seed() -> None:
+    share = 0.3
+    first = answered_with_loss(share, 7)
+    assert first == answered_with_loss(share, 7) != answered_with_loss(share, 8)
+    # Once in (Sync) and once out (status).
+    assert sum(first) / 6 / CYCLES == pytest.approx((1 - share) ** 2, abs=0.05)
+
+
+def test_a_bus_that_is_away_is_neither_waited_for_nor_sent_on(bench: Host) -> None:
+    bench.run(0, JOINT, GRIPPER)
+    bench.heard(LIMB)
+    bench.nodes.connect(LIMB, False)
+    for limb in range(crux_nodes.LIMBS):
+        if limb != LIMB:
+            bench.send(limb, "Sync", {"Cycle": 1})
+    assert bench.nodes.wait_sync(2.0) == 1
+    bench.control()
+    bench.publish()
+    assert statuses(bench, LIMB) == [0] * 6
+    bench.nodes.connect(LIMB, True)
+    assert bench.nodes.wait_sync(0.01) is None
+    bench.run(2, JOINT, GRIPPER)
+    assert statuses(bench, LIMB) == [1] * 6
+
+
+def test_a_strangers_frame_reaches_the_nodes_and_the_bus(bench: Host) -> None:
+    bench.run(0, JOINT, GRIPPER)
+    forged = can_codec.encode("JointCommand", {**JOINT, "Position_rad": 0.5}, 2, 3)
+    bench.nodes.intrude(LIMB, forged.identifier, forged.data)
+    assert bench.nodes.counters(LIMB, 3).commands == 2
+    assert bench.nodes.counters(LIMB, 4).commands == 1
+    heard = []
+    while (message := bench.buses[LIMB].recv(timeout=0.1)) is not None:
+        heard.append(message.arbitration_id)
+    assert heard[-1] == forged.identifier
+    bad = bytearray(forged.data)
+    bad[5] ^= 1
+    bench.nodes.intrude(LIMB, forged.identifier, bytes(bad))
+    assert bench.nodes.counters(LIMB, 3).rejected_crc == 1
+    with pytest.raises(crux_nodes.NodesError):
+        bench.nodes.intrude(4, forged.identifier, forged.data)

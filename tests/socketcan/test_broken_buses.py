@@ -1,0 +1,84 @@
+"""Buses that break in mid-climb and before it, on a real kernel: counted, told, held, and back without a step."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_msgs import robot_state_t
+from crux_tools.telemetry import Telemetry, read_log
+from short_climb import plan_short_climb
+from with_can import BUSES, CRUX, can_run
+
+READY, CLIMBING, HOLDING, FAULT = (
+    robot_state_t.READY,
+    robot_state_t.CLIMBING,
+    robot_state_t.HOLDING,
+    robot_state_t.FAULT,
+)
+IDLE = robot_state_t.IDLE
+LF, RF, LR, RR = range(4)
+IN_MID_CLIMB = """
+version: 1
+faults:
+  - {kind: error_passive, limb: LF, at_s: 8.0, for_s: 0.2}
+  - {kind: interface_down, limb: RF, at_s: 8.4, for_s: 0.2}
+  - {kind: bus_off, limb: LR, at_s: 10.6, for_s: 0.2}
+  - {kind: queue_full, limb: RR, at_s: 12.8, for_s: 0.2}
+  - {kind: unacknowledged, limb: LF, at_s: 15.0, for_s: 0.2}
+"""
+BEFORE = "version: 1\nfaults:\n  - {kind: interface_down, limb: RF, at_s: 1.2, for_s: 0.2}\n"
+HELD_WITHIN_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return plan_short_climb(tmp_path_factory.mktemp("plan"))
+
+
+def broken_climb(plan: Path, folder: Path, faults: str) -> tuple[dict[str, Any], Telemetry]:
+    """Its result and its log."""
+    (folder / "faults.yaml").write_text(faults)
+    log = folder / "log.mcap"
+    climb = [*CRUX, "climb", str(plan), "-o", str(log), "--bus", "socketcan", "--pace", "realtime", "--json"]
+    done = can_run("--virtual-time", "-i", BUSES, "--", *climb, "--faults", str(folder / "faults.yaml"))
+    assert done.stdout, done.stderr.decode()
+    return json.loads(done.stdout), read_log(log)
+
+
+def states(log: Telemetry) -> list[int]:
+    """The supervisor's states in order, without repetition."""
+    state = log.state["supervisor_state"]
+    return [int(state[0]), *(int(s) for s in state[1:][np.diff(state.astype(int)) != 0])]
+
+
+def test_every_break_is_told_counted_and_held(plan: Path, tmp_path: Path) -> None:
+    result, log = broken_climb(plan, tmp_path, IN_MID_CLIMB)
+    assert result["robot_on_wall"]
+    assert result["slips"] == 0
+    for fault in result["faults"]:
+        assert fault["held_s"] <= HELD_WITHIN_S, fault
+        assert not fault["moved_on"]
+    told = [(int(fault["code"]), int(fault["limb"])) for fault in log.faults]
+    assert told == [(12, LF), (17, RF), (16, LR), (14, RR), (13, LF)]
+    climbing = states(log).index(CLIMBING)
+    # Held, then thrown out by a graver fault and back by itself, four times; never again climbing.
+    assert states(log)[climbing:] == [CLIMBING, HOLDING, *[FAULT, HOLDING] * 4]
+    last = {int(row["limb"]): row for row in log.buses[-4:]}
+    assert last[LF]["error_passive"] == 1
+    assert last[LF]["unacknowledged"] == 1
+    assert last[RF]["interface_down"] == 1
+    assert last[RF]["send_failed"] > 0
+    assert (last[LR]["bus_off"], last[LR]["restarts"]) == (1, 1)
+    assert last[RR]["queue_full"] > 0
+    assert [int(row["state"]) for row in last.values()] == [0, 0, 0, 0]
+
+
+def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(plan: Path, tmp_path: Path) -> None:
+    result, log = broken_climb(plan, tmp_path, BEFORE)
+    assert result["robot_on_wall"]
+    assert states(log)[-4:] == [READY, FAULT, IDLE, READY]
+    assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"

@@ -1,0 +1,116 @@
+"""CAN interfaces as iproute2 tells of them, and what frames cost on a bus."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from crux_contracts.robot import load_robot
+from crux_tools.can.bus_load import BUDGET, LENGTHS, frame_time_s, planned_load
+from crux_tools.can.interfaces import defects, parse, set_up_commands
+from crux_tools.errors import WorkFailed
+
+ROBOT = load_robot("scaler")
+
+
+def real_link(**changes: Any) -> dict[str, Any]:
+    """What `ip -details -json -statistics link show` gives for a CAN FD adapter that is set up right."""
+    data = {
+        "ctrlmode": ["FD", "BERR-REPORTING"],
+        "state": "ERROR-ACTIVE",
+        "berr_counter": {"tx": 3, "rx": 1},
+        "restart_ms": 100,
+        "bittiming": {"bitrate": 1000000, "sample_point": "0.800", "tq": 12, "sjw": 8, "brp": 1},
+        "data_bittiming": {"bitrate": 5000000, "sample_point": "0.812", "tq": 12, "sjw": 1, "brp": 1},
+        "clock": 80000000,
+    }
+    link = {
+        "ifindex": 4,
+        "ifname": "can2",
+        "flags": ["NOARP", "UP", "LOWER_UP", "ECHO"],
+        "mtu": 72,
+        "qdisc": "pfifo_fast",
+        "operstate": "UP",
+        "txqlen": 18,
+        "link_type": "can",
+        "linkinfo": {
+            "info_kind": "can",
+            "info_data": data,
+            "info_xstats": {"restarts": 2, "bus_error": 7, "bus_off": 2},
+        },
+    }
+    for name, value in changes.items():
+        (data if name in data else link)[name] = value
+    return link
+
+
+def found(**changes: Any) -> list[str]:
+    loopback = {"ifname": "lo", "link_type": "loopback", "flags": ["UP"], "mtu": 65536}
+    (interface,) = parse(json.dumps([loopback, real_link(**changes)]))
+    return defects(interface, ROBOT)
+
+
+def test_a_good_adapter_has_no_defects_and_its_counters_are_read() -> None:
+    (interface,) = parse(json.dumps([real_link()]))
+    assert defects(interface, ROBOT) == []
+    assert interface.errors == {"tx_errors": 3, "rx_errors": 1, "restarts": 2, "bus_error": 7, "bus_off": 2}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"flags": ["NOARP", "ECHO"]}, "it is down"),
+        ({"mtu": 16}, "does not carry CAN FD: mtu 16"),
+        ({"bittiming": {"bitrate": 500000, "sample_point": "0.875"}}, "bit rate 500000, right is 1000000"),
+        ({"bittiming": {"bitrate": 1000000, "sample_point": 0.875}}, "sample point 0.875 of the bit rate"),
+        ({"data_bittiming": {"bitrate": 2000000, "sample_point": "0.8"}}, "data bit rate 2000000, right is 5000000"),
+        ({"txqlen": 1000}, "plays old commands after a jam"),
+        ({"txqlen": 4}, "a cycle has 9"),
+        ({"restart_ms": 0}, "restart-ms 0, right is 100"),
+        ({"ctrlmode": ["FD"]}, "berr-reporting off"),
+        ({"state": "BUS-OFF"}, "its controller is BUS-OFF, right is ERROR-ACTIVE"),
+    ],
+)
+def test_every_defect_is_named_alone(changes: dict[str, Any], said: str) -> None:
+    (problem,) = found(**changes)
+    assert said in problem
+
+
+def test_what_up_would_do_is_what_check_wants() -> None:
+    (interface,) = parse(json.dumps([real_link(flags=[], txqlen=10)]))
+    lines = [" ".join(command) for command in set_up_commands(interface, ROBOT)]
+    assert lines[0] == "ip link set can2 down"
+    assert lines[-1] == "ip link set can2 up"
+    words = " ".join(lines)
+    for wanted in (
+        "bitrate 1000000",
+        "dbitrate 5000000",
+        "fd on",
+        "restart-ms 100",
+        "txqueuelen 18",
+        "berr-reporting on",
+    ):
+        assert wanted in words
+
+
+def test_garbage_from_ip_is_said() -> None:
+    with pytest.raises(WorkFailed, match="no JSON"):
+        parse("Object can0")
+    assert parse("") == []
+
+
+def test_frame_times_bracket_a_frame_counted_bit_by_bit() -> None:
+    """A 16-byte frame: 30 bits slow; ESI 1, DLC 4, data 128, stuff count 4, CRC 17, fixed stuff bits 6 fast."""
+    least, most = frame_time_s(16, 1_000_000, 5_000_000)
+    assert least == pytest.approx(30e-6 + 160 / 5e6)
+    # Every fourth of 22 + 128 bits from SOF to the data's end, of which the first 17 are slow: 4 slow, 33 fast.
+    assert most == pytest.approx(least + 4e-6 + 33 / 5e6)
+    times = [frame_time_s(length, 1_000_000, 5_000_000)[1] for length in LENGTHS]
+    assert times == sorted(times)
+    assert frame_time_s(13, 1_000_000, 5_000_000) == (least, most)
+
+
+def test_the_robots_cycle_is_within_the_budget() -> None:
+    least, most = planned_load(ROBOT)
+    assert 0.45 < least < most <= BUDGET

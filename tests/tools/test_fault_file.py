@@ -1,0 +1,101 @@
+"""Scheduled faults: what a file may say, and what strangers put on a bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from crux_contracts import can_codec
+from crux_contracts.yaml_document import DocumentError
+from crux_tools.bench.disturbance import Disturbance
+from crux_tools.bench.fault_file import KINDS, ON_SOCKETCAN, Fault, read_faults
+from crux_tools.bench.strangers import SENDERS
+from crux_tools.errors import UsageError
+
+DT_S = 0.002
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "faults.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
+    lines = [f"  - {{kind: {kind}, limb: RR, at_s: {10 - n * 0.5}, for_s: 0.5}}" for n, kind in enumerate(KINDS)]
+    faults = read_faults(written(tmp_path, "version: 1\nfaults:\n" + "\n".join(lines) + "\n"))
+    assert [fault.kind for fault in faults] == list(reversed(KINDS))
+    assert faults[0].limb == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("version: 2\nfaults: []\n", "version"),
+        ("version: 1\n", "faults"),
+        ("version: 1\nfaults:\n  - {kind: cat, limb: RF, at_s: 1, for_s: 1}\n", "cut"),
+        ("version: 1\nfaults:\n  - {kind: cut, limb: XX, at_s: 1, for_s: 1}\n", "limb"),
+        ("version: 1\nfaults:\n  - {kind: cut, limb: RF, at_s: -1, for_s: 1}\n", "at_s"),
+        ("version: 1\nfaults:\n  - {kind: cut, limb: RF, at_s: 1}\n", "for_s"),
+        ("version: 1\nfaults:\n  - {kind: reset, limb: RF, node: 8, at_s: 1, for_s: 1}\n", "node"),
+        ("version: 1\nfaults:\n  - {kind: loss, limb: RF, share: 30, at_s: 1, for_s: 1}\n", "share"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(DocumentError) as error:
+        read_faults(path)
+    assert said in str(error.value)
+    assert str(path) in str(error.value)
+
+
+class Recorded:
+    """Notes what is done to the nodes."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[object, ...]] = []
+        self.host = 2
+        self.nodes = bytes([2] * 28)
+
+    def __getattr__(self, name: str) -> object:
+        return lambda *words: self.calls.append((name, *words))
+
+    def host_state(self) -> int:
+        return self.host
+
+    def states(self) -> tuple[bytes, bytes, bytes, bytes]:
+        return self.nodes[:24], bytes(24), self.nodes[24:], bytes(4)
+
+
+def test_a_cut_lasts_from_its_beginning_to_its_end_and_is_timed() -> None:
+    nodes = Recorded()
+    disturbance = Disturbance([Fault("cut", 1, at_s=0.02, for_s=0.1)], nodes, DT_S, None, seed=0)  # type: ignore[arg-type]
+    for cycle in range(100):
+        disturbance.begin_cycle(cycle)
+        nodes.host = 4 if cycle >= 21 else 2  # FAULT
+        nodes.nodes = bytes([3] * 28) if 21 <= cycle < 25 else bytes([1] * 28) if cycle >= 25 else bytes([2] * 28)
+        disturbance.end_cycle(cycle)
+        assert (("lose", 1, 1.0, 1) in nodes.calls) == (cycle >= 10)
+        assert (("lose", 1, 0.0, 1) in nodes.calls) == (cycle >= 60)
+    (course,) = disturbance.courses
+    assert course.runtime_s == pytest.approx(22 * DT_S - 0.02)
+    assert course.held_s == pytest.approx(26 * DT_S - 0.02)
+    assert not course.moved_on
+    nodes.host = 2
+    disturbance.end_cycle(100)
+    assert course.moved_on
+
+
+def test_faults_of_interfaces_need_interfaces() -> None:
+    for kind in ON_SOCKETCAN:
+        with pytest.raises(UsageError, match="--bus socketcan"):
+            Disturbance([Fault(kind, 0, 1.0, 1.0)], Recorded(), DT_S, None, 0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", sorted(SENDERS))
+def test_strangers_frames_are_whole_but_for_damaged_ones(kind: str) -> None:
+    for cycle in (0, 100, 70000):
+        frames = list(SENDERS[kind](cycle))
+        assert len(frames) >= 6
+        verdicts = {can_codec.check(frame, can_codec.Receiver()) for frame in frames}
+        assert verdicts == {can_codec.Verdict.CORRUPT if kind == "crc" else can_codec.Verdict.OK}
