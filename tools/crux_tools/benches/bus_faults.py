@@ -8,14 +8,12 @@ of the control cycle.
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from crux_tools.bench.fault_file import ON_ANY_BUS, ON_SOCKETCAN
+from crux_tools.benches.cold_process import crux_json
 from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json, progress
 from crux_tools.paths import ROOT
@@ -56,28 +54,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _crux(*words: str) -> dict[str, Any]:
-    """The JSON of a command of crux, run in a process of its own, as a user would."""
-    crux = (sys.executable, "-m", "crux_tools.cli")
-    done = subprocess.run([*crux, *words], capture_output=True, text=True, check=False)
-    try:
-        result: dict[str, Any] = json.loads(done.stdout)
-    except ValueError:
-        raise WorkFailed(f"crux {' '.join(words[:2])}: {done.stderr.strip()[-400:]}") from None
-    return result
-
-
 def _climb(plan: Path, folder: Path, kind: str, limb: str) -> Row:
     name = folder / f"{kind}-{limb}"
     faults = name.with_suffix(".yaml")
     faults.write_text(f"version: 1\nfaults:\n  - {{kind: {kind}, limb: {limb}, at_s: {AT_S}, for_s: {FOR_S}}}\n")
-    climb = ["climb", str(plan), "-o", str(name.with_suffix(".mcap")), "--faults", str(faults), "--json"]
+    climb = ["climb", str(plan), "-o", str(name.with_suffix(".mcap")), "--faults", str(faults)]
     if kind in ON_SOCKETCAN:
         crux = [sys.executable, "-m", "crux_tools.cli"]
         guest = ["can", "run", "--virtual-time", "-i", BUSES, "--timeout", TIMEOUT_S, "--"]
-        result = _crux(*guest, *crux, *climb, "--bus", "socketcan", "--pace", "realtime")
+        result, _ = crux_json(*guest, *crux, *climb, "--bus", "socketcan", "--pace", "realtime")
     else:
-        result = _crux(*climb)
+        result, _ = crux_json(*climb)
     if "faults" not in result:
         raise WorkFailed(f"{kind} on {limb}: {result.get('error', 'no result')}")
     (course,) = result["faults"]
@@ -110,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when after every fault the robot held within LONGEST_HOLD_S and stayed on the wall."""
     options.output.mkdir(parents=True, exist_ok=True)
     plan = options.output / "plan.mcap"
-    if not _crux("plan", str(SCENARIO), "-o", str(plan), "--json").get("ok"):
+    if not crux_json("plan", str(SCENARIO), "-o", str(plan))[0].get("ok"):
         raise WorkFailed(f"{SCENARIO.name} cannot be planned")
     kinds = options.kinds or ON_ANY_BUS + ON_SOCKETCAN
     cases = [(kind, BEARING) for kind in kinds] + [(kind, IN_THE_AIR) for kind in kinds if kind in ALSO_IN_THE_AIR]
