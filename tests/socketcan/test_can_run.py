@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 import signal
 import subprocess
 import time
@@ -33,6 +34,16 @@ def test_signals_daemons_and_interfaces() -> None:
     done = can_run("-i", "can0,canopen1", "--", "sh", "-c", script)
     assert done.returncode == 128 + signal.SIGSEGV
     assert [line.split()[0] for line in done.stdout.splitlines()] == [b"can0", b"canopen1"]
+
+
+def test_the_hosts_own_socketcan_is_used_where_there_is_some() -> None:
+    """A guest is such a host: inside it the same tool needs no kernel of ours."""
+    script = "sleep 500 & ip -br link show type vcan; kill -SEGV $$"
+    inner = [*CRUX, "can", "run", "-v", "-i", "can7", "--", "sh", "-c", script]
+    done = can_run("--", "sh", "-c", f"{shlex.join(inner)}; echo status $?; pgrep sleep")
+    assert b"kernel native" in done.stderr
+    assert done.stdout.splitlines()[0].split()[0] == b"can7"
+    assert done.stdout.splitlines()[-1] == f"status {128 + signal.SIGSEGV}".encode(), "and nothing survives"
 
 
 def test_virtual_time_costs_nothing_to_wait_and_always_begins_alike() -> None:

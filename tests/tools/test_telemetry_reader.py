@@ -154,3 +154,15 @@ def test_cycles_without_all_limbs_are_left_out(tmp_path: Path) -> None:
     assert len(log.state) == len(log.limbs) == len(log.references) == len(log.inputs)
     np.testing.assert_array_equal(log.state["cycle"], log.inputs["cycle"])
     np.testing.assert_allclose(log.time_s, log.state["time_s"], atol=1e-9)
+
+
+def test_logs_of_earlier_runtimes_stay_readable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for type_, line in (("control_input_t", "int8[4] bus_state\n"), ("cycle_timing_t", "int64 answer_ns\n")):
+        name, definition = SCHEMAS[type_]
+        assert line in definition
+        monkeypatch.setitem(SCHEMAS, type_, (name, definition.replace(line, "")))
+    path = tmp_path / "old.mcap"
+    write_log(path)
+    log = read_log(path)
+    assert len(log.state) > 0
+    assert "bus_state" not in (log.inputs.dtype.names or ())

@@ -1,4 +1,7 @@
-"""The host's own SocketCAN: a network namespace of the job's own, with the virtual interfaces it asks for."""
+"""The host's own SocketCAN: a network namespace of the job's own, with the virtual interfaces it asks for.
+
+A process namespace besides ends whatever the command leaves behind.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,12 @@ def available() -> bool:
 def run(job: Job, state: Path) -> int:
     """Runs the job on this kernel. Raises NoKernel where the interfaces cannot be made."""
     script = state / "native"
-    script.write_text(
-        f'{interface_script(job.interfaces)}ip route add 224.0.0.0/4 dev lo || exit 125\n: >{state}/booted\nexec "$@"\n'
-    )
+    lines = ["ip route add 224.0.0.0/4 dev lo || exit 125", f": >{state}/booted", '"$@"', "exit $?"]
+    script.write_text(interface_script(job.interfaces) + "\n".join(lines) + "\n")
     as_root = [] if os.geteuid() == 0 else ["--map-root-user"]
-    command = ["unshare", *as_root, "--net", "--", "sh", str(script), *job.command]
+    # No exec in the script: the first process of a namespace does not feel signals.
+    namespaces = ["--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
+    command = ["unshare", *as_root, *namespaces, "--", "sh", str(script), *job.command]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
     try:
         status = process.wait(job.timeout_s)

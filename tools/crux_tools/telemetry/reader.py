@@ -31,6 +31,8 @@ MAGIC = b"\x89MCAP0\r\n"
 METADATA = "crux"
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
+# Fields that logs of earlier runtimes do not have, and that nothing here needs.
+ADDED = {"/control_input": {"bus_state"}, "/cycle_timing": {"answer_ns"}}
 PER_LIMB = ("/limb_reference", "/limb_telemetry")
 STATE_TOPIC = "/robot_state"
 EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
@@ -237,7 +239,8 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
     if missing:
         raise LogError(f"{path}: no channel {', '.join(missing)} in it: the log is cut off before its first cycle")
     for topic, table in tables.items():
-        lacking = {name for name, *_ in MEMBERS[BY_TOPIC[topic].type]} - set(table.dtype.names or ())
+        known = {name for name, *_ in MEMBERS[BY_TOPIC[topic].type]} - ADDED.get(topic, set())
+        lacking = known - set(table.dtype.names or ())
         if lacking:
             raise LogError(f"{path}: channel {topic} has no {', '.join(sorted(lacking))}: written by another crux?")
     for topic in PER_LIMB:
