@@ -67,6 +67,7 @@ def test_every_node_answers_every_cycle(bench: Host) -> None:
             assert {v["Counter"] for key in answers for v in heard[key]} == {cycle}
 
 
+ROBOT = load_robot("scaler")
 FINITE = st.floats(allow_nan=False, allow_infinity=False, width=32)
 
 
@@ -79,12 +80,22 @@ def test_status_carries_what_the_plant_measured(tracking: Host, data: st.DataObj
         numbers = st.floats(-high, high) | FINITE
         return np.array(data.draw(st.lists(numbers, min_size=size, max_size=size)))
 
+    def draw_sensible(lower: crux_nodes.Array, upper: crux_nodes.Array) -> crux_nodes.Array:
+        """Anything that is not so far off that the sensor must be broken."""
+        shares = data.draw(st.lists(st.floats(-0.99, 1.99), min_size=len(lower), max_size=len(lower)))
+        return lower + np.array(shares) * (upper - lower)
+
+    joints = crux_nodes.joint_parameters(ROBOT)
+    fastest = np.array([joint.velocity_limit_rad_s for joint in joints])
+    opening = np.tile(ROBOT.gripper.opening_m, (4, 1))
     plant = tracking.plant
-    plant.joint_position_rad = draw(24, 3.0)
-    plant.joint_velocity_rad_s = draw(24, 40.0)
+    plant.joint_position_rad = draw_sensible(
+        np.array([joint.position_min_rad for joint in joints]), np.array([joint.position_max_rad for joint in joints])
+    )
+    plant.joint_velocity_rad_s = draw_sensible(-30 * fastest, 30 * fastest)
     plant.joint_torque_Nm = draw(24, 40.0)
-    plant.finger_opening_m = draw(4, 0.07)
-    plant.finger_speed_m_s = draw(4, 0.4)
+    plant.finger_opening_m = draw_sensible(opening[:, 0], opening[:, 1])
+    plant.finger_speed_m_s = draw_sensible(np.full(4, -0.4), np.full(4, 0.4))
     plant.finger_force_N = draw(4, 400.0)
     plant.ft_wrench = draw(24, 20.0).reshape(4, 6)
     tracking.heard(2)
