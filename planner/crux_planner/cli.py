@@ -32,6 +32,13 @@ def add_plan_parser(subparsers: Any) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PLAN.mcap", help="where the plan goes")
     parser.add_argument("--method", default=None, metavar="M", help="how to plan; default: the scenario's, else auto")
     parser.add_argument("--time-limit", type=_positive, default=None, metavar="S", help="seconds the search may take")
+    parser.add_argument(
+        "--prove",
+        type=_positive,
+        default=None,
+        metavar="S",
+        help="seconds to wait for a tighter gap; default: what is proven when the plan is there",
+    )
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
     parser.set_defaults(func=run_plan)
 
@@ -56,6 +63,7 @@ def run_plan(args: argparse.Namespace) -> int:
                 robot,
                 method=args.method or scenario.planner.method,
                 time_limit_s=args.time_limit,
+                prove_s=args.prove,
                 progress=report,
                 log=log,
             )

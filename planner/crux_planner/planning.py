@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
 
+from crux_planner.admm.knot_qp import plan_cost
+from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.nlp import Solution, solve_within_torques
+from crux_planner.nlp import Solution, solve_within_torques, start_from_path
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from crux_planner.admm.methods import Decided
 
 TIME_LIMIT_S = 60.0
-BOUNDED_HOLDS = 20  # up to so many holds, the cost's lower bound is a matter of tenths of a second
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
@@ -48,8 +49,12 @@ def plan(
     time_limit_s: float | None = None,
     progress: Progress | None = None,
     log: Callable[[str], None] | None = None,
+    prove_s: float | None = None,
 ) -> PlanResult:
     """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
+
+    The gap is what a bound beside the planning has proven when the plan is there; with `prove_s`, the plan waits for
+    the bound up to so long.
 
     Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
     """
@@ -63,12 +68,18 @@ def plan(
         problem = build_problem(scenario, robot)
         check_start(scenario, problem, Balance(problem, problem.friction_share))
         reach, ways = Reach(problem), Ways(problem)
-    if method != "auto":
-        return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
+    work.bound = Beside(problem, prove_s)
     try:
+        if method != "auto":
+            return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
         result = _plan_level(scenario, robot, problem, reach, ways, work, deadline)
     except InfeasibleError as none_level:
+        if method != "auto":
+            raise
+        work.stop_bound()  # it is about fewer grasps than what follows
         result = plan_wider(scenario, robot, problem, none_level, _realise, work, deadline)
+    finally:
+        work.stop_bound()
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
@@ -78,7 +89,6 @@ def _plan_level(
 ) -> PlanResult:
     """The body level, with one heading, and grasps in the middle of their faces."""
     failures: list[InfeasibleError] = []
-    asked = problem
     tight = TIGHTER * problem.friction_share
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
@@ -92,7 +102,7 @@ def _plan_level(
                 break
             attempt = _realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
             if isinstance(attempt, PlanResult):
-                attempt.gap = _proven_gap(asked, reach, ways, attempt.cost, work)
+                attempt.gap = _proven_gap(work, attempt.cost)
                 return attempt
             failure, culprit = attempt
             failures.append(failure)
@@ -132,7 +142,6 @@ def _plan_by_method(
     from crux_planner.admm.methods import Task
 
     failures: list[InfeasibleError] = []
-    asked = problem
     tight = TIGHTER * problem.friction_share
     for _ in range(ATTEMPTS):
         balance, options = Balance(problem, problem.friction_share), scenario.planner
@@ -144,7 +153,7 @@ def _plan_by_method(
             alone_report = check_plan(alone, robot)
         attempt = _finish(scenario, robot, problem, decided.schedule, decided.path, work, deadline, method)
         if isinstance(attempt, PlanResult):
-            attempt.gap = _proven_gap(asked, reach, ways, attempt.cost, work)
+            attempt.gap = _proven_gap(work, attempt.cost)
             attempt.method, attempt.seconds = method, time.monotonic() - work.began
             attempt.iterations, attempt.history = decided.iterations, decided.residuals
             worst = alone_report.to_json()["worst"][:1]
@@ -162,14 +171,12 @@ def _plan_by_method(
     raise failures[0]
 
 
-def _proven_gap(problem: Problem, reach: Reach, ways: Ways, cost: float, work: Work) -> float | None:
+def _proven_gap(work: Work, cost: float) -> float | None:
     """How far above a proven lower bound the cost is; None on walls whose bound takes too long."""
-    if len(problem.hold_names) > BOUNDED_HOLDS:
+    if work.bound is None:
         return None
-    from crux_planner.admm.bound import gap, lower_bound
-
-    with work.part("bound", 0.9):
-        return gap(cost, lower_bound(problem, reach, ways))
+    with work.part("bound", 0.95):
+        return work.bound.gap(cost)
 
 
 def _as_solution(decided: Decided) -> Solution:
@@ -259,6 +266,9 @@ def _finish(
     method: str = "auto",
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """The exact NLP and the check for a schedule, whatever method found it."""
+    if work.bound is not None:
+        start = start_from_path(problem, path)
+        work.bound.start(plan_cost(problem, schedule, start.body, start.wrenches))
     with work.part("nlp", 0.5):
         solution = solve_within_torques(problem, schedule, path, deadline)
     if not solution.solved:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from crux_planner.bound.beside import Beside
+
 Progress = Callable[[str, float], None]
 """Called with what begins now and the share of the work behind, 0..1."""
 
@@ -22,6 +24,7 @@ class Work:
     log: Callable[[str], None]
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
+    bound: Beside | None = None
 
     @contextmanager
     def part(self, name: str, share: float) -> Iterator[None]:
@@ -31,3 +34,9 @@ class Work:
             yield
         finally:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
+
+    def stop_bound(self) -> None:
+        """No bound any more."""
+        if self.bound is not None:
+            self.bound.stop()
+            self.bound = None

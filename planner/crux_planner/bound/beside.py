@@ -1,0 +1,72 @@
+"""The bound worked out in a process of its own, while the exact NLP and the check keep this one busy."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from multiprocessing.connection import Connection
+
+import numpy as np
+
+from crux_planner.bound.climb import lower_bound
+from crux_planner.problem import Problem
+
+AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
+MOST_HOLDS = 20
+TIME_LIMIT_S = 20.0  # of a process that nobody listens to any more
+_LAST_S = 0.1  # what is left when the plan is there is waited for no longer than this
+
+
+class Beside:
+    """Bounds of one problem, the best so far at hand at any time."""
+
+    def __init__(self, problem: Problem, time_limit_s: float | None = None) -> None:
+        """With a `time_limit_s` of its own the bound is waited for as long as it takes, up to that."""
+        self._problem = problem
+        self._limit_s = TIME_LIMIT_S if time_limit_s is None else time_limit_s
+        self._wait_s = _LAST_S if time_limit_s is None else time_limit_s
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._inbox: Connection | None = None
+        self._best: float | None = None
+
+    def start(self, expected: float) -> None:
+        """Begin, for plans that cost about `expected`; once begun, nothing more."""
+        if self._process is not None or len(self._problem.hold_names) > MOST_HOLDS:
+            return
+        context = multiprocessing.get_context("fork")  # the parent's modules are there at once
+        self._inbox, outbox = context.Pipe(duplex=False)
+        work = (self._problem, (1.0 - AIM) * expected, self._limit_s, outbox)
+        self._process = context.Process(target=_work, args=work, daemon=True)
+        self._process.start()
+        outbox.close()
+
+    def gap(self, cost: float) -> float | None:
+        """The gap of a plan that costs `cost` by what is proven; ends the process."""
+        until = time.monotonic() + self._wait_s
+        try:
+            while self._inbox is not None and self._inbox.poll(max(until - time.monotonic(), 0.0)):
+                self._best = self._inbox.recv()
+        except EOFError:  # it has said all
+            pass
+        self.stop()
+        return gap(cost, self._best)
+
+    def stop(self) -> None:
+        """End the process, whatever it is doing."""
+        if self._process is not None and self._inbox is not None:
+            self._process.terminate()
+            self._process.join()
+            self._inbox.close()
+            self._inbox = None
+
+
+def gap(cost: float, bound: float | None) -> float | None:
+    """How far above the bound a cost may be, as a share of it: (cost - bound) / cost; None without a bound."""
+    if bound is None or not np.isfinite(bound) or cost <= 0.0:
+        return None
+    return max((cost - bound) / cost, 0.0)
+
+
+def _work(problem: Problem, cost: float, time_limit_s: float, outbox: Connection) -> None:
+    lower_bound(problem, cost, time_limit_s, report=outbox.send)
+    outbox.close()
