@@ -64,13 +64,13 @@ struct Codec {
   F(k, speed_m_s, "Speed_m_s")      \
   F(k, force_n, "Force_N")          \
   F(k, cycle_echo, "CycleEcho") F(k, faults, "Faults") F(k, temperature_deg_c, "Temperature_degC")
-#define FORCE_TORQUE_FIELDS(F, k) \
-  F(k, status, "Status")          \
-  F(k, force_x_n, "ForceX_N")     \
-  F(k, force_y_n, "ForceY_N")     \
-  F(k, force_z_n, "ForceZ_N")     \
-  F(k, moment_x_nm, "MomentX_Nm") \
-  F(k, moment_y_nm, "MomentY_Nm") F(k, moment_z_nm, "MomentZ_Nm") F(k, cycle_echo, "CycleEcho")
+#define FORCE_TORQUE_FIELDS(F, k)                                                                 \
+  F(k, status, "Status")                                                                          \
+  F(k, force_x_n, "ForceX_N")                                                                     \
+  F(k, force_y_n, "ForceY_N")                                                                     \
+  F(k, force_z_n, "ForceZ_N")                                                                     \
+  F(k, moment_x_nm, "MomentX_Nm") F(k, moment_y_nm, "MomentY_Nm") F(k, moment_z_nm, "MomentZ_Nm") \
+      F(k, cycle_echo, "CycleEcho")
 #define IDENTITY_FIELDS(F, k) \
   F(k, protocol, "Protocol") F(k, node_kind, "NodeKind") F(k, node_id, "NodeId") F(k, limb, "Limb")
 

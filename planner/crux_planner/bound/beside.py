@@ -6,9 +6,8 @@ import multiprocessing
 import time
 from multiprocessing.connection import Connection
 
-import numpy as np
-
 from crux_planner.bound.climb import lower_bound
+from crux_planner.bound.gap import gap
 from crux_planner.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
@@ -58,13 +57,6 @@ class Beside:
             self._process.join()
             self._inbox.close()
             self._inbox = None
-
-
-def gap(cost: float, bound: float | None) -> float | None:
-    """How far above the bound a cost may be, as a share of it: (cost - bound) / cost; None without a bound."""
-    if bound is None or not np.isfinite(bound) or cost <= 0.0:
-        return None
-    return max((cost - bound) / cost, 0.0)
 
 
 def _work(problem: Problem, cost: float, time_limit_s: float, outbox: Connection) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 from crux_planner.arrays import Array
 from crux_planner.bound.grasps import Grasps
 from crux_planner.bound.places import Orientations
-from crux_planner.problem import Goal, Problem
+from crux_planner.problem import BodyBounds, Goal, Problem
 
 
-def yaw_rate(problem: Problem) -> float:
+def fastest_yaw(body: BodyBounds) -> float:
     """Fastest change of yaw [rad/s] within the bounds of body rates and tilt."""
-    tilt = problem.body.max_tilt_rad
-    return float((np.sin(tilt) + 1.0) / np.cos(tilt) * problem.body.max_rate_rad_s)
+    tilt = body.max_tilt_rad
+    return float((np.sin(tilt) + 1.0) / np.cos(tilt) * body.max_rate_rad_s)
 
 
 def farthest(spare: float, weight: float, step: float, start: float) -> float:
@@ -59,7 +59,7 @@ def body_room(problem: Problem, spare: float) -> tuple[Array, Array]:
 def yaw_room(problem: Problem, spare: float) -> tuple[float, float]:
     """The same for its yaw."""
     start, goal = float(problem.start.rpy_rad[2]), float(problem.goal.body.rpy_rad[2])
-    step = yaw_rate(problem) * problem.dt_s
+    step = fastest_yaw(problem.body) * problem.dt_s
     way = (step * problem.steps - abs(goal - start)) / 2 + problem.goal.rotation_room_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts])
     far = farthest(spare, problem.weights.orientation, step, abs(goal - start)) + problem.goal.rotation_room_rad
@@ -81,7 +81,7 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
     turned = float(start.rpy_rad[2] - goal.body.rpy_rad[2])
     yaw = float(goal.body.rpy_rad[2])
     beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.rotation_room_rad
-    total += weights.orientation * excursion(beyond, yaw_rate(problem) * problem.dt_s, abs(turned))[nodes.cell]
+    total += weights.orientation * excursion(beyond, fastest_yaw(problem.body) * problem.dt_s, abs(turned))[nodes.cell]
     return np.asarray(np.minimum.reduceat(total, nodes.first))
 
 

@@ -10,6 +10,8 @@ from typing import Protocol
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
+from crux_planner.bound.gap import gap
+from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError
 from crux_planner.result import PlanResult
@@ -100,6 +102,7 @@ def _finish(
             plan=message,
             check=report,
             cost=solution.cost,
+            gap=gap(solution.cost, lower_bound(problem)),
             iterations=solution.iterations,
             gait=gait.names,
             position_residual_m=solution.position_residual_m,

@@ -13,8 +13,9 @@ from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.knot_qp import solve_knots
 from crux_planner.admm.stages import Stages
-from crux_planner.bound.beside import Beside, gap
+from crux_planner.bound.beside import Beside
 from crux_planner.bound.climb import lower_bound
+from crux_planner.bound.gap import gap
 from crux_planner.bound.grasps import grasps
 from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.places import body_boxes, orientations

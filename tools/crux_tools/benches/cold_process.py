@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import tempfile
 import time
+from dataclasses import dataclass
 from typing import Any
+
+_POLL_S = 0.02
 
 
 def crux_json(*words: str, limit_s: float | None = None) -> tuple[dict[str, Any], float]:
@@ -26,9 +32,46 @@ def crux_json(*words: str, limit_s: float | None = None) -> tuple[dict[str, Any]
     except subprocess.TimeoutExpired:
         return {"ok": False, "error": f"{words[0]} ended after {limit_s:g} s"}, time.monotonic() - began
     seconds = time.monotonic() - began
-    lines = done.stdout.strip().splitlines()
+    return _object(words[0], done.stdout, done.stderr, done.returncode), seconds
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a process printed, its wall time, and the largest memory of it or a process of its own."""
+
+    result: dict[str, Any]
+    seconds: float
+    peak_MB: float
+
+
+def measured(module: str, *words: str, limit_s: float) -> Measured:
+    """`python -m MODULE WORDS --json`, ended with all it has started after `limit_s`."""
+    began = time.monotonic()
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        command = [sys.executable, "-m", module, *words, "--json"]
+        process = subprocess.Popen(command, stdout=out, stderr=err, start_new_session=True)
+        ended = 0
+        while ended == 0:
+            ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if ended == 0 and time.monotonic() - began > limit_s:
+                os.killpg(process.pid, signal.SIGKILL)
+                ended, status, usage = os.wait4(process.pid, 0)
+            elif ended == 0:
+                time.sleep(_POLL_S)
+        seconds = time.monotonic() - began
+        process.returncode = code = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        err.seek(0)
+        result = _object(words[0], out.read(), err.read(), code)
+    if code == -signal.SIGKILL:
+        result = {"ok": False, "error": f"ended after {limit_s:g} s"}
+    return Measured(result, seconds, usage.ru_maxrss / 1024)
+
+
+def _object(name: str, stdout: str, stderr: str, status: int) -> dict[str, Any]:
+    lines = stdout.strip().splitlines()
     try:
         result = json.loads(lines[-1])
     except (IndexError, ValueError):
-        result = {"ok": False, "error": f"{words[0]} ended with status {done.returncode}: {done.stderr.strip()[-300:]}"}
-    return (result if isinstance(result, dict) else {"ok": False, "error": f"{words[0]} printed no object"}), seconds
+        result = {"ok": False, "error": f"{name} ended with status {status}: {stderr.strip()[-300:]}"}
+    return result if isinstance(result, dict) else {"ok": False, "error": f"{name} printed no object"}

@@ -9,6 +9,7 @@ from typing import Any
 from crux_tools.output import add_json_option, note
 
 BENCHES = {
+    "table2": ("time every method on the paper's two tasks, ten pairs each", "crux_tools.benches.table2"),
     "faults": ("break the buses in mid-climb in every way and time the hold", "crux_tools.benches.bus_faults"),
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
     "scenes": ("plan, check and climb every scene that ships", "crux_tools.benches.scenes"),
