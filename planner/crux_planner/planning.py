@@ -25,6 +25,7 @@ from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import Schedule, at_knots, lay_out, turns
 from crux_planner.search.stances import Move, Reach, SearchReport, search
+from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
 from crux_planner.work import Culprit, Progress, Work
@@ -93,7 +94,7 @@ def _plan_level(
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
             break
-        balance = Balance(problem, problem.friction_share)
+        balance = Strength(problem, problem.friction_share)
         for _ in range(ATTEMPTS):
             with work.part("contacts", 0.1):
                 moves, seen = _search(problem, balance, reach, ways, at_once, deadline)
@@ -110,7 +111,7 @@ def _plan_level(
                 break
             if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
                 problem = replace(problem, friction_share=tight)  # more room for what moves between the knots
-                balance = Balance(problem, tight)
+                balance = Strength(problem, tight)
             elif culprit is None:
                 break
             else:

@@ -157,7 +157,11 @@ def _lift_unbalanced(
         "equilibrium",
         f"no equilibrium when {LIMBS[limb]} lifts off with the others on "
         f"{_stance_text(problem, report.nearest, without=limb)}: "
-        f"friction and spines fall short by {max(lacking, _LACKING_N):.1f} N",
+        + (
+            f"friction and spines fall short by {lacking:.1f} N"
+            if lacking >= _LACKING_N
+            else "the joints are too weak for what friction would hold"
+        ),
     )
 
 

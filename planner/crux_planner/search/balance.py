@@ -122,7 +122,15 @@ class Balance:
         low[4::WRENCH] = 0.0
         return rows, np.concatenate([b for _, b in parts]), low, high
 
-    def _solve(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+    def _solve(
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted: Array,
+        further: tuple[Array, Array] | None = None,
+    ) -> Array | None:
+        """A body position in balance near `wanted`; `further` are rows (A, b) on (position, wrenches), A x <= b."""
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
@@ -132,6 +140,8 @@ class Balance:
         )
         linear = np.concatenate([-_POSITION_WEIGHT * wanted, np.zeros(n)])
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
+        if further is not None:
+            rows, bounds = np.vstack([rows, further[0]]), np.concatenate([bounds, further[1]])
         right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
         result = _dense_qp(
             np.diag(cost),
