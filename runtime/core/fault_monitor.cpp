@@ -100,7 +100,7 @@ bool FaultMonitor::force_torque_well(const crux_msgs::control_input_t& in) const
 
 FaultEvent FaultMonitor::bus_fault(const crux_msgs::control_input_t& in) const noexcept {
   FaultEvent fault;
-  int gravest = bus_health_t::ACTIVE;
+  std::int8_t gravest = bus_health_t::ACTIVE;
   for (int l = 0; l < kLimbs; ++l) {
     if (in.bus_state[l] <= gravest) continue;
     FaultCode code = FaultCode::kNone;

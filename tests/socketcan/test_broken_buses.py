@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -34,19 +35,25 @@ BEFORE = "version: 1\nfaults:\n  - {kind: interface_down, limb: RF, at_s: 1.2, f
 HELD_WITHIN_S = 0.05
 
 
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return plan_short_climb(tmp_path_factory.mktemp("plan"))
+Run = tuple[dict[str, Any], Telemetry]
 
 
-def broken_climb(plan: Path, folder: Path, faults: str) -> tuple[dict[str, Any], Telemetry]:
+def broken_climb(plan: Path, faults: str, name: str) -> Run:
     """Its result and its log."""
-    (folder / "faults.yaml").write_text(faults)
-    log = folder / "log.mcap"
+    file, log = plan.with_name(f"{name}.yaml"), plan.with_name(f"{name}.mcap")
+    file.write_text(faults)
     climb = [*CRUX, "climb", str(plan), "-o", str(log), "--bus", "socketcan", "--pace", "realtime", "--json"]
-    done = can_run("--virtual-time", "-i", BUSES, "--", *climb, "--faults", str(folder / "faults.yaml"))
+    done = can_run("--virtual-time", "-i", BUSES, "--", *climb, "--faults", str(file))
     assert done.stdout, done.stderr.decode()
     return json.loads(done.stdout), read_log(log)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+    """Both climbs, side by side."""
+    plan = plan_short_climb(tmp_path_factory.mktemp("broken"))
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(broken_climb, (plan, plan), (IN_MID_CLIMB, BEFORE), ("mid", "before")))
 
 
 def states(log: Telemetry) -> list[int]:
@@ -55,8 +62,8 @@ def states(log: Telemetry) -> list[int]:
     return [int(state[0]), *(int(s) for s in state[1:][np.diff(state.astype(int)) != 0])]
 
 
-def test_every_break_is_told_counted_and_held(plan: Path, tmp_path: Path) -> None:
-    result, log = broken_climb(plan, tmp_path, IN_MID_CLIMB)
+def test_every_break_is_told_counted_and_held(runs: list[Run]) -> None:
+    result, log = runs[0]
     assert result["robot_on_wall"]
     assert result["slips"] == 0
     for fault in result["faults"]:
@@ -77,8 +84,8 @@ def test_every_break_is_told_counted_and_held(plan: Path, tmp_path: Path) -> Non
     assert [int(row["state"]) for row in last.values()] == [0, 0, 0, 0]
 
 
-def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(plan: Path, tmp_path: Path) -> None:
-    result, log = broken_climb(plan, tmp_path, BEFORE)
+def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(runs: list[Run]) -> None:
+    result, log = runs[1]
     assert result["robot_on_wall"]
     assert states(log)[-4:] == [READY, FAULT, IDLE, READY]
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"

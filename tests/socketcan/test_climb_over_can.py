@@ -19,7 +19,7 @@ from with_can import BUSES, CRUX, can_run
 
 SETTLED_CYCLES = 100
 _RECORD = """
-candump -L can0 can1 can2 can3 >"$1" & dump=$!
+cd "$1"; candump -l can0 can1 can2 can3 >/dev/null & dump=$!
 sleep 0.2
 shift
 "$@"; status=$?
@@ -31,9 +31,11 @@ Run = tuple[subprocess.CompletedProcess[bytes], Path, Path]
 
 def _climb(folder: Path, plan: Path, number: int) -> Run:
     dump, log = folder / f"dump{number}", folder / f"log{number}.mcap"
+    dump.mkdir()
     climb = [*CRUX, "climb", str(plan), "-o", str(log), "--bus", "socketcan", "--pace", "realtime", "--json"]
     done = can_run("--virtual-time", "-i", BUSES, "--", "sh", "-c", _RECORD, "sh", str(dump), *climb)
-    return done, dump, log
+    (file,) = dump.glob("candump-*.log")
+    return done, file, log
 
 
 @pytest.fixture(scope="module")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 from crux_contracts.robot import load_robot
+from crux_tools.bench import climb
 from crux_tools.can.bus_load import BUDGET, LENGTHS, frame_time_s, planned_load
 from crux_tools.can.interfaces import defects, parse, set_up_commands
-from crux_tools.errors import WorkFailed
+from crux_tools.errors import UsageError, WorkFailed
+from hand_plan import standing_plan
 
 ROBOT = load_robot("scaler")
 
@@ -98,6 +101,13 @@ def test_garbage_from_ip_is_said() -> None:
     with pytest.raises(WorkFailed, match="no JSON"):
         parse("Object can0")
     assert parse("") == []
+
+
+def test_a_climb_without_can_says_how_to_get_some(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(climb, "available", lambda: False)
+    options = climb.ClimbOptions(bus="socketcan")
+    with pytest.raises(UsageError, match="crux can run --virtual-time -i can0,can1,can2,can3 -- crux climb"):
+        climb.climb(standing_plan(), ROBOT, tmp_path / "log.mcap", options)
 
 
 def test_frame_times_bracket_a_frame_counted_bit_by_bit() -> None:

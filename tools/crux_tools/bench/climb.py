@@ -25,7 +25,8 @@ from crux_tools.bench.priority import no_garbage_collection, realtime_priority
 from crux_tools.bench.recorder import Recorder
 from crux_tools.bench.robot_model import build_model
 from crux_tools.bench.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess
-from crux_tools.errors import WorkFailed
+from crux_tools.can.native import available
+from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
 from crux_tools.telemetry.reader import read_log
@@ -138,6 +139,11 @@ def climb(
     progress: Callable[[float], None] = lambda _time_s: None,
 ) -> ClimbResult:
     """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises UsageError or WorkFailed."""
+    if options.bus == "socketcan" and not available():
+        raise UsageError(
+            "--bus socketcan: this kernel has no CAN; run it under one that has: "
+            f"crux can run --virtual-time -i {','.join(INTERFACES)} -- crux climb …"
+        )
     model = build_model(robot, plan)
     plant = Plant(model, plan, options.seed)
     recorder = Recorder(plant)

@@ -13,7 +13,9 @@ gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on
 climbs, and judges the climb on what happened in physics. Runs side by side do not hear each other."""
 _EPILOG = """examples:
   crux climb out/plan.mcap -o out/climb.mcap
-  crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json"""
+  crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json
+  crux can run --virtual-time -i can0,can1,can2,can3 -- \\
+    crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime"""
 
 
 def add_parser(subparsers: Any) -> None:
