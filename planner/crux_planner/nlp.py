@@ -1,4 +1,4 @@
-"""The exact P1 with contacts fixed: body motion and finger forces under (2)-(4), (7), (8), (9a), with casadi and ipopt.
+"""The exact P1 with contacts fixed, as one programme for ipopt: used where exact.py does not converge.
 
 Contacts, and with them the gripper poses, come from a schedule; what is left is smooth. Each equation is one small
 casadi function in `terms`, mapped over the knots or over all pairs of a knot and a limb in stance.
@@ -6,7 +6,6 @@ casadi function in `terms`, mapped over the knots or over all pairs of a knot an
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,17 +17,13 @@ from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
+from crux_planner.stage_functions import FORCE_SCALE_N, SPINE_WEIGHT
 from crux_planner.terms.bounds import body_bounds, wrench_bounds
 from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
 from crux_planner.terms.limit_surface import surface_room
 from crux_planner.terms.reach import offset_in_body
 from crux_planner.terms.torque import joint_torques
-
-FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the NLP's numbers are of order one
-_TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
-_TORQUE_ROUNDS = 5
-_SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
 
 IPOPT: dict[str, Any] = {
     "print_time": 0,
@@ -110,24 +105,6 @@ class _Rows:
         self.high.append(np.tile(np.broadcast_to(high, rows), columns))
 
 
-def solve_within_torques(problem: Problem, schedule: Schedule, path: BodyPath, deadline: float) -> Solution:
-    """Solve P1 for a schedule. Joint torques become constraints where they are found too high: most climbs need few."""
-    start = start_from_path(problem, path, schedule.yaw_rad)
-    solution = solve(problem, schedule, start, frozenset(), _time_left(deadline))
-    limited: frozenset[Place] = frozenset()
-    for _ in range(_TORQUE_ROUNDS):
-        beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
-        if not solution.solved or not beyond:
-            break
-        limited |= {place for place, share in solution.torque_shares.items() if share > _TORQUE_WATCH}
-        solution = solve(problem, schedule, Start(solution.body, solution.wrenches), limited, _time_left(deadline))
-    return solution
-
-
-def _time_left(deadline: float) -> float:
-    return max(deadline - time.monotonic(), 1.0)
-
-
 def solve(
     problem: Problem, schedule: Schedule, start: Start, limited: frozenset[Place], time_limit_s: float
 ) -> Solution:
@@ -160,7 +137,7 @@ def solve(
             rows.add(torques, -problem.torque_limits_Nm[limb], problem.torque_limits_Nm[limb])
 
     cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
-    cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + _SPINE_WEIGHT * ca.sumsqr(a)
+    cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + SPINE_WEIGHT * ca.sumsqr(a)
     low_x, high_x = body_bounds(problem, schedule)
     bounds_q = [wrench_bounds(problem, contact) for contact in stance.contacts]
     low_q, high_q = ((np.array([b[i] for b in bounds_q]) / scale).ravel() for i in (0, 1))

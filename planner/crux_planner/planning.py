@@ -15,7 +15,8 @@ from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.nlp import Solution, solve_within_torques, start_from_path
+from crux_planner.exact import solve_within_torques
+from crux_planner.nlp import Solution, start_from_path
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_planner.build import build_problem
-from crux_planner.nlp import solve_within_torques
+from crux_planner.exact import solve_within_torques
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path

@@ -10,7 +10,8 @@ import numpy as np
 
 from crux_planner.arrays import Array, Indices
 from crux_planner.errors import InfeasibleError
-from crux_planner.nlp import FORCE_SCALE_N, IPOPT
+from crux_planner.nlp import IPOPT
+from crux_planner.stage_functions import FORCE_SCALE_N
 from crux_planner.terms.cost import body_cost
 from crux_planner.terms.dynamics import BODY_STATES, euler_step, rotation
 from crux_planner.terms.limit_surface import SMOOTHING_N

@@ -1,0 +1,96 @@
+"""The exact P1 with contacts fixed: body motion and finger forces under (2)-(4), (7), (8), (9a).
+
+Solved stage by stage; where that does not converge, by ipopt. Joint torques become constraints where they are found
+too high: most climbs need few.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.interior_point import WARM_BARRIER, Point, first_point, minimise, warm_point
+from crux_planner.nlp import Place, Solution, Start, solve, start_from_path
+from crux_planner.problem import Problem
+from crux_planner.search.body_path import BodyPath
+from crux_planner.search.schedule import Schedule
+from crux_planner.stage_functions import StageFunctions
+from crux_planner.stage_problem import StageProblem
+from crux_planner.terms.cost import schedule_cost
+from crux_planner.terms.dynamics import WRENCH_INPUTS
+
+_TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
+_TORQUE_ROUNDS = 5
+
+
+def solve_within_torques(
+    problem: Problem,
+    schedule: Schedule,
+    path: BodyPath,
+    deadline: float,
+    functions: StageFunctions | None = None,
+) -> Solution:
+    """Solve P1 for a schedule; `functions` are those of this problem, if they are there already."""
+    functions = functions or StageFunctions(problem)
+    start = start_from_path(problem, path, schedule.yaw_rad)
+    limited: frozenset[Place] = frozenset()
+    point: Point | None = None
+    for _ in range(_TORQUE_ROUNDS + 1):
+        solution, point = _solve_once(functions, problem, schedule, start, limited, deadline, point)
+        beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
+        if not solution.solved or not beyond:
+            break
+        limited |= {place for place, share in solution.torque_shares.items() if share > _TORQUE_WATCH}
+        start = Start(solution.body, solution.wrenches)
+    return solution
+
+
+def _solve_once(
+    functions: StageFunctions,
+    problem: Problem,
+    schedule: Schedule,
+    start: Start,
+    limited: frozenset[Place],
+    deadline: float,
+    near: Point | None,
+) -> tuple[Solution, Point | None]:
+    stages = StageProblem(functions, problem, schedule, limited)
+    if near is None:
+        first = first_point(stages, start.body, _columns(stages, start))
+        outcome = minimise(stages, first, deadline)
+    else:
+        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
+    if not outcome.solved:
+        return solve(problem, schedule, start, limited, max(deadline - time.monotonic(), 1.0)), None
+    return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point
+
+
+def _columns(stages: StageProblem, start: Start) -> Array:
+    columns = stages.empty_columns()
+    for k, knot in enumerate(start.wrenches):
+        for limb, wrench in knot.items():
+            columns[k, limb, :WRENCH_INPUTS] = wrench / stages.functions.scale
+    return columns
+
+
+def _solution(stages: StageProblem, schedule: Schedule, point: Point, cost: float, iterations: int) -> Solution:
+    problem, scale = stages.problem, stages.functions.scale
+    columns = np.where(stages.fixed, stages.fixed_value, point.columns)
+    defects = np.abs(stages.next_states(point.body, columns) - point.body[1:])
+    wrenches: list[dict[int, Array]] = [
+        {int(limb): columns[k, limb, :WRENCH_INPUTS] * scale for limb in np.flatnonzero(stages.stance[k])}
+        for k in range(stages.knots)
+    ]
+    return Solution(
+        body=point.body,
+        wrenches=wrenches,
+        cost=cost + schedule_cost(schedule, problem),
+        iterations=iterations,
+        status="Solve_Succeeded",
+        solved=True,
+        position_residual_m=float(defects[:, :3].max()),
+        force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
+        torque_shares=stages.torque_shares(point.body, columns),
+    )
