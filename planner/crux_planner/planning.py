@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
@@ -30,9 +30,6 @@ from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
 from crux_planner.work import Culprit, Progress, Work
-
-if TYPE_CHECKING:
-    from crux_planner.admm.methods import Decided
 
 TIME_LIMIT_S = 60.0
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
@@ -150,7 +147,7 @@ def _plan_by_method(
         with work.part("contacts", 0.1):
             task = Task(problem, balance, reach, ways, deadline, options.rho, options.iterations, report=work.log)
             decided = DECIDE[method](task)
-        alone = plan_message(scenario, robot, problem, decided.schedule, _as_solution(decided), method)
+        alone = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
         with work.part("check", 0.4):
             alone_report = check_plan(alone, robot)
         attempt = _finish(scenario, robot, problem, decided.schedule, decided.path, work, deadline, method)
@@ -179,21 +176,6 @@ def _proven_gap(work: Work, cost: float) -> float | None:
         return None
     with work.part("bound", 0.95):
         return work.bound.gap(cost)
-
-
-def _as_solution(decided: Decided) -> Solution:
-    """What a method reached by itself, for the check."""
-    return Solution(
-        body=decided.body,
-        wrenches=decided.wrenches,
-        cost=decided.cost,
-        iterations=decided.iterations,
-        status="",
-        solved=decided.converged,
-        position_residual_m=0.0,
-        force_residual_N=0.0,
-        torque_shares={},
-    )
 
 
 def _search(

@@ -17,6 +17,7 @@ from crux_planner.admm.limb_block import ParallelLimbs
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.stages import Stages
 from crux_planner.arrays import Array
+from crux_planner.nlp import Solution
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import BodyPath
@@ -41,6 +42,7 @@ class Task:
     rho: float | None = None
     iterations: int | None = None
     moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears
+    to_the_end: bool = False  # all iterations, thresholds or not
     report: Report = lambda _line: None
 
 
@@ -62,6 +64,11 @@ class Decided:
         """Where the exact NLP starts."""
         return BodyPath(self.body[:, :3], [{limb: _shared(q) for limb, q in knot.items()} for knot in self.wrenches])
 
+    @property
+    def solution(self) -> Solution:
+        """For the check of what the method reached alone."""
+        return Solution(self.body, self.wrenches, self.cost, 0, "", self.converged, 0.0, 0.0, {})
+
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` says of the method alone."""
         return {"cost": self.cost, "converged": self.converged, "gait": self.schedule.gait}
@@ -79,6 +86,7 @@ def decide_two_block(task: Task) -> Decided:
         iterations=task.iterations or ITERATIONS,
         deadline=task.deadline,
         report=task.report,
+        to_the_end=task.to_the_end,
     )
     return _decided(run)
 
@@ -94,6 +102,7 @@ def decide_multi_block(task: Task) -> Decided:
             iterations=task.iterations or MULTI_ITERATIONS,
             deadline=task.deadline,
             report=task.report,
+            to_the_end=task.to_the_end,
         )
     return _decided(run)
 

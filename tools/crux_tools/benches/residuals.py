@@ -1,0 +1,89 @@
+"""Residuals of the ADMMs over their iterations, as the paper's Fig. 4 and Fig. 5 show them: a table and a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crux_planner.admm.consensus import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
+
+from crux_tools.output import note
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of a figure: a residual, its unit, and the paper's threshold where it has one."""
+
+    key: str
+    unit: str
+    title: str
+    threshold: float | None = None
+
+
+POSITION = Panel("position", "m", "body and finger positions", POSITION_THRESHOLD_M)
+FORCE = Panel("force", "N", "finger forces", FORCE_THRESHOLD_N)
+ORIENTATION = Panel("orientation", "rad", "body and finger rotation")
+MOMENT = Panel("moment", "Nm", "finger moments")
+
+History = list[dict[str, float]]
+
+
+def value(residuals: dict[str, float], panel: Panel, *, rms: bool) -> float:
+    """One number of an iteration."""
+    return residuals[f"{panel.key}_{'rms_' if rms else ''}{panel.unit}"]
+
+
+def first_within(history: History) -> int | None:
+    """The first iteration whose largest residuals are within both thresholds."""
+    for i, residuals in enumerate(history, 1):
+        if all(value(residuals, panel, rms=False) <= (panel.threshold or 0.0) for panel in (POSITION, FORCE)):
+            return i
+    return None
+
+
+def print_table(histories: dict[str, History], panels: tuple[Panel, ...]) -> None:
+    """Largest and root mean square of every residual, iteration by iteration."""
+    for method, history in histories.items():
+        note(f"{method}: largest / root mean square residual")
+        note("  it " + " ".join(f"{panel.key + ' ' + panel.unit:>21}" for panel in panels))
+        for i, residuals in enumerate(history, 1):
+            cells = (f"{value(residuals, p, rms=False):>10.3g} {value(residuals, p, rms=True):>10.3g}" for p in panels)
+            note(f"{i:>4} " + " ".join(cells))
+        within = first_within(history)
+        when = "never" if within is None else f"first in iteration {within}"
+        note(f"  within {POSITION_THRESHOLD_M:g} m and {FORCE_THRESHOLD_N:g} N in the maximum norm: {when}")
+
+
+def draw(path: Path, title: str, histories: dict[str, History], panels: tuple[Panel, ...]) -> None:
+    """The picture: solid the largest residual, dashed the root mean square, dotted the threshold."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    rows = (len(panels) + 1) // 2
+    figure, axes = plt.subplots(rows, 2, figsize=(9.0, 3.2 * rows), squeeze=False)
+    for letter, panel, axis in zip("abcd", panels, axes.ravel(), strict=False):
+        for (method, history), color in zip(histories.items(), ("tab:blue", "tab:orange"), strict=False):
+            steps = range(1, len(history) + 1)
+            for rms, style in ((False, "o-"), (True, "--")):
+                values = [max(value(r, panel, rms=rms), 1e-9) for r in history]
+                name = f"{method}, {'root mean square' if rms else 'largest'}"
+                axis.semilogy(steps, values, style, color=color, markersize=3, label=name)
+        if panel.threshold is not None:
+            axis.axhline(panel.threshold, color="black", linestyle=":")
+        axis.set(title=f"({letter}) {panel.title}", xlabel="iteration", ylabel=panel.unit)
+    axes[0, 0].legend(fontsize=7)
+    figure.suptitle(title)
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def summary(histories: dict[str, History], picture: Path) -> dict[str, Any]:
+    """The bench's JSON object; ok where every method comes within the thresholds and ends there."""
+    within = {method: first_within(history) for method, history in histories.items()}
+    ends = all(first_within(history[-1:]) is not None for history in histories.values())
+    return {"ok": ends, "first_within": within, "picture": str(picture), "history": histories}
