@@ -23,7 +23,7 @@ from crux_tools.output import note, print_json, progress
 CONFIDENCE = 0.99
 GRACE_S = 10.0  # beyond the time limit that a method is given, before its process is ended
 PAPER_FORM = "paper_form"
-METHODS = ("auto", "two_block", "multi_block", "benchmark")
+METHODS = ("auto", "two_block", "multi_block", "benchmark", PAPER_FORM)
 NAMES = {
     "auto": "auto",
     "two_block": "two-block ADMM",
