@@ -65,6 +65,19 @@ def test_time_out_and_nothing_survives(tmp_path: Path) -> None:
     assert not mark.exists()
 
 
+def test_containers_that_permit_no_namespaces_do(tmp_path: Path) -> None:
+    mark = tmp_path / "alive"
+    (tmp_path / "unshare").write_text("#!/bin/sh\nexit 1\n")
+    (tmp_path / "unshare").chmod(0o755)
+    env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    script = f"(while :; do date >{mark}; sleep 0.1; done) & sleep 0.5; exit 3"
+    done = can_run("--backend", "uml", "--", "sh", "-c", script, env=env)
+    assert done.returncode == 3
+    mark.unlink()
+    time.sleep(0.5)
+    assert not mark.exists(), "nothing survives"
+
+
 def test_ending_the_tool_ends_the_guest(tmp_path: Path) -> None:
     mark = tmp_path / "alive"
     running = subprocess.Popen([*CRUX, "can", "run", "--", "sh", "-c", f"while :; do date >{mark}; sleep 0.1; done"])

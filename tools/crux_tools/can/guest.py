@@ -106,12 +106,23 @@ def _pump(source: int, target: int) -> None:
                 return
 
 
+def _own_process_namespace() -> list[str]:
+    """What makes a process-id namespace, which ends with its first process; nothing where that is not permitted."""
+    words = ["unshare", "--pid", "--fork", "--kill-child", "--"]
+    try:
+        permitted = (
+            os.geteuid() == 0 and subprocess.run([*words, "true"], capture_output=True, check=False).returncode == 0
+        )
+    except OSError:
+        permitted = False
+    return words if permitted else []
+
+
 class _Process:
     """The guest's process; whatever happens, nothing of it outlives the with-block."""
 
     def __init__(self, arguments: list[str], environment: dict[str, str], keep_open: tuple[int, ...]) -> None:
-        if os.geteuid() == 0:  # a process-id namespace of its own ends with its first process
-            arguments = ["unshare", "--pid", "--fork", "--kill-child", "--", *arguments]
+        arguments = [*_own_process_namespace(), *arguments]
         read_out, write_out = os.pipe()
         read_err, write_err = os.pipe()
         try:
