@@ -2,7 +2,8 @@
 
 Each limb's MIP gives prices of its contacts and swings; taken alone their cheapest paths may leave the robot without
 balance, let two grippers meet or put them on one hold. Conflict-based search finds the cheapest paths that agree:
-where limbs are in conflict, it is resolved in turn at the expense of each of them, best first.
+where limbs are in conflict, it is resolved in turn at the expense of each of them, cheapest first; where that takes
+too long, as where little time is left for many swings, those with the fewest conflicts first.
 """
 
 from __future__ import annotations
@@ -10,19 +11,20 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from crux_planner.admm.limb_paths import LimbPaths, Path
 from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array, Flags
+from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS
 from crux_planner.search.balance import Balance
 
 _MOST_AT_ONCE = 2
+_CHEAPEST_FIRST = 150  # conflicts resolved in the order of cost
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,18 @@ class _Stand:
     leaving: int | None
 
 
+@dataclass(frozen=True)
+class _Node:
+    """Paths, one a limb, each the cheapest without what is forbidden to it."""
+
+    paths: list[Path]
+    forbidden: tuple[frozenset[Fact], ...]
+
+    @property
+    def cost(self) -> float:
+        return sum(path.cost for path in self.paths)
+
+
 Sound = Callable[[list[Swinging]], bool]
 """Whether swings that agree stage by stage leave a motion over all knots."""
 
@@ -64,7 +78,11 @@ class Agreement:
         self.stages, self.balance = stages, balance
         self.paths = [LimbPaths(stages, limb) for limb in range(len(LIMBS))]
         self.at_once = 1  # limbs in the air together; more only where the wall or the time leave no other way
-        self.nodes = 0
+        self._flying = [
+            np.array([[a.first <= t < a.end for a in paths.arcs] for t in range(stages.count)], dtype=bool)
+            for paths in self.paths
+        ]
+        self._free: dict[tuple[tuple[int, int], tuple[int, int]], bool] = {}
         self._sound: dict[tuple[tuple[int, ...], ...], bool] = {}
 
     def cheapest(self, prices: list[Prices], sound: Sound, deadline: float) -> list[Path]:
@@ -76,28 +94,34 @@ class Agreement:
         return paths
 
     def _cheapest(self, prices: list[Prices], sound: Sound, deadline: float) -> list[Path] | None:
-        order = itertools.count()
         first = [paths.shortest(own.held, own.arcs) for paths, own in zip(self.paths, prices, strict=True)]
         for limb, path in enumerate(first):
             if not np.isfinite(path.cost):
                 raise InfeasibleError("contacts", f"{LIMBS[limb]} finds no chain of holds on the stages of its block")
-        none: tuple[frozenset[Fact], ...] = (frozenset(),) * len(LIMBS)
-        queue = [(sum(path.cost for path in first), next(order), first, none)]
-        while queue and time.monotonic() < deadline:
-            self.nodes += 1
-            cost, _, chosen, forbidden = heapq.heappop(queue)
-            conflict = self._conflict(chosen, sound)
+        nodes = [_Node(first, (frozenset(),) * len(LIMBS))]
+        by_cost, by_conflicts = [(nodes[0].cost, 0)], [(0, nodes[0].cost, 0)]
+        resolved: set[int] = set()
+        while len(resolved) < len(nodes) and time.monotonic() < deadline:
+            number = heapq.heappop(by_cost)[-1] if len(resolved) < _CHEAPEST_FIRST else heapq.heappop(by_conflicts)[-1]
+            if number in resolved:
+                continue
+            resolved.add(number)
+            node = nodes[number]
+            conflict = self._conflict(node.paths, sound)
             if conflict is None:
-                return chosen
+                return node.paths
             for fact in conflict:
                 limb = fact.limb
-                less = forbidden[limb] | {fact}
+                less = node.forbidden[limb] | {fact}
                 path = self.paths[limb].shortest(*self._without(limb, prices[limb], less))
-                if np.isfinite(path.cost):
-                    paths = [path if other == limb else old for other, old in enumerate(chosen)]
-                    rest = tuple(less if other == limb else old for other, old in enumerate(forbidden))
-                    heapq.heappush(queue, (cost - chosen[limb].cost + path.cost, next(order), paths, rest))
-        if queue:
+                if not np.isfinite(path.cost):
+                    continue
+                paths = [path if other == limb else old for other, old in enumerate(node.paths)]
+                rest = tuple(less if other == limb else old for other, old in enumerate(node.forbidden))
+                nodes.append(_Node(paths, rest))
+                heapq.heappush(by_cost, (nodes[-1].cost, len(nodes) - 1))
+                heapq.heappush(by_conflicts, (self._conflicts(paths), nodes[-1].cost, len(nodes) - 1))
+        if len(resolved) < len(nodes):
             raise InfeasibleError("time limit", "the limbs found no contact sequence to agree on in the time allowed")
         return None
 
@@ -113,17 +137,12 @@ class Agreement:
             elif fact.contact is not None:
                 held[fact.stage, fact.contact] = np.inf
             else:
-                arcs[self.flying(limb, fact.stage)] = np.inf
+                arcs[self._flying[limb][fact.stage]] = np.inf
         return held, arcs
-
-    def flying(self, limb: int, stage: int) -> Flags:
-        """(A,): the limb's arcs that are in the air through a stage."""
-        flags: Flags = np.array([arc.first <= stage < arc.end for arc in self.paths[limb].arcs], dtype=bool)
-        return flags
 
     def _conflict(self, paths: list[Path], sound: Sound) -> list[Fact] | None:
         """Facts of which one must not be, None where all agree."""
-        facts = self._met(paths) or self._fallen(paths)
+        facts = next(self._meetings(paths), None) or self._fallen(paths)
         if facts is not None:
             return facts
         key = tuple(path.arcs for path in paths)
@@ -144,7 +163,12 @@ class Agreement:
             contact, since = arc.goal, arc.end
         return [*stands, _Stand(contact, since, self.stages.count, None)]
 
-    def _met(self, paths: list[Path]) -> list[Fact] | None:
+    def _conflicts(self, paths: list[Path]) -> int:
+        """How many meetings there are, and limbs too many in the air, stage by stage."""
+        away = sum((self._flying[limb][:, list(path.arcs)].any(axis=1).astype(int) for limb, path in enumerate(paths)))
+        return sum(1 for _ in self._meetings(paths)) + int(np.maximum(away - self.at_once, 0).sum())
+
+    def _meetings(self, paths: list[Path]) -> Iterator[list[Fact]]:
         """Swings in each other's way or past a gripper that stands in theirs, and two limbs on one hold."""
         stands = [self._stands(limb, path) for limb, path in enumerate(paths)]
         contacts = self.stages.problem.contacts
@@ -157,19 +181,24 @@ class Agreement:
                     for stand in stands[other]:
                         meet = stand.first < arc.end and arc.first <= stand.last
                         if meet and self.stages.blocks(limb, arc, other, stand.contact):
-                            return [Fact(limb, arc=i), _standing(other, stand, max(arc.first, stand.first))]
+                            yield [Fact(limb, arc=i), _standing(other, stand, max(arc.first, stand.first))]
                     for j in paths[other].arcs:
                         beside = self.paths[other].arcs[j]
                         meet = beside.first < arc.end and arc.first < beside.end
-                        moves = [(arc.start, arc.goal), (beside.start, beside.goal)]
-                        if meet and not self.stages.ways.free(moves, ()):
-                            return [Fact(limb, arc=i), Fact(other, arc=j)]
+                        if meet and not self._apart((arc.start, arc.goal), (beside.start, beside.goal)):
+                            yield [Fact(limb, arc=i), Fact(other, arc=j)]
         for limb, other in itertools.combinations(range(len(LIMBS)), 2):
             for one, two in itertools.product(stands[limb], stands[other]):
                 begin, end = max(one.first, two.first), min(one.last, two.last)
                 if begin <= end and contacts[one.contact].hold == contacts[two.contact].hold:
-                    return [_standing(limb, one, begin), _standing(other, two, begin)]
-        return None
+                    yield [_standing(limb, one, begin), _standing(other, two, begin)]
+
+    def _apart(self, one: tuple[int, int], two: tuple[int, int]) -> bool:
+        """Whether two swings may happen together."""
+        key = (min(one, two), max(one, two))
+        if key not in self._free:
+            self._free[key] = self.stages.ways.free([*key], ())
+        return self._free[key]
 
     def _fallen(self, paths: list[Path]) -> list[Fact] | None:
         """A stage in which the limbs that stand leave the body no place, or no balance."""
