@@ -33,8 +33,8 @@ from crux_planner.problem import Problem
 TIME_LIMIT_S = 20.0
 LARGEST = 300_000  # states of the dynamic programme
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
-_NEAR = 0.02  # share of the bound: sets of grasps on ways within that of the cheapest are priced in a round
-_ROUND = 24  # sets of grasps priced in a round
+_ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways
+_SHARED = 4  # times as many learn from their prices
 
 
 def lower_bound(
@@ -163,7 +163,7 @@ class _Search:
         return np.asarray(table[tuple(self.nodes.options.T)])
 
     def _price(self, through: Array, bound: float, deadline: float) -> bool:
-        """Find prices for the nodes on the cheapest ways; False where there is nothing left to price."""
+        """Find prices for the nodes on the cheapest ways; False where those of the cheapest have theirs already."""
         on_way = through <= bound + 1e-9
         found = False
         outer = [k for k in range(len(through)) if min(k, len(through) - k) <= _WINDOW]
@@ -176,16 +176,20 @@ class _Search:
                 self._price_at(k, int(node), np.flatnonzero(on_way[k]))
         inner = [k for k in range(len(through)) if k not in outer]
         least = through[inner].min(axis=0) if inner else through.min(axis=0)
-        wanted = np.flatnonzero((least <= bound + _NEAR * abs(bound)) & ~self.known)
-        others = np.flatnonzero(least <= bound + _NEAR * abs(bound))
-        for node in wanted[np.argsort(least[wanted])][:_ROUND]:
+        found |= bool((~self.known[on_way[inner].any(axis=0)]).any())
+        if not found:
+            return False
+        order = np.argsort(least)
+        wanted = order[~self.known[order] & (least[order] <= self.cost)][:_ROUND]
+        others = order[: _SHARED * _ROUND]
+        for node in wanted:
             if time.monotonic() > deadline:
                 break
             proposed = self.qp.prices(self.nodes.held(int(node)), self.room)
             self._raise(others, self.prices.values(proposed, others))
             self._raise(np.array([node]), self.prices.values(proposed, np.array([node])))
-            self.known[node] = found = True
-        return found
+            self.known[node] = True
+        return True
 
     def _raise(self, which: Indices, value: Array) -> None:
         self.value[which] = np.maximum(self.value[which], value)

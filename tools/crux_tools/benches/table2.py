@@ -22,6 +22,7 @@ from crux_tools.output import note, print_json, progress
 
 CONFIDENCE = 0.99
 GRACE_S = 10.0  # beyond the time limit that a method is given, before its process is ended
+_WIDTH = 120  # characters of the table
 PAPER_FORM = "paper_form"
 METHODS = ("auto", "two_block", "multi_block", "benchmark", PAPER_FORM)
 NAMES = {
@@ -160,9 +161,9 @@ def _show(rows: list[Row], file: Path) -> None:
     from rich.console import Console
 
     table = _table(rows)
-    Console(stderr=True).print(table)
+    Console(stderr=True, width=_WIDTH).print(table)
     with file.open("w", encoding="utf-8") as out:
-        Console(file=out, width=140).print(table)
+        Console(file=out, width=_WIDTH).print(table)
     for row in rows:
         if row.remark:
             note(f"{row.task}, {NAMES[row.method]}: {row.remark}")
