@@ -110,6 +110,8 @@ class Problem:
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (terms.limit_surface)
+    reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
+    turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
     @property
     def weight_N(self) -> Array:

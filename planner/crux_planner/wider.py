@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
+from crux_planner.arrays import Flags
 from crux_planner.build import build_problem
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.proof.infeasible import Proof
 from crux_planner.result import PlanResult
+from crux_planner.search.aim import aimed
 from crux_planner.search.balance import Balance
 from crux_planner.search.stances import Move, Reach
 from crux_planner.search.turning import Turning
@@ -31,6 +34,9 @@ Realise = Callable[
 ]
 
 
+LEVELS = ((False, 0.003), (True, 0.001), (True, -0.006))
+"""Grasps off the middle, and what is kept [m] of the acceptance boxes; less than nothing: the NLP may tilt the body."""
+SLOWER = 0.4  # of the body's speed, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S = 2.0  # for the goal's equilibrium
 
@@ -51,29 +57,54 @@ def plan_wider(
     if impossible is not None:
         raise impossible
     until = time.monotonic() + (1.0 - PROOF_SHARE) * (deadline - time.monotonic())
-    for off_centre in (False, True):
+    for off_centre, reserve_m in LEVELS:
+        if time.monotonic() > until:
+            break
         with work.part("problem", 0.1):
-            wide = build_problem(scenario, robot, off_centre=off_centre)
-            reach, ways = Reach(wide), Ways(wide)
-        balance = Balance(wide, wide.friction_share)
-        for _ in range(ATTEMPTS):
-            if time.monotonic() > until:
-                break
-            with work.part("headings", 0.2):
-                turning = Turning(wide, reach, ways)
-                moves, _ = turning.search(greed=GREED, deadline=until)
-            if moves is None:
-                break
-            attempt = realise(scenario, robot, wide, balance, reach, ways, moves, work, deadline)
-            if isinstance(attempt, PlanResult):
-                return attempt
-            culprit = attempt[1]
-            work.log(f"wide {off_centre}: {attempt[0]}")
-            if culprit is None:
-                break
-            ways.forbid(*culprit)
+            found = aimed(build_problem(scenario, robot, off_centre=off_centre))
+        if found is None:
+            continue
+        result = _plan_turning(
+            scenario, robot, replace(found[0], reach_reserve_m=reserve_m), found[1], realise, work, until
+        )
+        if result is not None:
+            return result
     with work.part("proof", 0.9):
         impossible = proof.disconnected(deadline)
     if impossible is None:
         raise none_level
     raise InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)
+
+
+def _plan_turning(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    ends: Flags,
+    realise: Realise,
+    work: Work,
+    until: float,
+) -> PlanResult | None:
+    """A plan whose search chooses headings; None where none is found until then."""
+    reach, ways = Reach(problem), Ways(problem)
+    speed = SLOWER * problem.body.max_speed_m_s
+    for _ in range(ATTEMPTS):
+        if time.monotonic() > until:
+            break
+        with work.part("headings", 0.2):
+            moves, _ = Turning(problem, reach, ways, ends).search(greed=GREED, deadline=until)
+        if moves is None:
+            break
+        balance = Balance(problem, problem.friction_share)
+        attempt = realise(scenario, robot, problem, balance, reach, ways, moves, work, until)
+        if isinstance(attempt, PlanResult):
+            return attempt
+        failure, culprit = attempt
+        work.log(f"refused: {failure}")
+        if failure.constraint == "limit_surface_between_knots" and problem.body.max_speed_m_s > speed:
+            problem = replace(problem, body=replace(problem.body, max_speed_m_s=speed))
+        elif culprit is None:
+            break
+        else:
+            ways.forbid(*culprit)
+    return None

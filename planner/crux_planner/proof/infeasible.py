@@ -44,23 +44,27 @@ class Proof:
 
     def quick(self) -> InfeasibleError | None:
         """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
-        problem, at_goal = self.problem, self.reach.at_goal
-        place = self._goal_place()
-        room = problem.goal.tolerance_m
+        problem = self.problem
         ends = []
         for limb, name in enumerate(LIMBS):
             wanted = problem.goal.grasps.get(limb)
             usable = [i for key, i in self.number.items() if wanted in (None, key)]
             if not usable:
                 return InfeasibleError("reach", f"no hold can be gripped by {name}", proven=True)
-            low, high = at_goal.low[limb, usable], at_goal.high[limb, usable]
-            beyond = np.maximum(low - room - place, place - room - high).max(axis=1)
+            beyond = self.reach.beyond_goal(limb)[usable]
             if beyond.min() > 0:
                 return self._out_of_reach(limb, usable, beyond, wanted is not None)
             ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
-        self.goals = [s for s in itertools.product(*ends) if len({self.hold[g] for g in s}) == 4]
+        stances = np.array(list(itertools.product(*ends)))
+        holds = np.sort(np.array(self.hold)[stances], axis=1)
+        stances = stances[(np.diff(holds, axis=1) > 0).all(axis=1)]
+        if len(stances):
+            stances = stances[self.reach.at_goal(stances)]
+        self.goals: list[Grips] = [tuple(map(int, stance)) for stance in stances]
         if not self.goals:
-            text = f"no hold for each limb within reach for the goal body at {self._goal_text()}: they share holds"
+            text = (
+                f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
+            )
             return InfeasibleError("reach", text, proven=True)
         return None
 
@@ -167,11 +171,6 @@ class Proof:
                 place = ", ".join(sorted(names[h] for h in needs)[:3])
                 return f"{name} gets to {', '.join(sorted(names[h] for h in has)[:6])}, but not to {place}"
         return "no two of their holds can be exchanged in equilibrium and within reach"
-
-    def _goal_place(self) -> Array:
-        goal, at_goal = self.problem.goal.body.position_m, self.reach.at_goal
-        c, s = np.cos(at_goal.yaw_rad), np.sin(at_goal.yaw_rad)
-        return np.array([c * goal[0] + s * goal[1], -s * goal[0] + c * goal[1], goal[2]])
 
     def _goal_text(self) -> str:
         return point_text(self.problem, self.problem.goal.body.position_m)

@@ -7,6 +7,7 @@ what accelerations within the bounds (7) may add. No swings, no collisions, no t
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,15 +15,17 @@ import piqp
 
 from crux_planner.arrays import Array, Flags
 from crux_planner.contacts import Contact
-from crux_planner.kinematics import rotation_z
+from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.problem import Problem
 from crux_planner.search.balance import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, Balance
 from crux_planner.terms.dynamics import skew, static_map
 from crux_planner.terms.limit_surface import polytope_directions
 
 BIN_RAD = 0.1
+GOAL_LEVELS = 4  # times that a bin of the goal's orientation is halved
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
-_ARM_RESERVE_M = 0.03  # by which tilt lengthens the arms that a turn moves
+_COUPLING = 1.1  # roll, pitch and yaw are no rotation vector; tilts stay below 0.1 rad
+_FAR_M = 10.0  # from W's origin
 _EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 
@@ -36,17 +39,11 @@ class Grip:
     height_m: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """Body positions (4, G, 3) with a grip in reach of a limb, along axes turned by `yaw_rad`."""
-
-    yaw_rad: float
-    low: Array
-    high: Array
-
-
 class RelaxedReach:
-    """Bounds of body positions over all headings of a plan, and at the goal."""
+    """Bounds of body positions, by bins of orientation: over all orientations of a plan, and at the goal.
+
+    `low`, `high` (B, 4, G, 3) are along a body's axes in the middle of each bin, `to_w` (B, 3, 3) turns them to W.
+    """
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
@@ -54,48 +51,81 @@ class RelaxedReach:
         yaw = float(goal.body.rpy_rad[2])
         duration = problem.steps * problem.dt_s
         turn = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * duration) / 2
-        count = max(1, int(np.ceil(2 * turn / BIN_RAD)))
-        edges = np.linspace(-turn, turn, count + 1)
-        half = turn / count
-        self.bins = [self.bounds(float(mid), half, body.max_tilt_rad) for mid in (edges[1:] + edges[:-1]) / 2]
-        tilt = min(body.max_tilt_rad, float(np.abs(goal.body.rpy_rad[:2]).max()) + goal.tolerance_rad)
-        self.at_goal = self.bounds(yaw, _EULER_SHARE * goal.tolerance_rad, tilt)
-        self._low = np.stack([b.low for b in self.bins])  # (B, 4, G, 3)
-        self._high = np.stack([b.high for b in self.bins])
-        self._to_w = rotation_z(np.array([b.yaw_rad for b in self.bins]))
+        yaws, half = _bins(-turn, turn, BIN_RAD)
+        tilt = body.max_tilt_rad
+        self.to_w, self.low, self.high = self._bounds(np.outer(yaws, [0.0, 0.0, 1.0]), np.array([tilt, tilt, half]))
+        self.goal_to_w, self.goal_low, self.goal_high = self._goal_bounds()
+        self.goal_place = np.einsum("bji,j->bi", self.goal_to_w, goal.body.position_m)
 
-    def bounds(self, yaw_rad: float, turn_rad: float, tilt_rad: float) -> Bounds:
-        """For every heading within `turn_rad` of `yaw_rad` and every roll and pitch up to `tilt_rad`."""
+    def _goal_bounds(self) -> tuple[Array, Array, Array]:
+        """Bins of orientation at the goal, made finer where every limb has a hold in reach."""
+        goal, most = self.problem.goal, self.problem.body.max_tilt_rad
+        room = _EULER_SHARE * goal.tolerance_rad + 1e-6
+        middles, half = np.zeros((1, 3)), room
+        for level in range(GOAL_LEVELS + 1):
+            inside = np.linalg.norm(middles, axis=1) <= room + half * 3**0.5
+            inside &= (np.abs(goal.body.rpy_rad[:2] + middles[:, :2]) <= most + half).all(axis=1)
+            bounds = self._bounds(goal.body.rpy_rad + middles[inside], np.full(3, half))
+            place = np.einsum("bji,j->bi", bounds[0], goal.body.position_m)[:, None, None]
+            within = goal.tolerance_m + TOLERANCE_M
+            reached = ((bounds[1] <= place + within) & (bounds[2] >= place - within)).all(axis=3)
+            useful = reached.any(axis=2).all(axis=1)
+            if level == GOAL_LEVELS or not useful.any():
+                break
+            half /= 2
+            corners = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+            middles = (middles[inside][useful][:, None] + corners).reshape(-1, 3)
+        return bounds
+
+    def _bounds(self, rpys: Array, half_rpy: Array) -> tuple[Array, Array, Array]:
+        """For every orientation within `half_rpy` of each of `rpys`, in roll, pitch and yaw."""
         boxes, height = self.problem.boxes, self.problem.body.height_m
-        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m + _ARM_RESERVE_M
-        s, c = np.sin(turn_rad), 1.0 - np.cos(turn_rad)
-        turned = np.array([s * arm[1] + c * arm[0], s * arm[0] + c * arm[1], 0.0])
-        s, c = np.sin(tilt_rad), 1.0 - np.cos(tilt_rad)
-        lifted = s * (arm[0] + arm[1]) + arm[2]  # |z| of a gripper in the tilted body
-        tilted = np.array([c * arm[0] + s * lifted, c * arm[1] + s * lifted, s * (arm[0] + arm[1]) + 2 * c * lifted])
-        to = rotation_z(-yaw_rad)
-        centres = np.array([g.contact.centre_w_m for g in self.grips]) @ to.T
-        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]) @ to.T)
-        tangents[:, :2] += s + np.sin(turn_rad)
-        aside = np.array([g.aside_m for g in self.grips])[:, None] * tangents
-        aside[:, 2] = [np.ptp(g.height_m) for g in self.grips]
-        half = boxes.half_m + turned + tilted + TOLERANCE_M + aside  # (G, 3)
-        low = centres - boxes.centre_b_m[:, None] - half
-        high = centres - boxes.centre_b_m[:, None] + half
-        low[..., 2] = np.maximum(low[..., 2], height[0] - TOLERANCE_M)
-        high[..., 2] = np.minimum(high[..., 2], height[1] + TOLERANCE_M)
-        return Bounds(yaw_rad, low, high)
+        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m
+        roll, pitch, yaw = _COUPLING * half_rpy
+        # A rotation by a small vector moves a point by their cross product, and by terms of second order.
+        turned = np.array([yaw * arm[1] + pitch * arm[2], yaw * arm[0] + roll * arm[2], roll * arm[1] + pitch * arm[0]])
+        turned += (roll + pitch + yaw) ** 2 / 2 * np.linalg.norm(arm)
+        to_w = rotation_from_rpy(rpys)  # (B, 3, 3)
+        centres = np.array([g.contact.centre_w_m for g in self.grips]) @ to_w  # (B, G, 3)
+        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]) @ to_w) + roll + pitch + yaw
+        aside = np.array([g.aside_m for g in self.grips])[:, None] * np.minimum(tangents, 1.0)
+        aside += np.array([np.ptp(g.height_m) / 2 for g in self.grips])[:, None] * np.array([0.1, 0.1, 1.0])
+        half = boxes.half_m + turned + TOLERANCE_M + aside[:, None]  # (B, 1, G, 3)
+        middle = centres[:, None] - boxes.centre_b_m[:, None]  # (B, 4, G, 3)
+        low, high = middle - half, middle + half
+        lean = (_COUPLING * self.problem.body.max_tilt_rad) * 2 * _FAR_M  # heights along tilted axes are no heights
+        tilted = float(np.abs(rpys[:, :2]).max(initial=0.0)) > 0.0
+        low[..., 2] = np.maximum(low[..., 2], height[0] - TOLERANCE_M - lean * tilted)
+        high[..., 2] = np.minimum(high[..., 2], height[1] + TOLERANCE_M + lean * tilted)
+        return to_w, low, high
+
+    def at_goal(self, stances: Array) -> Flags:
+        """(S,) whether all grips of stances (S, 4) are in reach of one orientation and position at the goal."""
+        limbs = np.arange(4)
+        room, place = self.problem.goal.tolerance_m + TOLERANCE_M, self.goal_place
+        possible = np.zeros(len(stances), dtype=bool)
+        for low, high, at in zip(self.goal_low, self.goal_high, place, strict=True):
+            most_low = np.maximum(low[limbs, stances].max(axis=1), at - room)
+            possible |= (most_low <= np.minimum(high[limbs, stances].min(axis=1), at + room)).all(axis=1)
+        return possible
+
+    def beyond_goal(self, limb: int) -> Array:
+        """(G,) how far each grip is out of a limb's reach at the goal, in the best orientation; not positive: not."""
+        room, place = self.problem.goal.tolerance_m + TOLERANCE_M, self.goal_place[:, None]
+        beyond = np.maximum(self.goal_low[:, limb] - room - place, place - room - self.goal_high[:, limb])
+        least: Array = beyond.max(axis=2).min(axis=0)
+        return least
 
     def hull(self, stance: tuple[int, ...]) -> tuple[Array, Array] | None:
         """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
         on = [(limb, g) for limb, g in enumerate(stance) if g >= 0]
         limbs, grips = [limb for limb, _ in on], [g for _, g in on]
-        low, high = self._low[:, limbs, grips].max(axis=1), self._high[:, limbs, grips].min(axis=1)
+        low, high = self.low[:, limbs, grips].max(axis=1), self.high[:, limbs, grips].min(axis=1)
         fits: Flags = (low <= high).all(axis=1)
         if not fits.any():
             return None
         middle, half = (low[fits] + high[fits]) / 2, (high[fits] - low[fits]) / 2
-        to_w = self._to_w[fits]
+        to_w = self.to_w[fits]
         centre = (to_w @ middle[..., None])[..., 0]
         extent = (np.abs(to_w) @ half[..., None])[..., 0]
         return (centre - extent).min(axis=0), (centre + extent).max(axis=0)
@@ -179,3 +209,10 @@ def _slack(problem: Problem) -> float:
     spin = _INERTIA_SHARE * float(np.linalg.eigvalsh(problem.inertia_b).max())
     spin *= 2 * problem.body.max_rate_rad_s / problem.dt_s * 3**0.5 + 3 * problem.body.max_rate_rad_s**2
     return float(np.hypot(force, (spin + arm * force) / MOMENT_ARM_M)) + 0.05
+
+
+def _bins(low: float, high: float, width: float) -> tuple[Array, float]:
+    """Middles of bins no wider than `width`, and half their width."""
+    count = max(1, int(np.ceil((high - low) / width)))
+    edges = np.linspace(low, high, count + 1)
+    return (edges[1:] + edges[:-1]) / 2, (high - low) / (2 * count)

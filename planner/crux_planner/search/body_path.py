@@ -13,12 +13,12 @@ from itertools import pairwise
 import numpy as np
 
 from crux_planner.arrays import Array, Indices
-from crux_planner.kinematics import rotation_z
+from crux_planner.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.problem import Problem
 from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.sparse_qp import SparseQp
-from crux_planner.search.stances import REACH_RESERVE_M, Move, Reach
+from crux_planner.search.stances import Move, Reach
 from crux_planner.search.ways import Ways
 from crux_planner.terms.reach import body_positions, turned_half
 
@@ -38,7 +38,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
         for stance in (move.before, move.after):
             bounds = reach.turned(move.yaw_rad).of(stance)
             assert bounds is not None
-            path.append(_position(qp, balance, *bounds, move.support, move.yaw_rad)[0])
+            path.append(_position(qp, balance, *bounds, move.support, rotation_z(move.yaw_rad))[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
     one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
     qp.squares(path[0][:, None], one, fixed[0], 1.0)
@@ -79,10 +79,13 @@ class BodyPath:
 def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
     qp = SparseQp()
-    axes = 3 if schedule.yaw_rad is None else 2  # of the orientation that the boxes must allow for
-    turn = max(np.abs(problem.start.rpy_rad[:axes]).max(), np.abs(problem.goal.body.rpy_rad[:axes]).max())
-    half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M / 2
-    to_w = rotation_z(np.zeros(len(schedule.poses)) if schedule.yaw_rad is None else schedule.yaw_rad)
+    turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
+    to_w = rotation_z(np.zeros(len(schedule.poses)))
+    if schedule.yaw_rad is not None:
+        turn, to_w = 0.0, rotation_z(schedule.yaw_rad)
+        to_w[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
+    reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
+    half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - reserve
     grippers = schedule.poses[..., :3] @ to_w  # along the body's axes, knot by knot
     lows, highs = body_positions(grippers, problem.boxes.centre_b_m, half)
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, 3)
@@ -98,11 +101,12 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
-        yaw = 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[k])
-        position, wrenches = _position(qp, balance, low[k], high[k], tuple(on.values()), yaw, problem.weights.wrench)
+        position, wrenches = _position(
+            qp, balance, low[k], high[k], tuple(on.values()), to_w[k], problem.weights.wrench
+        )
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
-    path.append(_within(qp, low[-1], high[-1], 0.0 if schedule.yaw_rad is None else float(schedule.yaw_rad[-1])))
+    path.append(_within(qp, low[-1], high[-1], to_w[-1]))
     _add_cost(qp, problem, path)
     solution = qp.solve()
     if solution is None:
@@ -128,11 +132,11 @@ def _position(
     low: Array,
     high: Array,
     support: tuple[int, ...],
-    yaw_rad: float = 0.0,
+    to_w: Array,
     comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
-    position = _within(qp, low, high, yaw_rad)
+    position = _within(qp, low, high, to_w)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches = []
     for contact in support:
@@ -148,11 +152,10 @@ def _position(
     return position, wrenches
 
 
-def _within(qp: SparseQp, low: Array, high: Array, yaw_rad: float) -> Indices:
-    """Add a position between bounds along axes turned by `yaw_rad`; the numbers of its variables."""
-    if yaw_rad == 0.0:
+def _within(qp: SparseQp, low: Array, high: Array, to_w: Array) -> Indices:
+    """Add a position between bounds along axes that `to_w` (3, 3) turns to W; the numbers of its variables."""
+    if (to_w == np.eye(3)).all():
         return qp.variables(low, high)
     position = qp.variables(np.full(3, -_ANYWHERE_M), np.full(3, _ANYWHERE_M))
-    to_axes = rotation_z(-yaw_rad)
-    qp.below(np.vstack([to_axes, -to_axes]), position, np.concatenate([high, -low]))
+    qp.below(np.vstack([to_w.T, -to_w.T]), position, np.concatenate([high, -low]))
     return position

@@ -12,7 +12,6 @@ from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.stances import Move
 from crux_planner.search.ways import Ways
 
-LEVEL_TURN_RAD = 0.07  # a turn from start to goal that is not planned for
 TURN_SHARE = 0.9  # of the body's largest rate
 LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
 
@@ -47,7 +46,7 @@ def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m
         swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
         swings.append(max(swing, _knots(move.touch_down - move.lift_off, body_step_m)))
         body, yaw, margin = move.touch_down, move.yaw_rad, 0
-    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if turns(problem, moves) else 0
+    turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if problem.turns else 0
     stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, body_step_m))))
     return np.array(stances), np.array(swings, dtype=int)
 
@@ -99,14 +98,9 @@ def at_knots(problem: Problem, ways: Ways, moves: list[Move], stances: Array, sw
     return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swings))
 
 
-def turns(problem: Problem, moves: list[Move]) -> bool:
-    """Whether the body must turn further than boxes that allow for every heading on the way can bear."""
-    return any(move.yaw_rad for move in moves) or abs(float(problem.goal.body.rpy_rad[2])) > LEVEL_TURN_RAD
-
-
 def _yaws(problem: Problem, moves: list[Move], stances: Array, swings: Array) -> Array | None:
     """The body's heading at the knots: it turns while all limbs hold on, evenly, and rests in the first interval."""
-    if not turns(problem, moves):
+    if not problem.turns:
         return None
     knots, yaws, k = [0, 1], [0.0, 0.0], 0
     for move, stance, swing in zip(moves, stances, swings, strict=False):

@@ -64,7 +64,7 @@ class Reach:
         turn = turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-        half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
+        half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - problem.reach_reserve_m
         centres = np.stack([c.centre_w_m for c in problem.contacts])
         bounds = [body_positions(centres, centre, half) for centre in problem.boxes.centre_b_m]
         self.low, self.high = (np.stack([b[i] for b in bounds]) for i in (0, 1))  # (4, C, 3)
@@ -78,9 +78,7 @@ class Reach:
     def turned(self, yaw_rad: float) -> Reach:
         """The same for a body turned by `yaw_rad`: positions are along its axes then."""
         if yaw_rad not in self._turned:
-            start, goal = self.problem.start.rpy_rad[:2], self.problem.goal.body.rpy_rad[:2]
-            tilt = float(max(np.abs(start).max(), np.abs(goal).max()))
-            self._turned[yaw_rad] = Reach(turned_problem(self.problem, yaw_rad), tilt)
+            self._turned[yaw_rad] = Reach(turned_problem(self.problem, yaw_rad), 0.0)
         return self._turned[yaw_rad]
 
     def neighbours(self, limb: int, contact: int) -> Indices:

@@ -55,8 +55,9 @@ class View:
 class Turning:
     """Search over (stance, heading) of one problem."""
 
-    def __init__(self, problem: Problem, reach: Reach, ways: Ways) -> None:
-        self.problem, self.ways = problem, ways
+    def __init__(self, problem: Problem, reach: Reach, ways: Ways, ends: Flags) -> None:
+        """`ends` (4, C): contacts in reach at the goal's pose."""
+        self.problem, self.ways, self.ends = problem, ways, ends
         goal_yaw = float(problem.goal.body.rpy_rad[2])
         count = int(np.ceil(abs(goal_yaw) / HEADING_STEP_RAD))
         step = goal_yaw / count if count else HEADING_STEP_RAD
@@ -75,16 +76,6 @@ class Turning:
         self.least_cost = across + 2.0 + STANCE_KNOTS + MOVE_COST  # up, across, down; (C, C)
         self.to_go = np.stack([self._costs_to_go(limb) for limb in range(4)])  # (4, C)
 
-    def _goal_contacts(self, limb: int) -> Flags:
-        view, goal = self.views[self.end], self.problem.goal
-        place, room = view.from_w(goal.body.position_m), goal.position_room_m
-        low, high = view.reach.low[limb], view.reach.high[limb]
-        ends = view.usable[limb] & (low <= place + room).all(axis=1) & (high >= place - room).all(axis=1)
-        wanted = goal.grasps.get(limb)
-        if wanted is not None:
-            ends &= np.array([(c.hold, c.pair) == wanted for c in self.problem.contacts])
-        return np.asarray(ends)
-
     def _costs_to_go(self, limb: int) -> Array:
         """(C,) knots to the goal at least, were the limb alone and the body never far behind."""
         count = len(self.centres)
@@ -94,7 +85,7 @@ class Turning:
             both = np.maximum(low[:, None], low[None]) <= np.minimum(high[:, None], high[None])
             meet |= both.all(axis=2) & view.usable[limb, :, None] & view.usable[limb, None]
         edges = np.where(meet, self.least_cost, np.inf)
-        cost = np.where(self._goal_contacts(limb), 0.0, np.inf)
+        cost = np.where(self.ends[limb], 0.0, np.inf)
         waiting = np.ones(count, dtype=bool)
         for _ in range(count):
             open_cost = np.where(waiting, cost, np.inf)
@@ -213,12 +204,10 @@ class Turning:
         """Whether the goal's body pose is in reach and in balance."""
         stance, heading = state
         view, goal = self.views[heading], self.problem.goal
-        bounds = view.reach.of(stance)
-        if heading != self.end or bounds is None:
+        if heading != self.end or not self.ends[range(4), stance].all():
             return False
         place, room = view.from_w(goal.body.position_m), goal.position_room_m
-        low, high = np.maximum(bounds[0], place - room), np.minimum(bounds[1], place + room)
-        return bool((low <= high).all()) and view.balance.position(stance, low, high, place) is not None
+        return view.balance.position(stance, place - room, place + room, place) is not None
 
     def _trace(self, parent: dict[State, tuple[State, Move | None]], state: State) -> list[Move]:
         moves = []
