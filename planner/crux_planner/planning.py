@@ -24,7 +24,7 @@ from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
-from crux_planner.search.schedule import Schedule, at_knots, lay_out, turns
+from crux_planner.search.schedule import Schedule, at_knots, lay_out
 from crux_planner.search.stances import Move, Reach, SearchReport, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
@@ -35,6 +35,7 @@ TIME_LIMIT_S = 60.0
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
+LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
@@ -71,7 +72,8 @@ def plan(
     try:
         if method != "auto":
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
-        result = _plan_level(scenario, robot, problem, reach, ways, work, deadline)
+        until = time.monotonic() + LEVEL_SHARE * (deadline - time.monotonic())
+        result = _plan_level(scenario, robot, problem, reach, ways, work, until)
     except InfeasibleError as none_level:
         if method != "auto":
             raise
@@ -206,7 +208,7 @@ def _realise(
         now = time.monotonic()
         costs = EventCost(problem, balance, reach, ways)
         until = now + IMPROVING_SHARE * (deadline - now)
-        timed = None if turns(problem, moves) else improve(costs, moves, until)  # its estimates are of a level body
+        timed = None if problem.turns else improve(costs, moves, until)  # its estimates are of a level body
     first: tuple[InfeasibleError, Culprit] | None = None
     for choice in (timed, None):
         if choice is None and first is not None and time.monotonic() > deadline:

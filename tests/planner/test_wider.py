@@ -1,0 +1,42 @@
+"""Goals that need another heading, or a grasp off the middle of its hold."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import crux_planner
+from crux_contracts.robot import Robot
+from walls import hold, scenario, two_rows
+
+
+def turned_goal(degrees: float) -> dict[str, Any]:
+    """Holds for a body that turns on the spot."""
+    wall = two_rows(0.0, steps=60, all_limbs=False)
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    for part in wall["holds"][4:]:
+        x, y = part["position_m"]
+        part["position_m"] = [round(c * x - s * y, 3), round(s * x + c * y, 3)]
+    wall["goal"] = {
+        "body": {"position_m": [0.0, 0.0, 0.185], "rpy_deg": [0.0, 0.0, degrees]},
+        "grasps": {limb: {"hold": f"{limb}-high", "faces": "x"} for limb in ("LF", "RR")},
+    }
+    return wall
+
+
+def test_the_body_turns_to_the_goals_heading(robot: Robot) -> None:
+    result = crux_planner.plan(scenario(turned_goal(20.0)), robot)
+    assert result.check.ok
+    assert abs(math.degrees(result.plan.knots[-1].body_rpy_rad[2]) - 20.0) < 3.0
+    assert {"LF", "RR"} <= set(result.gait)
+
+
+def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
+    wall = two_rows()
+    goal = wall["goal"]["body"]
+    goal.update(tolerance_m=0.004, tolerance_deg=0.5)
+    wall["holds"][4] = hold("LF-high", 0.29, 0.447, size_m=[0.06, 0.1, 0.06])
+    result = crux_planner.plan(scenario(wall), robot)
+    assert result.check.ok
+    aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
+    assert 0.02 < aside <= 0.03

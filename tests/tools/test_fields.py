@@ -1,0 +1,25 @@
+"""`crux bench fields`: its fields are what it says, and its verdicts what the planner said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from crux_contracts.scenario import parse_scenario
+from crux_tools.benches.hold_fields import PROVEN, decide_one
+from crux_tools.benches.random_fields import HOLDS, SLOPE_DEG, random_field
+
+
+def test_fields_are_drawn_alike_for_the_same_seed_and_lie_in_their_ranges() -> None:
+    texts = [random_field(seed) for seed in (1, 2, 3)]
+    assert texts[0] == random_field(1)
+    assert len(set(texts)) == 3
+    for text in texts:
+        field = parse_scenario(text)
+        assert HOLDS[0] <= len(field.holds) <= HOLDS[1]
+        assert SLOPE_DEG[0] <= field.wall.slope_deg <= SLOPE_DEG[1]
+
+
+def test_a_goal_out_of_reach_is_proven_so(tmp_path: Path) -> None:
+    result = decide_one(3, 20.0, tmp_path)
+    assert result.verdict == PROVEN
+    assert "no hold within reach of LR" in result.why
