@@ -36,7 +36,7 @@ Realise = Callable[
 
 LEVELS = ((False, 0.003), (True, 0.001), (True, -0.006))
 """Grasps off the middle, and what is kept [m] of the acceptance boxes; less than nothing: the NLP may tilt the body."""
-SLOWER = 0.4  # of the body's speed, where the check finds too little between the knots
+SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S = 2.0  # for the goal's equilibrium
 
@@ -87,7 +87,8 @@ def _plan_turning(
 ) -> PlanResult | None:
     """A plan whose search chooses headings; None where none is found until then."""
     reach, ways = Reach(problem), Ways(problem)
-    speed = SLOWER * problem.body.max_speed_m_s
+    calmer = [(1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER)]  # of the limit surface, and of the speed
+    given = problem
     for _ in range(ATTEMPTS):
         if time.monotonic() > until:
             break
@@ -101,8 +102,10 @@ def _plan_turning(
             return attempt
         failure, culprit = attempt
         work.log(f"refused: {failure}")
-        if failure.constraint == "limit_surface_between_knots" and problem.body.max_speed_m_s > speed:
-            problem = replace(problem, body=replace(problem.body, max_speed_m_s=speed))
+        if failure.constraint.startswith("limit_surface") and calmer:
+            share, speed = calmer.pop(0)
+            body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
+            problem = replace(given, friction_share=share * given.friction_share, body=body)
         elif culprit is None:
             break
         else:
