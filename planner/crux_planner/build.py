@@ -112,7 +112,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
             goal,
             scenario.goal.tolerance_m,
             scenario.goal.tolerance_rad,
-            _goal_grasps(scenario, unusable),
+            _goal_grasps(scenario, robot, unusable),
         ),
         boxes=boxes,
         gripper_yaw_rad=robot.grasp.gripper_yaw_rad,
@@ -150,11 +150,13 @@ def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) ->
         raise InfeasibleError(
             "goal bounds",
             f"goal.body.position_m[2]: the body can be {low:g}..{high:g} m above the wall, not {goal.position_m[2]:g}",
+            proven=True,
         )
     if np.abs(goal.rpy_rad[:2]).max() > body.max_tilt_rad + scenario.goal.tolerance_rad:
         raise InfeasibleError(
             "goal bounds",
             f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
+            proven=True,
         )
 
 
@@ -259,7 +261,7 @@ def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[
     return chosen
 
 
-def _goal_grasps(scenario: Scenario, unusable: dict[tuple[int, int], str]) -> dict[int, tuple[int, int]]:
+def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int], str]) -> dict[int, tuple[int, int]]:
     wanted = {}
     for limb, grasp in scenario.goal.grasps.items():
         key = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
@@ -267,6 +269,7 @@ def _goal_grasps(scenario: Scenario, unusable: dict[tuple[int, int], str]) -> di
             raise InfeasibleError(
                 "goal grasp",
                 f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
+                proven=key not in {(g.contact.hold, g.contact.pair) for g in all_grips(scenario, robot, 0.0)},
             )
         wanted[LIMBS.index(limb)] = key
     return wanted

@@ -208,7 +208,8 @@ def _realise(
         now = time.monotonic()
         costs = EventCost(problem, balance, reach, ways)
         until = now + IMPROVING_SHARE * (deadline - now)
-        timed = None if problem.turns else improve(costs, moves, until)  # its estimates are of a level body
+        level = moves and not problem.turns  # its estimates are of a level body that takes steps
+        timed = improve(costs, moves, until) if level else None
     first: tuple[InfeasibleError, Culprit] | None = None
     for choice in (timed, None):
         if choice is None and first is not None and time.monotonic() > deadline:

@@ -38,7 +38,8 @@ LEVELS = ((False, 0.003), (True, 0.001), (True, -0.006))
 """Grasps off the middle, and what is kept [m] of the acceptance boxes; less than nothing: the NLP may tilt the body."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
-GOAL_PROOF_S = 2.0  # for the goal's equilibrium
+GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
+SEARCH_S = 15.0  # at most, for the searches that choose headings
 
 
 def plan_wider(
@@ -54,9 +55,15 @@ def plan_wider(
     proof = Proof(scenario, robot, problem)
     with work.part("proof", 0.1):
         impossible = proof.quick() or proof.goal_equilibrium(time.monotonic() + GOAL_PROOF_S)
+        if impossible is not None:
+            raise impossible
+        impossible = proof.disconnected(time.monotonic() + FIRST_PROOF_S)
     if impossible is not None:
-        raise impossible
-    until = time.monotonic() + (1.0 - PROOF_SHARE) * (deadline - time.monotonic())
+        raise _explained(none_level, impossible)
+    if none_level.constraint == "horizon":
+        raise none_level  # what follows takes longer still
+    now = time.monotonic()
+    until = min(now + (1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
     for off_centre, reserve_m in LEVELS:
         if time.monotonic() > until:
             break
@@ -70,10 +77,13 @@ def plan_wider(
         if result is not None:
             return result
     with work.part("proof", 0.9):
-        impossible = proof.disconnected(deadline)
-    if impossible is None:
-        raise none_level
-    raise InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)
+        impossible = proof.disconnected(min(deadline, time.monotonic() + LAST_PROOF_S))
+    raise none_level if impossible is None else _explained(none_level, impossible)
+
+
+def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> InfeasibleError:
+    """What stops a level body names the place best; the proof is about all others too."""
+    return InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)
 
 
 def _plan_turning(

@@ -85,9 +85,11 @@ def tiny_wall(seed: int) -> dict[str, Any]:
     random = np.random.default_rng(seed)
     wall = two_rows(slope_deg=float(random.uniform(0, 110)), all_limbs=False)
     wall["holds"] = wall["holds"][:4]
-    for name in ("a", "b"):
-        x, y = np.array(list(FEET.values())[random.integers(4)]) + random.uniform(0.12, 0.2, 2) * [1, 0.2]
-        wall["holds"].append(hold(name, round(float(x), 3), round(float(y), 3), friction=2.2))
+    while len(wall["holds"]) < 6:
+        x, y = np.array(list(FEET.values())[random.integers(4)]) + random.uniform([0.1, -0.08], [0.22, 0.08])
+        away = [np.hypot(x - part["position_m"][0], y - part["position_m"][1]) for part in wall["holds"]]
+        if min(away) > 0.15:
+            wall["holds"].append(hold(f"further-{len(away)}", round(float(x), 3), round(float(y), 3)))
     for part in wall["holds"]:
         part["friction"] = float(random.uniform(0.3, 2.2))
     wall["goal"] = {"body": {"position_m": [round(float(random.uniform(0.0, 0.35)), 3), 0.0, 0.185]}}

@@ -76,6 +76,8 @@ def test_what_cannot_be_done_says_why_and_where(robot: Robot, case: tuple[Change
     with pytest.raises(InfeasibleError, match=message) as error:
         crux_planner.plan(scenario(wall), robot)
     assert error.value.constraint == constraint
+    if constraint in ("reach", "goal bounds"):
+        assert error.value.proven
 
 
 def hold_moved_away(wall: dict[str, Any]) -> None:
