@@ -30,6 +30,12 @@ def test_a_wall_of_eight_holds(name: str, robot: Robot) -> None:
         assert result.plan.knots[-1].limbs[LIMB_NAMES.index(limb)].hold == scenario.hold_index(grasp.hold)
 
 
+def test_a_field_of_holds_of_any_yaw_and_size(robot: Robot) -> None:
+    scenario, result = planned("climb-field", robot)
+    assert len(scenario.holds) > 20
+    assert result.gait
+
+
 def test_slippery_faces_are_left_alone_and_grippers_turn(robot: Robot) -> None:
     scenario, result = planned("climb-slippery", robot)
     yaws = []
