@@ -33,6 +33,7 @@ RELAXATIONS = (0.25, 0.05, 0.01, 2e-3, 4e-4)
 _POSE, _FACES = 5, 5
 _FORCE_UNIT_N = 10.0
 _LENGTH_UNIT_M = 0.05
+_DECIDED = 0.05  # so near 0 or 1 a contact counts as decided
 _IPOPT: dict[str, Any] = {
     "print_time": 0,
     "ipopt.print_level": 0,
@@ -43,6 +44,40 @@ _IPOPT: dict[str, Any] = {
     "ipopt.max_iter": 400,
     "ipopt.hessian_approximation": "exact",
 }
+
+
+class Watch(ca.Callback):
+    """Tells ipopt to stop once the time is up, in the iteration it is in."""
+
+    def __init__(self, variables: int, rows: int, parameters: int, deadline: float) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {"x": variables, "lam_x": variables, "f": 1, "g": rows, "lam_g": rows, "lam_p": parameters}
+        self._deadline = deadline
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        """As many as nlpsol gives out."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Whether to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """As nlpsol names what it gives out."""
+        return str(ca.nlpsol_out(i))
+
+    def get_name_out(self, i: int) -> str:  # noqa: ARG002
+        """Of the one output."""
+        return "stop"
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Dense columns."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: Any) -> list[int]:  # noqa: ARG002
+        """1 once the time is up."""
+        return [int(time.monotonic() > self._deadline)]
 
 
 class Benchmark:
@@ -70,15 +105,11 @@ class Benchmark:
 
     def solve(self, deadline: float) -> tuple[Schedule, Array, list[dict[int, Array]], float, int]:
         """Contacts, body states, wrenches, J, ipopt's iterations. Raises InfeasibleError where it reaches no plan."""
-        values, iterations, status = self._guess(), 0, "not begun"
+        values, iterations = self._guess(), 0
         low, high = self._bounds()
+        watch = Watch(len(values), len(self._row_bounds[0]), 1, deadline)
+        solver = ca.nlpsol("benchmark", "ipopt", self._nlp, {**_IPOPT, "iteration_callback": watch})
         for relaxation in RELAXATIONS:
-            left = deadline - time.monotonic()
-            if left < 1.0:
-                raise InfeasibleError(
-                    "time limit", f"the benchmark NLP ran out of time before relaxation {relaxation:g}"
-                )
-            solver = ca.nlpsol("benchmark", "ipopt", self._nlp, {**_IPOPT, "ipopt.max_wall_time": left})
             result = solver(
                 x0=np.clip(values, low, high),
                 p=relaxation,
@@ -88,13 +119,25 @@ class Benchmark:
                 ubg=self._row_bounds[1],
             )
             values, stats = np.array(result["x"]).ravel(), solver.stats()
-            iterations, status = iterations + int(stats["iter_count"]), str(stats["return_status"])
+            iterations += int(stats["iter_count"])
             if not stats["success"]:
+                late = time.monotonic() > deadline
+                why = "runs out of time" if late else f"stops ({stats['return_status']})"
                 raise InfeasibleError(
-                    "benchmark",
-                    f"the benchmark NLP stops at relaxation {relaxation:g} after {iterations} iterations: {status}",
+                    "time limit" if late else "benchmark",
+                    f"the benchmark NLP {why} at relaxation {relaxation:g}, {RELAXATIONS.index(relaxation) + 1} of "
+                    f"{len(RELAXATIONS)}, after {iterations} iterations; it came to "
+                    f"{self._progress(values, np.array(result['g']).ravel())}",
                 )
         return (*self._plan(values), iterations)
+
+    def _progress(self, values: Array, rows: Array) -> str:
+        """How far a point is from a plan."""
+        low, high = self._row_bounds
+        off = float(np.maximum(np.maximum(low - rows, rows - high), 0.0).max())
+        alpha = self._parts(values.reshape(self.problem.steps + 1, -1))[2]
+        undecided = float((np.minimum(alpha, 1 - alpha) > _DECIDED).mean())
+        return f"rows off by up to {off:.2g}, {100 * undecided:.0f} % of the contacts neither made nor broken"
 
     def _plan(self, values: Array) -> tuple[Schedule, Array, list[dict[int, Array]], float]:
         problem, n = self.problem, self.problem.steps

@@ -38,5 +38,5 @@ def test_iterations_are_limited() -> None:
 
 
 def test_the_benchmark_says_when_it_ran_out_of_time() -> None:
-    with pytest.raises(InfeasibleError, match="benchmark NLP"):
+    with pytest.raises(InfeasibleError, match=r"runs out of time at relaxation 0.25, 1 of 5, .* rows off by up to"):
         plan(parse_scenario(wall(30)), load_robot("scaler"), method="benchmark", time_limit_s=2.0)
