@@ -25,7 +25,7 @@ from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smoo
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import Schedule, at_knots, lay_out
-from crux_planner.search.stances import Move, Reach, SearchReport, search
+from crux_planner.search.stances import Move, Reach, SearchReport, goal_contacts, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
@@ -144,6 +144,9 @@ def _plan_by_method(
 
     failures: list[InfeasibleError] = []
     tight = TIGHTER * problem.friction_share
+    aimed = problem.aimed()
+    if all(goal_contacts(problem, reach, aimed.goal.aim_m)):
+        problem = aimed
     for _ in range(ATTEMPTS):
         balance, options = Balance(problem, problem.friction_share), scenario.planner
         with work.part("contacts", 0.1):
@@ -223,9 +226,9 @@ def _realise(
                 )
             except InfeasibleError as too_short:
                 return first or (too_short, None)
-            path = knot_path(problem, balance, schedule)
+            aimed, path = _path(problem, balance, schedule)
         if path is not None:
-            attempt = _finish(scenario, robot, problem, schedule, path, work, deadline)
+            attempt = _finish(scenario, robot, aimed, schedule, path, work, deadline)
             if isinstance(attempt, PlanResult):
                 return attempt
         else:
@@ -234,6 +237,13 @@ def _realise(
         if choice is not None:
             first = attempt
     return attempt
+
+
+def _path(problem: Problem, balance: Balance, schedule: Schedule) -> tuple[Problem, BodyPath | None]:
+    """A body path to the middle of the goal's tolerance where there is one, else to where it may end at all."""
+    aimed = problem.aimed()
+    path = knot_path(aimed, balance, schedule)
+    return (aimed, path) if path is not None else (problem, knot_path(problem, balance, schedule))
 
 
 def _evenly(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> Schedule:

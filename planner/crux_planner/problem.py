@@ -19,6 +19,7 @@ from crux_planner.workspace import AcceptanceBoxes
 
 LIMBS = ("LF", "RF", "LR", "RR")
 _GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
+_AIM_SHARE = 0.3  # of it that a plan uses up where it can: the rest is left to what tracks it
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Goal:
     tolerance_m: float
     tolerance_rad: float
     grasps: dict[int, tuple[int, int]]
+    aim_share: float = _GOAL_SHARE  # of the tolerances, for the body's last pose
 
     @property
     def position_room_m(self) -> float:
@@ -80,6 +82,16 @@ class Goal:
     def rotation_room_rad(self) -> float:
         """The same for roll, pitch and yaw."""
         return _GOAL_SHARE * self.tolerance_rad / 3**0.5
+
+    @property
+    def aim_m(self) -> float:
+        """Half edge of the cube around the goal in which the body's last position is."""
+        return self.aim_share * self.tolerance_m / 3**0.5
+
+    @property
+    def aim_rad(self) -> float:
+        """The same for roll, pitch and yaw."""
+        return self.aim_share * self.tolerance_rad / 3**0.5
 
 
 @dataclass(frozen=True)
@@ -117,6 +129,10 @@ class Problem:
     def weight_N(self) -> Array:
         """M g in W."""
         return self.mass_kg * self.gravity_w
+
+    def aimed(self) -> Problem:
+        """The same with the body's last pose near the middle of the goal's tolerance."""
+        return replace(self, goal=replace(self.goal, aim_share=_AIM_SHARE))
 
 
 def turned_problem(problem: Problem, yaw_rad: float) -> Problem:

@@ -92,9 +92,12 @@ class Reach:
         return (low, high) if (low <= high + 1e-9).all() else None
 
 
-def goal_contacts(problem: Problem, reach: Reach) -> list[list[int]]:
-    """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose."""
-    position, tolerance = problem.goal.body.position_m, problem.goal.position_room_m
+def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = None) -> list[list[int]]:
+    """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose.
+
+    That is a cube of half edge `tolerance_m`, usually the goal's `position_room_m`.
+    """
+    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_room_m
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)

@@ -28,8 +28,9 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
     low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
     room = np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
-    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
-    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
+    aim, near = np.clip(pose, low[-1, :6], high[-1, :6]), np.array([goal.aim_m] * 3 + [goal.aim_rad] * 3)
+    low[-1] = np.concatenate([np.max([low[-1, :6], pose - room, aim - near], axis=0), np.zeros(6)])
+    high[-1] = np.concatenate([np.min([high[-1, :6], pose + room, aim + near], axis=0), np.zeros(6)])
     return low, high
 
 
