@@ -141,7 +141,7 @@ class Proof:
         stance, lacking, limb = self._hardest_lift(full)
         others = self._text(stance, without=limb)
         where = "from the start" if from_start else "from the goal back"
-        if len(full) <= 1 and lacking > 0:
+        if len(full) <= 1 and 0.0 < lacking < np.inf:
             text = f"no equilibrium when {LIMBS[limb]} lifts off with the others on {others}: short by {lacking:.1f} N"
             return InfeasibleError("equilibrium", text, proven=True)
         text = f"{where} only {len(full)} stances can be had, and none of them leads on: "
@@ -152,7 +152,8 @@ class Proof:
         best = (stances[0], np.inf, 0)
         for stance in stances[:20]:
             region = self.reach.hull(stance)
-            assert region is not None
+            if region is None:
+                continue
             for limb in range(4):
                 support = tuple(g for i, g in enumerate(stance) if i != limb)
                 lacking = self.balance.missing_force(support, region[0] - self.step_m, region[1] + self.step_m)
