@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.arrays import Array
-from crux_planner.walk.gait import LEAST_SHARE, SPEED_SHARE, Gait
+from crux_planner.walk.gait import LEAST_SHARE, Gait, longest_step
 from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
 
 FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
 _LEAST_SHARE = 0.85  # of the gait search's least load of a foot in stance that the exact problem keeps
+MAX_ACCELERATION_M_S2, MAX_ACCELERATION_RAD_S2 = 1.0, 0.35  # of the body: it is to move smoothly between the knots
 _SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
 _GOAL_SHARE = 0.3  # of the goal's room that the last pose may use up: the rest is the robot's
 
@@ -31,6 +32,11 @@ def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
     low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
     high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
     return low, high
+
+
+def rate_steps(problem: WalkProblem) -> Array:
+    """(6,): by how much dr/dt and omega may change from knot to knot."""
+    return problem.dt_s * np.repeat([MAX_ACCELERATION_M_S2, MAX_ACCELERATION_RAD_S2], 3)
 
 
 def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | None:
@@ -55,10 +61,5 @@ def least_load_N(problem: WalkProblem) -> float:
 
 
 def longest_steps(problem: WalkProblem, gait: Gait) -> list[float]:
-    """How long each step may be [m] for the foot's mean speed over every interval."""
-    longest = []
-    for step in gait.steps:
-        way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
-        room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
-        longest.append(float(np.sqrt((np.maximum(room, 0.0) / way**2).min())))
-    return longest
+    """How long each step may be [m]."""
+    return [longest_step(problem, step) for step in gait.steps]

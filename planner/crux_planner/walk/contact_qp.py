@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.arrays import Array, Indices
 from crux_planner.terms.dynamics import BODY_STATES
-from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps
+from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps, rate_steps
 from crux_planner.walk.cost import FORCE_SHARE, walk_cost
 from crux_planner.walk.gait import TRUE_SHARE, Gait, nominal_footholds
 from crux_planner.walk.nlp import FOOTHOLD_WEIGHT
@@ -186,6 +186,14 @@ class ContactQp:
         low.append(np.full(_CORNERS * count, -np.inf))
         high.append(np.zeros(_CORNERS * count))
         start = _CORNERS * count
+        one = np.tile(np.eye(6), (n, 1, 1))
+        every = np.arange(n)
+        rows.blocks(start + 6 * every, 12 * every + 18, one)
+        rows.blocks(start + 6 * every, 12 * every + 6, -one)
+        change = np.tile(rate_steps(problem), n)
+        low.append(-change)
+        high.append(change)
+        start += 6 * n
         # (9a), offsets of the feet in the body frame
         knots = np.arange(1, n + 1)
         unturn = _rotations(-reference.body[1:, 5])

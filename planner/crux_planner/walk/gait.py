@@ -18,7 +18,7 @@ from crux_planner.kinematics import rotation_z
 from crux_planner.problem import LIMBS
 from crux_planner.search.sparse_qp import SparseQp
 from crux_planner.terms.reach import body_positions, turned_half
-from crux_planner.walk.problem import WalkProblem
+from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
 
 LEAST_AIR = 3  # knots
 LEAST_SHARE = 0.15  # of the weight on a foot in stance: keeps the body off the edge of its support
@@ -107,33 +107,44 @@ class Candidate:
 
 
 def candidates(problem: WalkProblem, at_once: int) -> list[Candidate]:
-    """All gaits with `at_once` feet in the air that the QP finds feasible, cheapest first."""
-    straight = np.abs(problem.goal.body.position_m - problem.start.position_m)[:2]
-    way = float(np.linalg.norm(straight))
-    turn = abs(float(problem.goal.body.rpy_rad[2]))
-    if way <= problem.goal.position_room_m and turn <= problem.goal.rotation_room_rad:
-        gaits = [Gait((), np.zeros(0), problem.steps + 1)]
-    else:
-        strides = straight / (STRIDE_SHARE * 2 * problem.boxes.half_m[:2])
-        rounds = max(1, int(np.ceil(float(strides.max()) - 1e-9)))
-        orders: Sequence[Sequence[tuple[int, ...]]]
-        if at_once == 1:
-            orders = [[(limb,) for limb in order] for order in itertools.permutations(range(4))]
-        else:
-            orders = [order for pair in _PAIRS[at_once] for order in (pair, pair[::-1])]
-        gaits = [lay_out(problem, order, rounds) for order in orders]
-    scored = [_score(problem, gait) for gait in gaits]
+    """All regular gaits with `at_once` feet in the air that the QP finds feasible, cheapest first."""
+    scored = [_score(problem, gait) for gait in regular_gaits(problem, at_once, fewest_rounds(problem, STRIDE_SHARE))]
     return sorted((c for c in scored if c is not None), key=lambda c: c.cost)
+
+
+def fewest_rounds(problem: WalkProblem, stride: float) -> int:
+    """How often every foot must step, with steps of `stride` of the workspace on the straight way; 0 at the goal."""
+    straight = np.abs(problem.goal.body.position_m - problem.start.position_m)[:2]
+    turn = abs(float(problem.goal.body.rpy_rad[2]))
+    if np.linalg.norm(straight) <= problem.goal.position_room_m and turn <= problem.goal.rotation_room_rad:
+        return 0
+    strides = straight / (stride * 2 * problem.boxes.half_m[:2])
+    return max(1, int(np.ceil(float(strides.max()) - 1e-9)))
+
+
+def regular_gaits(problem: WalkProblem, at_once: int, rounds: int) -> list[Gait]:
+    """Every order of the feet, or of pairs of feet, evenly in time. Raises InfeasibleError where time is too short."""
+    if rounds == 0:
+        return [Gait((), np.zeros(0), problem.steps + 1)]
+    orders: Sequence[Sequence[tuple[int, ...]]]
+    if at_once == 1:
+        orders = [[(limb,) for limb in order] for order in itertools.permutations(range(4))]
+    else:
+        orders = [order for pair in _PAIRS[at_once] for order in (pair, pair[::-1])]
+    return [lay_out(problem, order, rounds) for order in orders]
 
 
 def lay_out(problem: WalkProblem, order: Sequence[tuple[int, ...]], rounds: int) -> Gait:
     """The order repeated over `rounds`, evenly in time. Raises InfeasibleError when the horizon is too short."""
     n, moves = problem.steps, len(order) * rounds
-    air = max(LEAST_AIR, int(AIR_SHARE * n / moves))
+    quick = _air_for(problem, rounds)
+    air = max(LEAST_AIR, int(AIR_SHARE * n / moves), quick)
     gap = max(1, int((1.0 - AIR_SHARE) / 2 * n / moves))
+    if n - moves * air - (moves - 1) * gap < 4:
+        gap = 1
     spare = n - moves * air - (moves - 1) * gap
     if spare < 4:
-        least = moves * (LEAST_AIR + 1) + 3
+        least = moves * (max(LEAST_AIR, quick) + 1) + 3
         raise InfeasibleError(
             "horizon", f"horizon.steps: {rounds * 4} steps of the feet need at least {least} knots, there are {n}"
         )
@@ -144,6 +155,20 @@ def lay_out(problem: WalkProblem, order: Sequence[tuple[int, ...]], rounds: int)
             shares.append((1 + i // len(order)) / rounds)
         k += air + gap
     return Gait(tuple(steps), np.array(shares), n + 1)
+
+
+def longest_step(problem: WalkProblem, step: Step) -> float:
+    """How long a step may be [m] for the foot's mean speed over every interval."""
+    way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
+    room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+    return float(np.sqrt((np.maximum(room, 0.0) / way**2).min()))
+
+
+def _air_for(problem: WalkProblem, rounds: int) -> int:
+    """Knots in the air that the longest of equal steps to the goal needs."""
+    ways = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1)
+    wanted = float(ways.max()) / rounds - FINAL_FOOT_M / rounds
+    return next((air for air in range(1, problem.steps) if longest_step(problem, Step(0, 0, air)) >= wanted), 1)
 
 
 def nominal_footholds(problem: WalkProblem, gait: Gait) -> Array:

@@ -6,16 +6,19 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from crux_planner.admm.admm import Report, Run, two_block
+from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.consensus import Scales
 from crux_planner.walk.contact_block import WalkContacts, WalkPlan, as_candidate
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.gait import Candidate
+from crux_planner.walk.limb_block import ParallelFeet
+from crux_planner.walk.limbs import WalkLimbs
 from crux_planner.walk.motion_block import WalkMotion
 from crux_planner.walk.nlp import WalkSolution
 from crux_planner.walk.problem import WalkProblem
 
 RHO, ITERATIONS = 1.5, 10
+MULTI_RHO, MULTI_ITERATIONS = 1.5, 60
 SCALES = Scales(force=0.03)
 
 
@@ -71,8 +74,23 @@ def decide_two_block(task: WalkTask) -> WalkDecided:
     return _decided(run)
 
 
+def decide_multi_block(task: WalkTask) -> WalkDecided:
+    """P3: one MIP a limb in parallel processes, one NLP."""
+    with ParallelFeet(task.problem) as feet:
+        run = multi_block(
+            WalkLimbs(task.problem, feet, SCALES),
+            WalkMotion(task.problem, SCALES, body_weight=1.0),
+            rho=task.rho or MULTI_RHO,
+            iterations=task.iterations or MULTI_ITERATIONS,
+            deadline=task.deadline,
+            report=task.report,
+        )
+    return _decided(run)
+
+
 METHODS: dict[str, Callable[[WalkTask], WalkDecided]] = {
     "two_block": decide_two_block,
+    "multi_block": decide_multi_block,
 }
 """All raise InfeasibleError where they find no gait."""
 

@@ -17,7 +17,7 @@ from crux_planner.arrays import Array
 from crux_planner.terms.cost import body_cost
 from crux_planner.terms.dynamics import BODY_STATES, euler_step
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.walk.bounds import body_bounds
+from crux_planner.walk.bounds import body_bounds, rate_steps
 from crux_planner.walk.problem import WalkProblem
 
 _FEET = 4
@@ -42,8 +42,9 @@ class WalkMotion:
         cost = rho / 2 * near + body_weight * ca.sum2(_body_cost(problem).map(n + 1)(x))
         steps = _step(problem).map(n)(x[:, :-1], p[:, :-1], u) - x[:, 1:]
         reach = _reach().map(n)(x[:, 1:], p[:, 1:])
+        rates = x[6:12, 1:] - x[6:12, :-1]
         parameters = ca.veccat(rho, to_x, to_p, to_u)
-        nlp = {"x": ca.veccat(x, p, u), "p": parameters, "f": cost, "g": ca.veccat(steps, reach)}
+        nlp = {"x": ca.veccat(x, p, u), "p": parameters, "f": cost, "g": ca.veccat(steps, reach, rates)}
         self._solver = ca.nlpsol("p2b", "ipopt", nlp, IPOPT)
         low, high = body_bounds(problem, None)
         foot_low, foot_high = [-np.inf, -np.inf, 0.0] * _FEET, [np.inf, np.inf, problem.step_height_m] * _FEET
@@ -55,8 +56,8 @@ class WalkMotion:
         middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, _FEET)
         equal = np.zeros(BODY_STATES * n)
         self._row_bounds = (
-            np.concatenate([equal, np.tile(middle - half, n)]),
-            np.concatenate([equal, np.tile(middle + half, n)]),
+            np.concatenate([equal, np.tile(middle - half, n), np.tile(-rate_steps(problem), n)]),
+            np.concatenate([equal, np.tile(middle + half, n), np.tile(rate_steps(problem), n)]),
         )
         self._warm: dict[str, Any] = {}
 

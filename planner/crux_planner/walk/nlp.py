@@ -16,7 +16,7 @@ from crux_planner.terms.cost import body_cost
 from crux_planner.terms.dynamics import BODY_STATES, euler_step, rotation
 from crux_planner.terms.limit_surface import SMOOTHING_N
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps
+from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps, rate_steps
 from crux_planner.walk.cost import FORCE_SHARE, walk_cost
 from crux_planner.walk.gait import TRUE_SHARE, Candidate
 from crux_planner.walk.problem import WalkProblem
@@ -59,6 +59,8 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     totals = _wrench_function().map(len(places))(f, here) @ sums
     parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
     parts.append((_cone_function(problem).map(len(places))(f), 0.0, np.inf))
+    change = rate_steps(problem)
+    parts.append((x[6:12, 1:] - x[6:12, :-1], -change, change))
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
     reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
     parts.append((reach, middle - half, middle + half))

@@ -21,6 +21,8 @@ LEAST_GAP = 1  # knots with all feet down between two steps, in which the load m
 _SHIFTS = (-2, -1, 1, 2)
 
 Slot = tuple[int, int]
+Change = tuple[str, int, int, int]
+"""What was changed, where, and by how many knots."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +67,15 @@ class Slots:
                 before = land
         return bool(busy.max() <= at_once)
 
-    def neighbours(self) -> Iterator[Slots]:
-        """What is one change away."""
+    def neighbours(self) -> Iterator[tuple[Change, Slots]]:
+        """What is one change away, with the name of the change."""
         yield from self._moved()
         yield from self._resized()
         yield from self._exchanged()
         yield from self._squeezed()
         for limb, slots in enumerate(self.of_limb):
             for i in range(len(slots) if len(slots) > 1 else 0):
-                yield self._with(limb, slots[:i] + slots[i + 1 :])
+                yield ("less", limb, i, 0), self._with(limb, slots[:i] + slots[i + 1 :])
 
     def _with(self, limb: int, slots: tuple[Slot, ...]) -> Slots:
         return Slots((*self.of_limb[:limb], slots, *self.of_limb[limb + 1 :]))
@@ -87,45 +89,41 @@ class Slots:
         steps = [(*slot, limb, i) for limb, slots in enumerate(self.of_limb) for i, slot in enumerate(slots)]
         return sorted(steps)
 
-    def _moved(self) -> Iterator[Slots]:
+    def _moved(self) -> Iterator[tuple[Change, Slots]]:
         for lift, land, limb, i in self._each():
             for shift in _SHIFTS:
-                yield self._changed(limb, i, lift + shift, land + shift)
+                yield ("move", limb, i, shift), self._changed(limb, i, lift + shift, land + shift)
 
-    def _resized(self) -> Iterator[Slots]:
+    def _resized(self) -> Iterator[tuple[Change, Slots]]:
         for lift, land, limb, i in self._each():
-            yield self._changed(limb, i, lift + 1, land)
-            yield self._changed(limb, i, lift, land - 1)
-            yield self._changed(limb, i, lift - 1, land)
-            yield self._changed(limb, i, lift, land + 1)
+            yield ("lift", limb, i, 1), self._changed(limb, i, lift + 1, land)
+            yield ("land", limb, i, -1), self._changed(limb, i, lift, land - 1)
+            yield ("lift", limb, i, -1), self._changed(limb, i, lift - 1, land)
+            yield ("land", limb, i, 1), self._changed(limb, i, lift, land + 1)
 
-    def _exchanged(self) -> Iterator[Slots]:
+    def _exchanged(self) -> Iterator[tuple[Change, Slots]]:
         steps = self._each()
-        for (lift, land, limb, i), (lift2, land2, limb2, j) in pairwise(steps):
+        for n, ((lift, land, limb, i), (lift2, land2, limb2, j)) in enumerate(pairwise(steps)):
             if limb != limb2:
-                yield self._changed(limb, i, lift2, land2)._changed(limb2, j, lift, land)
+                yield ("steps", n, 0, 0), self._changed(limb, i, lift2, land2)._changed(limb2, j, lift, land)
         for limb, limb2 in combinations(range(4), 2):
             slots = list(self.of_limb)
             slots[limb], slots[limb2] = slots[limb2], slots[limb]
-            yield Slots(tuple(slots))
+            yield ("limbs", limb, limb2, 0), Slots(tuple(slots))
 
-    def _squeezed(self) -> Iterator[Slots]:
+    def _squeezed(self) -> Iterator[tuple[Change, Slots]]:
         """All steps from some one on a knot earlier or later; all steps a knot shorter, one after the other."""
         steps = self._each()
         for first in range(len(steps)):
             for shift in (-1, 1):
                 slots = self
-                for n, (lift, land, limb, i) in enumerate(steps):
-                    if n >= first:
-                        slots = slots._changed(limb, i, lift + shift, land + shift)
-                yield slots
-        for toward in (0, 1):  # keeping the first lift-off, or the last touch-down
-            slots = self
-            for n, (lift, land, limb, i) in enumerate(steps):
-                back = n if toward == 0 else n - len(steps) + 1
-                slots = (
-                    slots._changed(limb, i, lift - back, land - back - 1)
-                    if toward == 0
-                    else slots._changed(limb, i, lift - back + 1, land - back)
-                )
-            yield slots
+                for lift, land, limb, i in steps[first:]:
+                    slots = slots._changed(limb, i, lift + shift, land + shift)
+                yield ("rest", first, 0, shift), slots
+        sooner, later = self, self
+        for n, (lift, land, limb, i) in enumerate(steps):
+            after = len(steps) - 1 - n
+            sooner = sooner._changed(limb, i, lift - n, land - n - 1)
+            later = later._changed(limb, i, lift + after + 1, land + after)
+        yield ("shorter", 0, 0, -1), sooner
+        yield ("shorter", 0, 0, 1), later
