@@ -15,7 +15,7 @@ from crux_planner.admm.consensus import Scales
 from crux_planner.bound.gap import gap
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.result import PlanResult
 from crux_planner.walk.contact_block import WalkContacts, as_candidate
 from crux_planner.walk.gait import Candidate, Gait, candidates
@@ -93,6 +93,8 @@ def _plan_by_method(
     """One of the paper's methods decides the gait; the exact NLP and the check are the same for all."""
     from crux_planner.walk.methods import METHODS, WalkTask
 
+    if method not in METHODS:
+        raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     options, failure = scenario.planner, None
     for caution in CAUTION:
         walk = gentler(problem, *caution)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import plan
 from crux_planner.admm.consensus import Scales
 from crux_planner.walk.contact_block import WalkContacts, as_candidate, eta_of
@@ -43,6 +43,11 @@ def test_a_walk_converges_and_passes_the_check(method: str) -> None:
     assert shown["iterations"] == len(shown["history"]) == len(lines)
     assert shown["alone"]["converged"]
     assert sorted(shown["alone"]["gait"]) == sorted(result.gait)
+
+
+def test_a_method_that_walks_do_not_have_is_named() -> None:
+    with pytest.raises(ScenarioError, match="expected auto, two_block, multi_block"):
+        plan(parse_scenario(SLOPE), ROBOT, method="benchmark")
 
 
 def test_the_qp_agrees_with_the_exact_problem(problem: WalkProblem) -> None:
