@@ -33,6 +33,7 @@ from crux_planner.work import Culprit, Progress, Work
 
 TIME_LIMIT_S = 60.0
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
+IMPROVED_SHARE = 0.96  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
@@ -207,6 +208,9 @@ def _realise(
     deadline: float,
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
+    if work.bound is not None and work.bound.idle:
+        with work.part("body", 0.2):
+            _begin_bound(problem, balance, reach, ways, moves, work.bound)
     with work.part("improve", 0.3):
         now = time.monotonic()
         costs = EventCost(problem, balance, reach, ways)
@@ -239,6 +243,20 @@ def _realise(
     return attempt
 
 
+def _begin_bound(
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move], bound: Beside
+) -> None:
+    """Begin to bound J while a cheaper sequence is looked for, from what the first one costs."""
+    try:
+        schedule = _evenly(problem, balance, reach, ways, moves)
+    except InfeasibleError:
+        return
+    path = knot_path(problem, balance, schedule)
+    if path is not None:
+        start = start_from_path(problem, path)
+        bound.start(IMPROVED_SHARE * plan_cost(problem, schedule, start.body, start.wrenches))
+
+
 def _path(problem: Problem, balance: Balance, schedule: Schedule) -> tuple[Problem, BodyPath | None]:
     """A body path to the middle of the goal's tolerance where there is one, else to where it may end at all."""
     aimed = problem.aimed()
@@ -263,7 +281,7 @@ def _finish(
     method: str = "auto",
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """The exact NLP and the check for a schedule, whatever method found it."""
-    if work.bound is not None:
+    if work.bound is not None and work.bound.idle:
         start = start_from_path(problem, path)
         work.bound.start(plan_cost(problem, schedule, start.body, start.wrenches))
     with work.part("nlp", 0.5):

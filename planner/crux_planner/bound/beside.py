@@ -28,9 +28,14 @@ class Beside:
         self._inbox: Connection | None = None
         self._best: float | None = None
 
+    @property
+    def idle(self) -> bool:
+        """Not begun, on a wall small enough for it."""
+        return self._process is None and len(self._problem.hold_names) <= MOST_HOLDS
+
     def start(self, expected: float) -> None:
         """Begin, for plans that cost about `expected`; once begun, nothing more."""
-        if self._process is not None or len(self._problem.hold_names) > MOST_HOLDS:
+        if not self.idle:
             return
         context = multiprocessing.get_context("fork")  # the parent's modules are there at once
         self._inbox, outbox = context.Pipe(duplex=False)
