@@ -32,6 +32,7 @@ from crux_planner.wider import plan_wider
 from crux_planner.work import Culprit, Progress, Work
 
 TIME_LIMIT_S = 60.0
+CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
 IMPROVED_SHARE = 0.96  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
@@ -62,7 +63,8 @@ def plan(
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
-    deadline = work.began + (time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S)
+    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
+    deadline = work.began + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
     if scenario.contact.model == "point":
         return _plan_walk(scenario, robot, work, deadline, method)
     with work.part("problem", 0.0):
