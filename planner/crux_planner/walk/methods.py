@@ -31,6 +31,7 @@ class WalkTask:
     rho: float | None = None
     iterations: int | None = None
     moments: bool = True  # (8b) in the contact block
+    to_the_end: bool = False  # all iterations, thresholds or not
     report: Report = lambda _line: None
 
 
@@ -70,6 +71,7 @@ def decide_two_block(task: WalkTask) -> WalkDecided:
         iterations=task.iterations or ITERATIONS,
         deadline=task.deadline,
         report=task.report,
+        to_the_end=task.to_the_end,
     )
     return _decided(run)
 
@@ -84,6 +86,7 @@ def decide_multi_block(task: WalkTask) -> WalkDecided:
             iterations=task.iterations or MULTI_ITERATIONS,
             deadline=task.deadline,
             report=task.report,
+            to_the_end=task.to_the_end,
         )
     return _decided(run)
 

@@ -17,6 +17,7 @@ BENCHES = {
     "fig7": ("the faces that are gripped where others are slippery", "crux_tools.benches.slippery"),
     "fig8": ("shear of a finger at zero normal force", "crux_tools.benches.spines"),
     "fields": ("decide random hold fields: solved, or proven infeasible", "crux_tools.benches.hold_fields"),
+    "fig4": ("residuals of the ADMMs on a walk over their iterations", "crux_tools.benches.figure4"),
     "fig5": ("residuals of the ADMMs on a climb over their iterations", "crux_tools.benches.figure5"),
     "fig6": ("the gait with and without moments in the contact block", "crux_tools.benches.figure6"),
 }

@@ -1,0 +1,51 @@
+"""`crux bench fig4`: residuals of two-block and five-block ADMM on a walk, the paper's Fig. 4."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from crux_tools.benches.residuals import FORCE, POSITION, draw, print_table, summary
+from crux_tools.output import note, print_json
+
+PANELS = (POSITION, FORCE)  # point feet: no finger turns, none carries a moment
+ITERATIONS = {"two_block": 10, "multi_block": 30}
+LIMIT_S = 120.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `crux bench fig4`."""
+    parser.add_argument(
+        "--scenario",
+        type=Path,
+        default=Path("msgs/scenarios/walk-flat.yaml"),
+        metavar="FILE",
+        help="another walk (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("out/fig4.png"), metavar="PNG", help="picture (default: %(default)s)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when both end within the paper's thresholds."""
+    from crux_contracts.robot import load_robot
+    from crux_contracts.scenario import load_scenario
+    from crux_planner.walk.methods import METHODS, WalkTask
+    from crux_planner.walk.problem import build_walk
+
+    scenario = load_scenario(options.scenario)
+    problem = build_walk(scenario, load_robot(scenario.robot))
+    histories = {}
+    for method, iterations in ITERATIONS.items():
+        task = WalkTask(problem, time.monotonic() + LIMIT_S, iterations=iterations, to_the_end=True)
+        histories[method] = METHODS[method](task).residuals
+    draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, PANELS)
+    result = summary(histories, options.output)
+    if options.json:
+        print_json(result)
+    else:
+        print_table(histories, PANELS)
+        note(f"picture: {options.output}")
+    return 0 if result["ok"] else 1
