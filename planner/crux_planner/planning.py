@@ -34,7 +34,7 @@ from crux_planner.work import Culprit, Progress, Work
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
-IMPROVED_SHARE = 0.96  # of the first sequence's cost that is left when cheaper ones have been tried
+IMPROVED_SHARE = 0.92  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
@@ -210,7 +210,7 @@ def _realise(
     deadline: float,
 ) -> PlanResult | tuple[InfeasibleError, Culprit]:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
-    if work.bound is not None and work.bound.idle:
+    if work.bound is not None and work.bound.hurried:
         with work.part("body", 0.2):
             _begin_bound(problem, balance, reach, ways, moves, work.bound)
     with work.part("improve", 0.3):

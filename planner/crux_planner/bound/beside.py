@@ -24,6 +24,7 @@ class Beside:
         self._problem = problem
         self._limit_s = TIME_LIMIT_S if time_limit_s is None else time_limit_s
         self._wait_s = _LAST_S if time_limit_s is None else time_limit_s
+        self._waited_for = time_limit_s is not None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._inbox: Connection | None = None
         self._best: float | None = None
@@ -32,6 +33,11 @@ class Beside:
     def idle(self) -> bool:
         """Not begun, on a wall small enough for it."""
         return self._process is None and len(self._problem.hold_names) <= MOST_HOLDS
+
+    @property
+    def hurried(self) -> bool:
+        """Idle, and not waited for: better begun early, on a rough guess of the cost."""
+        return self.idle and not self._waited_for
 
     def start(self, expected: float) -> None:
         """Begin, for plans that cost about `expected`; once begun, nothing more."""
