@@ -1,7 +1,7 @@
 """The planner: from a scenario and a robot description to a checked plan.
 
-Public: `plan`, `PlanResult`, `InfeasibleError`, and `crux_planner.checker`. Names are imported when first used, so that
-the checker and the command line do not wait for the optimisation libraries.
+Public: `plan`, `Planner` (plans again, warm), `PlanResult`, `InfeasibleError`, and `crux_planner.checker`. Names are
+imported when first used, so that the checker and the command line do not wait for the optimisation libraries.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from crux_planner.errors import InfeasibleError
     from crux_planner.planning import plan
+    from crux_planner.replanning import Planner
     from crux_planner.result import PlanResult
 
-__all__ = ["InfeasibleError", "PlanResult", "plan"]
+__all__ = ["InfeasibleError", "PlanResult", "Planner", "plan"]
 
-_HOME = {"InfeasibleError": "errors", "PlanResult": "result", "plan": "planning"}
+_HOME = {"InfeasibleError": "errors", "PlanResult": "result", "Planner": "replanning", "plan": "planning"}
 
 
 def __getattr__(name: str) -> Any:

@@ -95,7 +95,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         dt_s=scenario.horizon.dt_s,
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
-        inertia_b=_start_inertia(robot, start, [contacts[i] for i in begin]),
+        inertia_b=start_inertia(robot, start, [contacts[i] for i in begin]),
         patch=Patch(
             contact.patch_k_m,
             contact.max_normal_N,
@@ -275,7 +275,7 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
     return wanted
 
 
-def _start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
+def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
     """Inertia about the body's origin in the posture of the start."""
     rotation = rotation_from_rpy(start.rpy_rad)
     positions: dict[str, float] = {}

@@ -39,13 +39,17 @@ def add_plan_parser(subparsers: Any) -> None:
         metavar="S",
         help="seconds to wait for a tighter gap; default: what is proven when the plan is there",
     )
+    parser.add_argument(
+        "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"
+    )
+    parser.add_argument("--at", type=float, default=0.0, metavar="S", help="the first stance from then on (default: 0)")
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
     parser.set_defaults(func=run_plan)
 
 
 def run_plan(args: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    from crux_contracts.plan_file import PlanFileError, write_plan
+    from crux_contracts.plan_file import PlanFileError, read_plan, write_plan
     from crux_contracts.robot import load_robot
     from crux_contracts.scenario import load_scenario
     from crux_contracts.yaml_document import DocumentError
@@ -57,16 +61,22 @@ def run_plan(args: argparse.Namespace) -> int:
         robot = load_robot(scenario.robot)
         with _progress() as (report, log):
             from crux_planner.planning import plan
+            from crux_planner.replanning import Planner
 
-            result = plan(
-                scenario,
-                robot,
-                method=args.method or scenario.planner.method,
-                time_limit_s=args.time_limit,
-                prove_s=args.prove,
-                progress=report,
-                log=log,
-            )
+            if args.running is not None:
+                again = Planner(scenario, robot)
+                limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
+                result = again.replan(read_plan(args.running), args.at, log=log, **limit)
+            else:
+                result = plan(
+                    scenario,
+                    robot,
+                    method=args.method or scenario.planner.method,
+                    time_limit_s=args.time_limit,
+                    prove_s=args.prove,
+                    progress=report,
+                    log=log,
+                )
         write_plan(args.output, result.plan)
     except InfeasibleError as error:
         verdict = "proven infeasible" if error.proven else "infeasible"

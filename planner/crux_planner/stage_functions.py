@@ -35,6 +35,14 @@ class StageFunctions:
 
     problem: Problem
 
+    def started_elsewhere(self, problem: Problem) -> StageFunctions:
+        """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
+        for name in ("_reach", "_surface", "_torques", "_wrench", "_body_cost", "_column_cost"):
+            getattr(self, name)  # made once, here
+        other = StageFunctions(problem)
+        other.__dict__.update({name: kept for name, kept in self.__dict__.items() if name not in ("problem", "_step")})
+        return other
+
     @cached_property
     def scale(self) -> Array:
         """(5,) units of q: newtons and newton metres."""

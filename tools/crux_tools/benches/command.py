@@ -13,6 +13,7 @@ BENCHES = {
     "faults": ("break the buses in mid-climb in every way and time the hold", "crux_tools.benches.bus_faults"),
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
     "costs": ("the cost J of auto and of two-block ADMM on pairs of start and goal", "crux_tools.benches.costs"),
+    "replan": ("plan again, warm, from every stance of a route over sixteen holds", "crux_tools.benches.replans"),
     "scenes": ("plan, check and climb every scene that ships", "crux_tools.benches.scenes"),
     "fig7": ("the faces that are gripped where others are slippery", "crux_tools.benches.slippery"),
     "fig8": ("shear of a finger at zero normal force", "crux_tools.benches.spines"),
