@@ -28,7 +28,7 @@ from crux_planner.planning import plan
 from crux_planner.problem import Pose, Problem
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
-from crux_planner.search.schedule import Schedule, lay_out, least_durations, turns
+from crux_planner.search.schedule import Schedule, lay_out, least_durations
 from crux_planner.search.stances import Reach, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
@@ -126,7 +126,7 @@ class Planner:
         """Steps, schedule and solution from the problem's start; None where the search or the exact P1 has none."""
         with work.part("contacts", 0.1):
             moves, _ = search(problem, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline)
-        if moves is None or turns(problem, moves):
+        if moves is None:
             return None
         step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         with work.part("body", 0.3):
