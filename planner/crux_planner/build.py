@@ -22,6 +22,7 @@ from crux_planner.mass import composite_inertia
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.proof.relaxed import Grip
 from crux_planner.search.swing import SwingLimits
+from crux_planner.shapes import limb_shape
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.torque import limb_masses
 from crux_planner.workspace import WorkspaceRange, acceptance_boxes
@@ -122,6 +123,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         weights=weights_of(scenario, Weights()),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        limb_shape=limb_shape(robot),
         torque_limits_Nm=torque_share * np.stack([limb.effort_Nm for limb in robot.limbs]),
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,

@@ -220,6 +220,7 @@ def _realise(
         level = moves and not problem.turns  # its estimates are of a level body that takes steps
         timed = improve(costs, moves, until) if level else None
     first: tuple[InfeasibleError, Culprit] | None = None
+    attempt: PlanResult | tuple[InfeasibleError, Culprit]
     for choice in (timed, None):
         if choice is None and first is not None and time.monotonic() > deadline:
             break
@@ -240,7 +241,7 @@ def _realise(
         else:
             text = f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
             attempt = InfeasibleError("body", text), _longest(problem, schedule.moves)
-        if choice is not None:
+        if choice is not None and not isinstance(attempt, PlanResult):
             first = attempt
     return attempt
 
@@ -335,11 +336,16 @@ def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> Culpri
         if violation.limb is None or violation.time_s is None:
             continue
         limb, k = LIMBS.index(violation.limb), int(violation.time_s / problem.dt_s)
-        before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
-        after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
-        if before and after and before[-1] != after[0]:
-            return before[-1], after[0]
+        if (move := _move_at(schedule, k, limb)) is not None:
+            return move
     return _longest(problem, schedule.moves)
+
+
+def _move_at(schedule: Schedule, k: int, limb: int) -> Culprit:
+    """The move of a limb that is in the air at a knot."""
+    before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
+    after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
+    return (before[-1], after[0]) if before and after and before[-1] != after[0] else None
 
 
 def _longest(problem: Problem, moves: list[Move]) -> Culprit:

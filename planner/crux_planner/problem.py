@@ -13,6 +13,7 @@ from crux_planner.arrays import Array
 from crux_planner.contacts import Contact, GripperShape
 from crux_planner.kinematics import rotation_z
 from crux_planner.search.swing import SwingLimits
+from crux_planner.shapes import LimbShape
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.torque import LimbMasses
 from crux_planner.workspace import AcceptanceBoxes
@@ -119,6 +120,7 @@ class Problem:
     weights: Weights
     friction_share: float  # of the limit surface that a plan may use
     limb_masses: tuple[LimbMasses, ...]
+    limb_shape: LimbShape
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (terms.limit_surface)

@@ -13,6 +13,7 @@ import numpy as np
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.problem import Problem, turned_problem
 from crux_planner.search.balance import Balance
+from crux_planner.search.sight import Sight
 from crux_planner.search.ways import Ways
 from crux_planner.terms.reach import body_positions, turned_half
 
@@ -140,6 +141,7 @@ def search(
     """
     report = SearchReport()
     to_go = costs_to_go(problem, reach, ways)
+    sight = Sight(problem, ways)
     goal = problem.goal.body.position_m
     groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
 
@@ -173,6 +175,8 @@ def search(
                 if stance == report.nearest:
                     report.lifts_without_balance.update(limbs)
                 continue
+            if not sight.stance_clear(stance, body, lift_off):
+                continue
             for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
                 after = _after(stance, limbs, ends)
                 moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
@@ -183,7 +187,7 @@ def search(
                 if new_cost >= best.get(after, np.inf) - 1e-9:
                     continue
                 touch_down = balance.position(support, *landing, np.clip(goal, *landing))
-                if touch_down is None:
+                if touch_down is None or not sight.move_clear(stance, after, limbs, lift_off, touch_down):
                     continue
                 best[after] = new_cost
                 parent[after] = Move(stance, after, limbs, lift_off, touch_down)

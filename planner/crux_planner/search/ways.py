@@ -78,6 +78,15 @@ class Ways:
         self._skipped[start, end] = self._skipped.get((start, end), 0) + 1
         self._forget((start, end))
 
+    def passed_over(self, start: int, end: int) -> int:
+        """How many of the best ways from one contact to another are left out."""
+        return self._skipped.get((start, end), 0)
+
+    def pass_over(self, start: int, end: int, best: int) -> None:
+        """Leave out that many of the best ways from one contact to another."""
+        self._skipped[start, end] = best
+        self._forget((start, end))
+
     def allow_all(self) -> None:
         """Forget what was forbidden."""
         for move in self._skipped:

@@ -1,0 +1,34 @@
+"""How thick the limbs are: radii of the links' cylinders in the robot's URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+from crux_contracts.robot import Robot
+
+
+@dataclass(frozen=True)
+class LimbShape:
+    """Radii [m] of a limb as a ball, its shoulder, and three capsules: to elbow, to wrist, to palm."""
+
+    shoulder: float
+    upper: float
+    lower: float
+    hand: float
+
+
+def limb_shape(robot: Robot) -> LimbShape:
+    """Of the thickest limb; a link without a cylinder counts as a line."""
+    links = {link.get("name"): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
+
+    def radius(joints: slice) -> float:
+        found = [
+            float(cylinder.get("radius", "0"))
+            for limb in robot.limbs
+            for joint in limb.joints[joints]
+            for cylinder in links[joint.child].iter("cylinder")
+        ]
+        return max(found, default=0.0)
+
+    return LimbShape(radius(slice(0, 1)), radius(slice(1, 2)), radius(slice(2, 3)), radius(slice(3, 6)))
