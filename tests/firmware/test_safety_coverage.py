@@ -5,13 +5,14 @@ from __future__ import annotations
 import gzip
 import json
 import subprocess
+from typing import Any
 
 import native
 import pytest
 
 
 @pytest.fixture(scope="module")
-def coverage() -> list[dict]:
+def coverage() -> list[dict[str, Any]]:
     """What gcov counted in each file of the safety room while its tests ran."""
     folder = native.build_folder("coverage")
     for old in folder.glob("*.gc*"):
@@ -30,13 +31,13 @@ def coverage() -> list[dict]:
     return files
 
 
-def test_every_line_is_executed(coverage: list[dict]) -> None:
+def test_every_line_is_executed(coverage: list[dict[str, Any]]) -> None:
     lines = [(file["file"], line["line_number"], line["count"]) for file in coverage for line in file["lines"]]
     assert len(lines) > 80
     assert [line for line in lines if line[2] == 0] == []
 
 
-def test_every_branch_is_taken_and_not_taken(coverage: list[dict]) -> None:
+def test_every_branch_is_taken_and_not_taken(coverage: list[dict[str, Any]]) -> None:
     branches = [
         (file["file"], line["line_number"], number, branch["count"])
         for file in coverage
