@@ -1,14 +1,13 @@
 """The paper's benchmark: P1 as one NLP, its binaries continuous, pressed towards 0 and 1 by a shrinking relaxation.
 
-After Stein, Oldenburg & Marquardt (2004): alpha in [0, 1] with alpha (1 - alpha) <= relaxation, and (10a) as products,
-alpha |pose - grasp|^2 <= relaxation, which vanish together; one ipopt run for each relaxation, from the last answer.
+alpha in [0, 1] with alpha (1 - alpha) <= relaxation, and (10a) as products, alpha |pose - grasp|^2 <= relaxation,
+which vanish together (relaxation.py).
 (14) needs no binaries: a finger is outside a hold exactly if some convex combination of its distances beyond the faces
 is not negative. What it reaches may be no plan, and then that is said.
 """
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.admm.motion_block import gripper_fingers
+from crux_planner.admm.relaxation import Relaxed
 from crux_planner.admm.stages import Stages, Swinging
 from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
@@ -29,55 +29,9 @@ from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, 
 from crux_planner.terms.limit_surface import cone_demand
 from crux_planner.terms.reach import offset_in_body
 
-RELAXATIONS = (0.25, 0.05, 0.01, 2e-3, 4e-4)
 _POSE, _FACES = 5, 5
 _FORCE_UNIT_N = 10.0
 _LENGTH_UNIT_M = 0.05
-_DECIDED = 0.05  # so near 0 or 1 a contact counts as decided
-_IPOPT: dict[str, Any] = {
-    "print_time": 0,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.linear_solver": "mumps",
-    "ipopt.tol": 1e-3,
-    "ipopt.constr_viol_tol": 1e-4,
-    "ipopt.max_iter": 400,
-    "ipopt.hessian_approximation": "exact",
-}
-
-
-class Watch(ca.Callback):
-    """Tells ipopt to stop once the time is up, in the iteration it is in."""
-
-    def __init__(self, variables: int, rows: int, parameters: int, deadline: float) -> None:
-        ca.Callback.__init__(self)
-        self._sizes = {"x": variables, "lam_x": variables, "f": 1, "g": rows, "lam_g": rows, "lam_p": parameters}
-        self._deadline = deadline
-        self.construct("watch", {})
-
-    def get_n_in(self) -> int:
-        """As many as nlpsol gives out."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """Whether to stop."""
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        """As nlpsol names what it gives out."""
-        return str(ca.nlpsol_out(i))
-
-    def get_name_out(self, i: int) -> str:  # noqa: ARG002
-        """Of the one output."""
-        return "stop"
-
-    def get_sparsity_in(self, i: int) -> Any:
-        """Dense columns."""
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
-
-    def eval(self, arg: Any) -> list[int]:  # noqa: ARG002
-        """1 once the time is up."""
-        return [int(time.monotonic() > self._deadline)]
 
 
 class Benchmark:
@@ -105,39 +59,13 @@ class Benchmark:
 
     def solve(self, deadline: float) -> tuple[Schedule, Array, list[dict[int, Array]], float, int]:
         """Contacts, body states, wrenches, J, ipopt's iterations. Raises InfeasibleError where it reaches no plan."""
-        values, iterations = self._guess(), 0
-        low, high = self._bounds()
-        watch = Watch(len(values), len(self._row_bounds[0]), 1, deadline)
-        solver = ca.nlpsol("benchmark", "ipopt", self._nlp, {**_IPOPT, "iteration_callback": watch})
-        for relaxation in RELAXATIONS:
-            result = solver(
-                x0=np.clip(values, low, high),
-                p=relaxation,
-                lbx=low,
-                ubx=high,
-                lbg=self._row_bounds[0],
-                ubg=self._row_bounds[1],
-            )
-            values, stats = np.array(result["x"]).ravel(), solver.stats()
-            iterations += int(stats["iter_count"])
-            if not stats["success"]:
-                late = time.monotonic() > deadline
-                why = "runs out of time" if late else f"stops ({stats['return_status']})"
-                raise InfeasibleError(
-                    "time limit" if late else "benchmark",
-                    f"the benchmark NLP {why} at relaxation {relaxation:g}, {RELAXATIONS.index(relaxation) + 1} of "
-                    f"{len(RELAXATIONS)}, after {iterations} iterations; it came to "
-                    f"{self._progress(values, np.array(result['g']).ravel())}",
-                )
-        return (*self._plan(values), iterations)
+        relaxed = Relaxed(self._nlp, self._bounds(), self._row_bounds, self._alpha)
+        values, iterations = relaxed.solve(self._guess(), deadline)
+        return (*self._plan(values), sum(iterations))
 
-    def _progress(self, values: Array, rows: Array) -> str:
-        """How far a point is from a plan."""
-        low, high = self._row_bounds
-        off = float(np.maximum(np.maximum(low - rows, rows - high), 0.0).max())
-        alpha = self._parts(values.reshape(self.problem.steps + 1, -1))[2]
-        undecided = float((np.minimum(alpha, 1 - alpha) > _DECIDED).mean())
-        return f"rows off by up to {off:.2g}, {100 * undecided:.0f} % of the contacts neither made nor broken"
+    def _alpha(self, values: Array) -> Array:
+        alpha: Array = self._parts(values.reshape(self.problem.steps + 1, -1))[2]
+        return alpha
 
     def _plan(self, values: Array) -> tuple[Schedule, Array, list[dict[int, Array]], float]:
         problem, n = self.problem, self.problem.steps

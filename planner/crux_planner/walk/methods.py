@@ -8,6 +8,8 @@ from typing import Any
 
 from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.consensus import Scales
+from crux_planner.admm.relaxation import RELAXATIONS
+from crux_planner.walk.benchmark import WalkBenchmark
 from crux_planner.walk.contact_block import WalkContacts, WalkPlan, as_candidate
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.gait import Candidate
@@ -44,6 +46,7 @@ class WalkDecided:
     iterations: int
     residuals: list[dict[str, float]] = field(default_factory=list)
     gaits: list[list[str]] = field(default_factory=list)
+    relaxations: dict[float, int] = field(default_factory=dict)  # the benchmark's, and ipopt's iterations for each
 
     @property
     def candidate(self) -> Candidate:
@@ -58,7 +61,8 @@ class WalkDecided:
 
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` says of the method alone."""
-        return {"cost": self.knots.cost, "converged": self.converged, "gait": self.knots.gait.names}
+        said = {"cost": self.knots.cost, "converged": self.converged, "gait": self.knots.gait.names}
+        return {**said, "relaxations": self.relaxations} if self.relaxations else said
 
 
 def decide_two_block(task: WalkTask) -> WalkDecided:
@@ -91,9 +95,17 @@ def decide_multi_block(task: WalkTask) -> WalkDecided:
     return _decided(run)
 
 
+def decide_benchmark(task: WalkTask) -> WalkDecided:
+    """P1 as one NLP."""
+    knots, iterations = WalkBenchmark(task.problem).solve(task.deadline, task.report)
+    relaxations = dict(zip(RELAXATIONS, iterations, strict=True))
+    return WalkDecided(knots, converged=True, iterations=sum(iterations), relaxations=relaxations)
+
+
 METHODS: dict[str, Callable[[WalkTask], WalkDecided]] = {
     "two_block": decide_two_block,
     "multi_block": decide_multi_block,
+    "benchmark": decide_benchmark,
 }
 """All raise InfeasibleError where they find no gait."""
 

@@ -21,7 +21,7 @@ from crux_planner.walk.bounds import body_bounds, rate_steps
 from crux_planner.walk.problem import WalkProblem
 
 _FEET = 4
-_FORCE_UNIT_N = 10.0
+FORCE_UNIT_N = 10.0
 _FORCE_BOUND_N = 200.0
 
 
@@ -38,17 +38,17 @@ class WalkMotion:
         to_u, rho = ca.MX.sym("to_u", 3 * _FEET, n), ca.MX.sym("rho")
         units = ca.DM([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
         near = ca.sumsqr((x - to_x) * units) + scales.position**2 * ca.sumsqr(p - to_p)
-        near += (scales.force * _FORCE_UNIT_N) ** 2 * ca.sumsqr(u - to_u)
-        cost = rho / 2 * near + body_weight * ca.sum2(_body_cost(problem).map(n + 1)(x))
-        steps = _step(problem).map(n)(x[:, :-1], p[:, :-1], u) - x[:, 1:]
-        reach = _reach().map(n)(x[:, 1:], p[:, 1:])
+        near += (scales.force * FORCE_UNIT_N) ** 2 * ca.sumsqr(u - to_u)
+        cost = rho / 2 * near + body_weight * ca.sum2(walk_body_cost(problem).map(n + 1)(x))
+        steps = walk_step(problem).map(n)(x[:, :-1], p[:, :-1], u) - x[:, 1:]
+        reach = walk_reach().map(n)(x[:, 1:], p[:, 1:])
         rates = x[6:12, 1:] - x[6:12, :-1]
         parameters = ca.veccat(rho, to_x, to_p, to_u)
         nlp = {"x": ca.veccat(x, p, u), "p": parameters, "f": cost, "g": ca.veccat(steps, reach, rates)}
         self._solver = ca.nlpsol("p2b", "ipopt", nlp, IPOPT)
         low, high = body_bounds(problem, None)
         foot_low, foot_high = [-np.inf, -np.inf, 0.0] * _FEET, [np.inf, np.inf, problem.step_height_m] * _FEET
-        force = np.full(3 * _FEET * n, _FORCE_BOUND_N / _FORCE_UNIT_N)
+        force = np.full(3 * _FEET * n, _FORCE_BOUND_N / FORCE_UNIT_N)
         self._bounds = (
             np.concatenate([low.ravel(), np.tile(foot_low, n + 1), -force]),
             np.concatenate([high.ravel(), np.tile(foot_high, n + 1), force]),
@@ -63,7 +63,7 @@ class WalkMotion:
 
     def project(self, target: Eta, rho: float) -> Eta:
         """argmin rho / 2 |delta - target|^2; starts from the last answer, the first time from the target."""
-        wanted = np.concatenate([target.body.ravel(), target.fingers.ravel(), target.forces.ravel() / _FORCE_UNIT_N])
+        wanted = np.concatenate([target.body.ravel(), target.fingers.ravel(), target.forces.ravel() / FORCE_UNIT_N])
         low, high = self._bounds
         result = self._solver(
             **{"x0": np.clip(wanted, low, high), **self._warm},
@@ -85,30 +85,31 @@ class WalkMotion:
             values[:a].reshape(n + 1, BODY_STATES),
             values[a:b].reshape(n + 1, _FEET, 3),
             np.zeros((n + 1, 0)),
-            _FORCE_UNIT_N * values[b:].reshape(n, _FEET, 3),
+            FORCE_UNIT_N * values[b:].reshape(n, _FEET, 3),
             np.zeros((n, 0, 3)),
         )
 
 
-def _step(problem: WalkProblem) -> ca.Function:
-    """(8a) and (8b)."""
+def walk_step(problem: WalkProblem) -> ca.Function:
+    """(8a) and (8b): the next state from x, feet and their forces [FORCE_UNIT_N]."""
     x, p, u = ca.SX.sym("x", BODY_STATES), ca.SX.sym("p", 3 * _FEET), ca.SX.sym("u", 3 * _FEET)
     force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
     for i in range(_FEET):
-        each = _FORCE_UNIT_N * u[3 * i : 3 * i + 3]
+        each = FORCE_UNIT_N * u[3 * i : 3 * i + 3]
         force += each
         moment += ca.cross(p[3 * i : 3 * i + 3], each)
     step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
     return ca.Function("step", [x, p, u], [step])
 
 
-def _reach() -> ca.Function:
+def walk_reach() -> ca.Function:
     """(9a): feet in the body frame."""
     x, p = ca.SX.sym("x", BODY_STATES), ca.SX.sym("p", 3 * _FEET)
     offsets = [offset_in_body(x[0:3], x[3:6], p[3 * i : 3 * i + 3]) for i in range(_FEET)]
     return ca.Function("reach", [x, p], [ca.vertcat(*offsets)])
 
 
-def _body_cost(problem: WalkProblem) -> ca.Function:
+def walk_body_cost(problem: WalkProblem) -> ca.Function:
+    """J's terms of a knot's body state."""
     x = ca.SX.sym("x", BODY_STATES)
     return ca.Function("body_cost", [x], [body_cost(x, problem)])

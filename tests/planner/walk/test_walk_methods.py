@@ -46,8 +46,8 @@ def test_a_walk_converges_and_passes_the_check(method: str) -> None:
 
 
 def test_a_method_that_walks_do_not_have_is_named() -> None:
-    with pytest.raises(ScenarioError, match="expected auto, two_block, multi_block"):
-        plan(parse_scenario(SLOPE), ROBOT, method="benchmark")
+    with pytest.raises(ScenarioError, match="expected auto, two_block, multi_block, benchmark"):
+        plan(parse_scenario(SLOPE), ROBOT, method="paper_form")
 
 
 def test_the_qp_agrees_with_the_exact_problem(problem: WalkProblem) -> None:
