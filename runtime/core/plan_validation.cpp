@@ -147,7 +147,7 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
 std::string stance_defect(const RobotDescription& robot, const plan_t& plan, bool walk, std::size_t k, int l) {
   const limb_knot_t& limb = plan.knots[k].limbs[l];
   const std::string where = place(robot, k, l);
-  const std::string defect = walk ? foot_defect(robot, plan, k, l) : grasp_defect(robot, plan, k, l);
+  std::string defect = walk ? foot_defect(robot, plan, k, l) : grasp_defect(robot, plan, k, l);
   if (!defect.empty()) return defect;
   if (!(limb.friction > 0.0))
     return Sentence() << where << "friction is " << limb.friction << "; a limb in stance needs more than 0";

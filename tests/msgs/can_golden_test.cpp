@@ -44,35 +44,51 @@ struct Codec {
 #define HOST_FIELDS(F, k) F(k, host_state, "HostState")
 #define EMERGENCY_FIELDS(F, k) F(k, cause, "Cause")
 #define HEARTBEAT_FIELDS(F, k) F(k, state, "State")
-#define JOINT_COMMAND_FIELDS(F, k)       \
-  F(k, mode, "Mode")                     \
-  F(k, position_rad, "Position_rad")     \
+// One field a line, as in the database; versions of clang-format disagree on the rest.
+// clang-format off
+#define JOINT_COMMAND_FIELDS(F, k) \
+  F(k, mode, "Mode") \
+  F(k, position_rad, "Position_rad") \
   F(k, velocity_rad_s, "Velocity_rad_s") \
-  F(k, torque_nm, "Torque_Nm") F(k, kp_nm_rad, "Kp_Nm_rad") F(k, kd_nms_rad, "Kd_Nms_rad")
-#define JOINT_STATUS_FIELDS(F, k)        \
-  F(k, state, "State")                   \
-  F(k, position_rad, "Position_rad")     \
+  F(k, torque_nm, "Torque_Nm") \
+  F(k, kp_nm_rad, "Kp_Nm_rad") \
+  F(k, kd_nms_rad, "Kd_Nms_rad")
+#define JOINT_STATUS_FIELDS(F, k) \
+  F(k, state, "State") \
+  F(k, position_rad, "Position_rad") \
   F(k, velocity_rad_s, "Velocity_rad_s") \
-  F(k, torque_nm, "Torque_Nm")           \
-  F(k, cycle_echo, "CycleEcho") F(k, faults, "Faults") F(k, temperature_deg_c, "Temperature_degC")
+  F(k, torque_nm, "Torque_Nm") \
+  F(k, cycle_echo, "CycleEcho") \
+  F(k, faults, "Faults") \
+  F(k, temperature_deg_c, "Temperature_degC")
 #define GRIPPER_COMMAND_FIELDS(F, k) \
-  F(k, mode, "Mode")                 \
-  F(k, opening_m, "Opening_m") F(k, speed_limit_m_s, "SpeedLimit_m_s") F(k, force_limit_n, "ForceLimit_N")
+  F(k, mode, "Mode") \
+  F(k, opening_m, "Opening_m") \
+  F(k, speed_limit_m_s, "SpeedLimit_m_s") \
+  F(k, force_limit_n, "ForceLimit_N")
 #define GRIPPER_STATUS_FIELDS(F, k) \
-  F(k, state, "State")              \
-  F(k, opening_m, "Opening_m")      \
-  F(k, speed_m_s, "Speed_m_s")      \
-  F(k, force_n, "Force_N")          \
-  F(k, cycle_echo, "CycleEcho") F(k, faults, "Faults") F(k, temperature_deg_c, "Temperature_degC")
-#define FORCE_TORQUE_FIELDS(F, k)                                                                 \
-  F(k, status, "Status")                                                                          \
-  F(k, force_x_n, "ForceX_N")                                                                     \
-  F(k, force_y_n, "ForceY_N")                                                                     \
-  F(k, force_z_n, "ForceZ_N")                                                                     \
-  F(k, moment_x_nm, "MomentX_Nm") F(k, moment_y_nm, "MomentY_Nm") F(k, moment_z_nm, "MomentZ_Nm") \
-      F(k, cycle_echo, "CycleEcho")
+  F(k, state, "State") \
+  F(k, opening_m, "Opening_m") \
+  F(k, speed_m_s, "Speed_m_s") \
+  F(k, force_n, "Force_N") \
+  F(k, cycle_echo, "CycleEcho") \
+  F(k, faults, "Faults") \
+  F(k, temperature_deg_c, "Temperature_degC")
+#define FORCE_TORQUE_FIELDS(F, k) \
+  F(k, status, "Status") \
+  F(k, force_x_n, "ForceX_N") \
+  F(k, force_y_n, "ForceY_N") \
+  F(k, force_z_n, "ForceZ_N") \
+  F(k, moment_x_nm, "MomentX_Nm") \
+  F(k, moment_y_nm, "MomentY_Nm") \
+  F(k, moment_z_nm, "MomentZ_Nm") \
+  F(k, cycle_echo, "CycleEcho")
 #define IDENTITY_FIELDS(F, k) \
-  F(k, protocol, "Protocol") F(k, node_kind, "NodeKind") F(k, node_id, "NodeId") F(k, limb, "Limb")
+  F(k, protocol, "Protocol") \
+  F(k, node_kind, "NodeKind") \
+  F(k, node_id, "NodeId") \
+  F(k, limb, "Limb")
+// clang-format on
 
 const std::map<std::string, Codec>& codecs() {
   static const std::map<std::string, Codec> all = {
