@@ -84,6 +84,22 @@ def test_sections_are_typed() -> None:
     assert [limb.bus for limb in robot.limbs] == [0, 1, 2, 3]
 
 
+def test_the_motors_bear_what_climbs_ask_of_the_joints() -> None:
+    robot = load_robot("scaler")
+    motor = robot.motor
+    assert motor.continuous_torque_Nm > 4.5  # rms of the hardest joint in a climb
+    # Power at the rotor less the gear's loss is power at the joint.
+    current_A, speed_rad_s = motor.current_A(3.0), 2.0
+    rotor_W = 1.5 * motor.pole_pairs * motor.flux_Wb * current_A * speed_rad_s * motor.gear_ratio
+    assert rotor_W * motor.gear_efficiency == pytest.approx(3.0 * speed_rad_s)
+    screw = robot.gripper_motor
+    turns_a_s = 0.01 / screw.screw_lead_m
+    rotor_W = screw.torque_constant_Nm_A * screw.current_A(40.0) * 2 * np.pi * turns_a_s
+    assert rotor_W * screw.screw_efficiency == pytest.approx(2 * 40.0 * 0.01)
+    # One energy, seen at the fingers and at the rotor.
+    assert 0.5 * screw.of_both_fingers(2.0) * (2 * np.pi * turns_a_s) ** 2 == pytest.approx(2 * 0.5 * 2.0 * 0.01**2)
+
+
 @pytest.mark.parametrize(
     ("file", "right", "wrong", "says"),
     [
@@ -102,6 +118,38 @@ def test_sections_are_typed() -> None:
             "stiffness_N_m: 20000",
             "stiffness_N_m: -1",
             r"gripper\.stiffness_N_m: -1: expected a number in 0",
+        ),
+        ("robot.yaml", "pole_pairs: 7", "pole_pairs: 70", r"motor\.pole_pairs: 70: expected 1\.\.50"),
+        (
+            "robot.yaml",
+            "gear_efficiency: 0.9",
+            "gear_efficiency: 1.1",
+            r"motor\.gear_efficiency: 1\.1: expected a share",
+        ),
+        ("robot.yaml", "supply_V: 24", "supply_V: 11", r"drive\.supply_V: 11: expected at least .* motor's continuous"),
+        (
+            "robot.yaml",
+            "continuous_current_A: 3.5",
+            "continuous_current_A: 1.4",
+            r"motor\.continuous_current_A: 1\.4: expected at least 1\.48, for the 2\.4 Nm",
+        ),
+        (
+            "robot.yaml",
+            "max_speed_rad_s: 700",
+            "max_speed_rad_s: 170",
+            r"motor\.max_speed_rad_s: 170: expected more than the 172\.8",
+        ),
+        (
+            "robot.yaml",
+            "screw_efficiency: 0.3",
+            "screw_efficiency: 0.6",
+            r"gripper_motor\.screw_efficiency: 0\.6: expected below 0\.5",
+        ),
+        (
+            "robot.yaml",
+            "coarse_travel_m: 0.065",
+            "coarse_travel_m: 0.05",
+            r"gripper_motor\.coarse_travel_m: 0\.05: expected more than the travel of the fingers, 0\.058",
         ),
         ("robot.yaml", "  RR: {bus: 3, prefix: RR}\n", "", r"limbs\.RR: is missing"),
         (

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import LIMB_NAMES, robot_sections
+from .motor_checks import check_motors
 from .reading import Checker
 from .robot_sections import SECTIONS, Interval, PerJoint
 from .urdf import Joint, Urdf, UrdfError, parse_urdf
@@ -96,6 +97,9 @@ class Robot:
     can: robot_sections.Can
     servo: robot_sections.Servo
     gripper: robot_sections.Gripper
+    drive: robot_sections.Drive
+    motor: robot_sections.JointMotor
+    gripper_motor: robot_sections.GripperMotor
     force_torque: robot_sections.ForceTorque
     body: robot_sections.Body
     grasp: robot_sections.GraspLimits
@@ -159,7 +163,7 @@ def _load(folder: Path) -> Robot:
         _limb(urdf, str(urdf_path), texts["body_link"], name, bus, prefix, parts)
         for name, (bus, prefix) in limbs.items()
     )
-    return Robot(
+    robot = Robot(
         name=texts["name"],
         folder=folder,
         urdf_path=urdf_path,
@@ -169,6 +173,8 @@ def _load(folder: Path) -> Robot:
         hash=hashlib.sha256(HASH_PREFIX + yaml_bytes + b"\0" + urdf_bytes).hexdigest(),
         **sections,
     )
+    check_motors(robot, str(yaml_path), RobotError)
+    return robot
 
 
 @dataclass(frozen=True)

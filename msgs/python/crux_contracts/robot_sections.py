@@ -5,6 +5,7 @@ Units stand in the names. A number is finite and not negative; an Interval is [l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 Interval = tuple[float, float]
@@ -54,6 +55,64 @@ class Gripper:
     temperature_limit_degC: float
     pad_radius_m: float
     finger_height_m: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Of every node's board."""
+
+    supply_V: float
+    encoder_counts: int
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Three-phase machine with surface magnets. Currents count amplitudes, resistance and inductance one phase."""
+
+    pole_pairs: int
+    resistance_ohm: float
+    inductance_H: float
+    torque_constant_Nm_A: float
+    continuous_current_A: float
+    heating_time_s: float
+    max_speed_rad_s: float
+
+    @property
+    def flux_Wb(self) -> float:
+        """Peak flux of the magnets through a phase: torque = 3/2 pole pairs flux current."""
+        return self.torque_constant_Nm_A / (1.5 * self.pole_pairs)
+
+
+@dataclass(frozen=True)
+class JointMotor(Motor):
+    gear_ratio: float
+    gear_efficiency: float
+
+    def current_A(self, joint_torque_Nm: float) -> float:
+        """Amplitude that makes a torque of the joint."""
+        return joint_torque_Nm / (self.gear_ratio * self.gear_efficiency * self.torque_constant_Nm_A)
+
+    @property
+    def continuous_torque_Nm(self) -> float:
+        """Of the joint, as far as the winding bears it."""
+        return self.continuous_current_A * self.gear_ratio * self.gear_efficiency * self.torque_constant_Nm_A
+
+
+@dataclass(frozen=True)
+class GripperMotor(Motor):
+    screw_lead_m: float
+    screw_efficiency: float
+    screw_release_torque: float
+    coarse_travel_m: float
+
+    def current_A(self, finger_force_N: float) -> float:
+        """Amplitude that builds a squeeze of both fingers."""
+        rotor_torque_Nm = 2 * finger_force_N * self.screw_lead_m / (2 * math.pi * self.screw_efficiency)
+        return rotor_torque_Nm / self.torque_constant_Nm_A
+
+    def of_both_fingers(self, at_finger: float) -> float:
+        """Mass [kg] or damping [Ns/m] a finger as inertia [kg m2] or drag [Nms/rad] of the rotor."""
+        return 2 * at_finger * (self.screw_lead_m / (2 * math.pi)) ** 2
 
 
 @dataclass(frozen=True)
@@ -151,6 +210,9 @@ SECTIONS = {
     "can": Can,
     "servo": Servo,
     "gripper": Gripper,
+    "drive": Drive,
+    "motor": JointMotor,
+    "gripper_motor": GripperMotor,
     "force_torque": ForceTorque,
     "body": Body,
     "grasp": GraspLimits,

@@ -1,0 +1,91 @@
+"""What the motors of a robot description must be able to do, judged beside the loads that stand elsewhere in it."""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Iterator
+
+from .robot_sections import GripperMotor, JointMotor, Motor
+from .yaml_document import DocumentError, Problem
+
+if typing.TYPE_CHECKING:
+    from .robot import Robot
+
+MIN_ENCODER_COUNTS, MAX_ENCODER_COUNTS = 64, 65536
+MAX_POLE_PAIRS = 50
+
+
+def check_motors(robot: Robot, path: str, error: type[DocumentError]) -> None:
+    """Raises `error` with everything that is wrong."""
+    problems = [*_drive(robot), *_joints(robot, robot.motor), *_gripper(robot, robot.gripper_motor)]
+    if problems:
+        raise error(path, problems)
+
+
+def _drive(robot: Robot) -> Iterator[Problem]:
+    drive = robot.drive
+    if drive.supply_V <= 0:
+        yield Problem("drive.supply_V", f"{drive.supply_V:g}", "expected a voltage above 0")
+    if not MIN_ENCODER_COUNTS <= drive.encoder_counts <= MAX_ENCODER_COUNTS:
+        expected = f"expected {MIN_ENCODER_COUNTS}..{MAX_ENCODER_COUNTS} a turn"
+        yield Problem("drive.encoder_counts", str(drive.encoder_counts), expected)
+    if robot.servo.torque_time_constant_s <= 0:
+        yield Problem("servo.torque_time_constant_s", "0", "expected a time above 0: the current loop's")
+
+
+def _motor(section: str, motor: Motor, shares: tuple[str, ...]) -> Iterator[Problem]:
+    if not 1 <= motor.pole_pairs <= MAX_POLE_PAIRS:
+        yield Problem(f"{section}.pole_pairs", str(motor.pole_pairs), f"expected 1..{MAX_POLE_PAIRS}")
+    for name, value in vars(motor).items():
+        if name != "pole_pairs" and not 0 < value <= (1.0 if name in shares else math.inf):
+            expected = "a share, above 0 and at most 1" if name in shares else "a number above 0"
+            yield Problem(f"{section}.{name}", f"{value:g}", f"expected {expected}")
+
+
+def _joints(robot: Robot, motor: JointMotor) -> Iterator[Problem]:
+    wrong = list(_motor("motor", motor, ("gear_efficiency",)))
+    yield from wrong
+    if wrong:
+        return
+    asked_Nm = max(robot.servo.continuous_torque_Nm)
+    if motor.continuous_torque_Nm < asked_Nm:
+        expected = f"expected at least {motor.current_A(asked_Nm):.3g}, for the {asked_Nm:g} Nm of continuous_torque_Nm"
+        yield Problem("motor.continuous_current_A", f"{motor.continuous_current_A:g}", expected)
+    fastest = max(joint.velocity for limb in robot.limbs for joint in limb.joints) * motor.gear_ratio
+    yield from _speed("motor", motor, fastest)
+    yield from _voltage(robot, "motor", motor, fastest)
+
+
+def _gripper(robot: Robot, motor: GripperMotor) -> Iterator[Problem]:
+    wrong = list(_motor("gripper_motor", motor, ("screw_efficiency", "screw_release_torque")))
+    yield from wrong
+    if wrong:
+        return
+    if motor.screw_efficiency >= 0.5:
+        expected = "expected below 0.5: the screw must hold a squeeze by itself"
+        yield Problem("gripper_motor.screw_efficiency", f"{motor.screw_efficiency:g}", expected)
+    low, high = robot.gripper.opening_m
+    if motor.coarse_travel_m <= high - low:
+        expected = f"expected more than the travel of the fingers, {high - low:g}: the encoder must not repeat in it"
+        yield Problem("gripper_motor.coarse_travel_m", f"{motor.coarse_travel_m:g}", expected)
+    fastest = robot.gripper.max_finger_speed_m_s / motor.screw_lead_m * 2 * math.pi
+    yield from _speed("gripper_motor", motor, fastest)
+    yield from _voltage(robot, "gripper_motor", motor, fastest)
+
+
+def _speed(section: str, motor: Motor, fastest_rad_s: float) -> Iterator[Problem]:
+    if motor.max_speed_rad_s <= fastest_rad_s:
+        expected = f"expected more than the {fastest_rad_s:.4g} that the speed limit asks of the rotor"
+        yield Problem(f"{section}.max_speed_rad_s", f"{motor.max_speed_rad_s:g}", expected)
+
+
+def _voltage(robot: Robot, section: str, motor: Motor, fastest_rad_s: float) -> Iterator[Problem]:
+    """Continuous current at full speed must be within what the supply makes: the circle of radius supply / sqrt 3."""
+    electrical_rad_s = motor.pole_pairs * fastest_rad_s
+    along_V = motor.resistance_ohm * motor.continuous_current_A + electrical_rad_s * motor.flux_Wb
+    across_V = electrical_rad_s * motor.inductance_H * motor.continuous_current_A
+    needed_V = math.sqrt(3) * math.hypot(along_V, across_V)
+    if needed_V > robot.drive.supply_V:
+        expected = f"expected at least {needed_V:.3g}, for {section}'s continuous current at full speed"
+        yield Problem("drive.supply_V", f"{robot.drive.supply_V:g}", expected)
