@@ -1,58 +1,23 @@
 #include "crux_nodes.h"
 
 #include <errno.h>
-#include <math.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-#include "bus.h"
 #include "e2e.h"
-#include "gripper_node.h"
-#include "joint_node.h"
+#include "robot_nodes.h"
 
-#define JOINTS_PER_LIMB ((int)CRUX_CAN_JOINTS)
-#define NODES_PER_LIMB ((int)CRUX_CAN_NODES)
-#define GRIPPER ((int)CRUX_CAN_NODE_GRIPPER - 1)  ///< index of the gripper among a limb's nodes
 #define ROOM_TEMPERATURE_DEG_C 25.0F
 #define NO_HOST_STATE 0xFFU
-
-/// What the bench does to a node's frames.
-typedef struct interference {
-  uint32_t drop_received;
-  uint32_t corrupt_received;
-  uint32_t drop_sent;
-  uint32_t lost_of_2_32;  ///< share of frames that get lost, both ways; UINT32_MAX: all of them
-  uint32_t random;        ///< state of the generator that chooses them, never 0
-} interference;
-
-typedef struct limb {
-  crux_bus bus;
-  crux_joint_node joint[CRUX_CAN_JOINTS];
-  crux_gripper_node gripper;
-  crux_joint_inputs joint_inputs[CRUX_CAN_JOINTS];
-  crux_gripper_inputs gripper_inputs;
-  interference interference[CRUX_CAN_NODES];
-  uint32_t sync_cycle;
-  bool sync_new;
-  bool connected;
-} limb;
-
-struct crux_nodes {
-  limb limbs[CRUX_LIMBS];
-  crux_joint_parameters joint_parameters[CRUX_JOINTS];
-  crux_gripper_parameters gripper_parameters[CRUX_LIMBS];
-  uint32_t parameter_hash;
-  uint8_t host_state;
-};
 
 static _Thread_local char last_error[256];
 
 const char *crux_nodes_error(void) { return last_error; }
 
-static void start_node(crux_nodes *nodes, int limb_index, int index) {
+void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index) {
   limb *owner = &nodes->limbs[limb_index];
   if (index == GRIPPER) {
     crux_gripper_node_init(&owner->gripper, (uint8_t)limb_index, nodes->parameter_hash,
@@ -106,7 +71,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
       owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
     }
     for (int i = 0; i < NODES_PER_LIMB; i++) {
-      start_node(nodes, l, i);
+      crux_nodes_start_node(nodes, l, i);
     }
   }
   if (!good) {
@@ -129,31 +94,14 @@ static bool concerns(const crux_frame *frame, int index) {
   return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1));
 }
 
-static bool use_up(uint32_t *count) {
-  const bool left = *count > 0U;
-  *count -= left ? 1U : 0U;
-  return left;
-}
-
-/// Marsaglia's xorshift: good enough to choose frames, and the same everywhere.
-static bool gets_lost(interference *disturbed) {
-  bool lost = disturbed->lost_of_2_32 == UINT32_MAX;
-  if (!lost && (disturbed->lost_of_2_32 > 0U)) {
-    disturbed->random ^= disturbed->random << 13U;
-    disturbed->random ^= disturbed->random >> 17U;
-    disturbed->random ^= disturbed->random << 5U;
-    lost = disturbed->random < disturbed->lost_of_2_32;
-  }
-  return lost;
-}
-
-static void deliver(limb *owner, int index, const crux_frame *frame) {
+void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
   interference *disturbed = &owner->interference[index];
   crux_frame heard = *frame;
-  if (!concerns(frame, index) || use_up(&disturbed->drop_received) || gets_lost(disturbed)) {
+  if (!concerns(frame, index) || crux_interference_use_up(&disturbed->drop_received) ||
+      crux_interference_loses(disturbed)) {
     return;
   }
-  if (use_up(&disturbed->corrupt_received)) {
+  if (crux_interference_use_up(&disturbed->corrupt_received)) {
     heard.data[heard.length / 2U] ^= 0x01U;
   }
   if (index == GRIPPER) {
@@ -185,7 +133,7 @@ static void listen(crux_nodes *nodes, int limb_index, const crux_frame *frame) {
   }
 }
 
-static bool bus_failure(int limb_index, const char *what) {
+bool crux_nodes_bus_failure(int limb_index, const char *what) {
   (void)snprintf(last_error, sizeof(last_error), "bus of limb %d: %s: %s", limb_index, what, strerror(errno));
   return false;
 }
@@ -197,12 +145,12 @@ static bool drain(crux_nodes *nodes, int limb_index) {
     int count = 0;
     received = crux_bus_receive(&nodes->limbs[limb_index].bus, frames, &count);
     if (received < 0) {
-      return bus_failure(limb_index, "cannot receive");
+      return crux_nodes_bus_failure(limb_index, "cannot receive");
     }
     for (int f = 0; f < count; f++) {
       listen(nodes, limb_index, &frames[f]);
       for (int i = 0; i < NODES_PER_LIMB; i++) {
-        deliver(&nodes->limbs[limb_index], i, &frames[f]);
+        crux_nodes_deliver(&nodes->limbs[limb_index], i, &frames[f]);
       }
     }
   }
@@ -285,7 +233,7 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
 /// Moves what the node wants to say to the end of `frames`; returns their new number.
 static int collect(crux_link *link, interference *disturbed, crux_frame *frames, int count) {
   while (crux_link_take_frame(link, &frames[count])) {
-    const bool lost = use_up(&disturbed->drop_sent) || gets_lost(disturbed);
+    const bool lost = crux_interference_use_up(&disturbed->drop_sent) || crux_interference_loses(disturbed);
     count += lost ? 0 : 1;
   }
   return count;
@@ -321,7 +269,7 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
     crux_gripper_node_publish(&owner->gripper, inputs);
     count = collect(&owner->gripper.link, &owner->interference[GRIPPER], frames, count);
     if (owner->connected && !crux_bus_send(&owner->bus, frames, count)) {
-      (void)bus_failure(l, "cannot send");
+      (void)crux_nodes_bus_failure(l, "cannot send");
       result = -1;
     }
   }
@@ -342,7 +290,7 @@ void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRUX_JOINTS]
   }
 }
 
-static bool exists(int limb_index, int node) {
+bool crux_nodes_exists(int limb_index, int node) {
   const bool found = (limb_index >= 0) && (limb_index < CRUX_LIMBS) && (node >= 1) && (node <= NODES_PER_LIMB);
   if (!found) {
     (void)snprintf(last_error, sizeof(last_error), "no node %d on limb %d: nodes are 1..%d, limbs 0..%d", node,
@@ -352,100 +300,10 @@ static bool exists(int limb_index, int node) {
 }
 
 int crux_nodes_counters(const crux_nodes *nodes, int limb_index, int node, crux_node_counters *counters) {
-  if (!exists(limb_index, node)) {
+  if (!crux_nodes_exists(limb_index, node)) {
     return -1;
   }
   const limb *owner = &nodes->limbs[limb_index];
   *counters = (node - 1 == GRIPPER) ? owner->gripper.link.counters : owner->joint[node - 1].link.counters;
-  return 0;
-}
-
-int crux_nodes_drop_received(crux_nodes *nodes, int limb_index, int node, uint32_t count) {
-  if (!exists(limb_index, node)) {
-    return -1;
-  }
-  nodes->limbs[limb_index].interference[node - 1].drop_received = count;
-  return 0;
-}
-
-int crux_nodes_corrupt_received(crux_nodes *nodes, int limb_index, int node, uint32_t count) {
-  if (!exists(limb_index, node)) {
-    return -1;
-  }
-  nodes->limbs[limb_index].interference[node - 1].corrupt_received = count;
-  return 0;
-}
-
-int crux_nodes_drop_sent(crux_nodes *nodes, int limb_index, int node, uint32_t count) {
-  if (!exists(limb_index, node)) {
-    return -1;
-  }
-  nodes->limbs[limb_index].interference[node - 1].drop_sent = count;
-  return 0;
-}
-
-int crux_nodes_lose(crux_nodes *nodes, int limb_index, double share, uint32_t seed) {
-  if (!exists(limb_index, 1)) {
-    return -1;
-  }
-  for (int i = 0; i < NODES_PER_LIMB; i++) {
-    interference *disturbed = &nodes->limbs[limb_index].interference[i];
-    disturbed->lost_of_2_32 = (uint32_t)lround(fmin(fmax(share, 0.0), 1.0) * (double)UINT32_MAX);
-    disturbed->random = (seed * 2654435761U) ^ ((uint32_t)i + 1U);
-    disturbed->random |= 1U;
-  }
-  return 0;
-}
-
-int crux_nodes_connect(crux_nodes *nodes, int limb_index, int connected) {
-  if (!exists(limb_index, 1)) {
-    return -1;
-  }
-  limb *owner = &nodes->limbs[limb_index];
-  crux_frame frames[CRUX_BUS_BATCH];
-  int count = 0;
-  // What waits in the socket is of the time before, and so is the report that the interface went down.
-  while (!owner->connected && (connected != 0) && (crux_bus_receive(&owner->bus, frames, &count) != 0)) {
-  }
-  owner->sync_new = false;
-  owner->connected = connected != 0;
-  return 0;
-}
-
-int crux_nodes_intrude(crux_nodes *nodes, int limb_index, uint16_t id, const uint8_t *data, int length) {
-  if (!exists(limb_index, 1) || (length < 0) || (length > (int)CRUX_FRAME_CAPACITY)) {
-    return -1;
-  }
-  limb *owner = &nodes->limbs[limb_index];
-  crux_frame frame = {.id = id, .length = (uint8_t)length};
-  (void)memcpy(frame.data, data, (size_t)length);
-  for (int i = 0; i < NODES_PER_LIMB; i++) {
-    deliver(owner, i, &frame);
-  }
-  if (owner->connected && !crux_bus_send(&owner->bus, &frame, 1)) {
-    (void)bus_failure(limb_index, "cannot send");
-    return -1;
-  }
-  return 0;
-}
-
-int crux_nodes_reset(crux_nodes *nodes, int limb_index, int node) {
-  if (!exists(limb_index, node)) {
-    return -1;
-  }
-  start_node(nodes, limb_index, node - 1);
-  return 0;
-}
-
-int crux_nodes_set_temperature(crux_nodes *nodes, int limb_index, int node, double temperature_degC) {
-  if (!exists(limb_index, node)) {
-    return -1;
-  }
-  limb *owner = &nodes->limbs[limb_index];
-  if (node - 1 == GRIPPER) {
-    owner->gripper_inputs.temperature_degC = (float)temperature_degC;
-  } else {
-    owner->joint_inputs[node - 1].temperature_degC = (float)temperature_degC;
-  }
   return 0;
 }

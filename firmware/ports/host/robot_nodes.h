@@ -1,0 +1,61 @@
+/// The nodes of a robot as crux_nodes.c and disturbance.c know them; users of the library include crux_nodes.h.
+#ifndef CRUX_FIRMWARE_ROBOT_NODES_H
+#define CRUX_FIRMWARE_ROBOT_NODES_H
+
+#include "bus.h"
+#include "crux_nodes.h"
+#include "gripper_node.h"
+#include "joint_node.h"
+
+#define JOINTS_PER_LIMB ((int)CRUX_CAN_JOINTS)
+#define NODES_PER_LIMB ((int)CRUX_CAN_NODES)
+#define GRIPPER ((int)CRUX_CAN_NODE_GRIPPER - 1)  ///< index of the gripper among a limb's nodes
+
+/// What the bench does to a node's frames.
+typedef struct interference {
+  uint32_t drop_received;
+  uint32_t corrupt_received;
+  uint32_t drop_sent;
+  uint32_t lost_of_2_32;  ///< share of frames that get lost, both ways; UINT32_MAX: all of them
+  uint32_t random;        ///< state of the generator that chooses them, never 0
+} interference;
+
+typedef struct limb {
+  crux_bus bus;
+  crux_joint_node joint[CRUX_CAN_JOINTS];
+  crux_gripper_node gripper;
+  crux_joint_inputs joint_inputs[CRUX_CAN_JOINTS];
+  crux_gripper_inputs gripper_inputs;
+  interference interference[CRUX_CAN_NODES];
+  uint32_t sync_cycle;
+  bool sync_new;
+  bool connected;
+} limb;
+
+struct crux_nodes {
+  limb limbs[CRUX_LIMBS];
+  crux_joint_parameters joint_parameters[CRUX_JOINTS];
+  crux_gripper_parameters gripper_parameters[CRUX_LIMBS];
+  uint32_t parameter_hash;
+  uint8_t host_state;
+};
+
+/// Starts a node anew: index 0..5 of a joint, GRIPPER.
+void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index);
+
+/// Hands a frame of the bus to one of the limb's nodes, if it concerns it and does not get lost.
+void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame);
+
+/// False, with the reason in crux_nodes_error(), when there is no such node: limb 0..3, node 1..7.
+bool crux_nodes_exists(int limb_index, int node);
+
+/// Keeps errno's words for crux_nodes_error(); always false.
+bool crux_nodes_bus_failure(int limb_index, const char *what);
+
+/// Counts one down; false when it was 0 already.
+bool crux_interference_use_up(uint32_t *count);
+
+/// Whether chance loses the frame.
+bool crux_interference_loses(interference *disturbed);
+
+#endif
