@@ -33,6 +33,7 @@ LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allo
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
+LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
 
 
 def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False) -> Problem:
@@ -52,6 +53,8 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
     check_body(scenario, body, start, goal)
     margins = scenario.planner.margins
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
+    last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
+    effort = np.stack([limb.effort_Nm for limb in robot.limbs])
     clearance = margins.get("clearance_m", robot.grasp.swing_clearance_m)
     shape = GripperShape(
         *robot.gripper.opening_m,
@@ -124,7 +127,8 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         limb_shape=limb_shape(robot),
-        torque_limits_Nm=torque_share * np.stack([limb.effort_Nm for limb in robot.limbs]),
+        torque_limits_Nm=torque_share * effort,
+        last_torques_Nm=last_torque_share * effort,
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,
     )

@@ -7,6 +7,7 @@ too high: most climbs need few.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from crux_planner.terms.dynamics import WRENCH_INPUTS
 
 _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
 _TORQUE_ROUNDS = 5
+FALLBACK_SHARE, FALLBACK_S = 0.25, 1.0  # of the time left ipopt gets, and at least: other attempts may follow
 
 
 def solve_within_torques(
@@ -38,7 +40,15 @@ def solve_within_torques(
     limited: frozenset[Place] = frozenset()
     point: Point | None = None
     for _ in range(_TORQUE_ROUNDS + 1):
-        solution, point = _solve_once(functions, problem, schedule, start, limited, deadline, point)
+        outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
+        if outcome is None and limited:  # no motor torque to spare there
+            problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
+            outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
+        if outcome is None:
+            left = max(FALLBACK_SHARE * (deadline - time.monotonic()), FALLBACK_S)
+            solution, point = solve(problem, schedule, start, limited, left), None
+        else:
+            solution, point = outcome
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
         if not solution.solved or not beyond:
             break
@@ -55,7 +65,8 @@ def _solve_once(
     limited: frozenset[Place],
     deadline: float,
     near: Point | None,
-) -> tuple[Solution, Point | None]:
+) -> tuple[Solution, Point] | None:
+    """The solution stage by stage; None where that does not converge."""
     stages = StageProblem(functions, problem, schedule, limited)
     if near is None:
         first = first_point(stages, start.body, _columns(stages, start))
@@ -63,7 +74,7 @@ def _solve_once(
     else:
         outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
     if not outcome.solved:
-        return solve(problem, schedule, start, limited, max(deadline - time.monotonic(), 1.0)), None
+        return None
     return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
 
@@ -22,6 +23,7 @@ from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
+from crux_planner.search.calm import TooHasty, slowed
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import Schedule, at_knots, lay_out
@@ -40,6 +42,7 @@ GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
+CALMINGS = 6  # times that a sequence is laid out anew with a slower body on the supports that the check names
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 
@@ -221,8 +224,9 @@ def _realise(
         timed = improve(costs, moves, until) if level else None
     first: tuple[InfeasibleError, Culprit] | None = None
     attempt: PlanResult | tuple[InfeasibleError, Culprit]
-    for choice in (timed, None):
-        if choice is None and first is not None and time.monotonic() > deadline:
+    choices = [*([timed] if timed is not None else []), *[None] * CALMINGS]
+    for choice in choices:
+        if first is not None and time.monotonic() > deadline:
             break
         with work.part("body", 0.4):
             try:
@@ -241,9 +245,12 @@ def _realise(
         else:
             text = f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
             attempt = InfeasibleError("body", text), _longest(problem, schedule.moves)
-        if choice is not None and not isinstance(attempt, PlanResult):
-            first = attempt
-    return attempt
+        first = first or attempt
+        if isinstance(attempt[0], TooHasty):
+            problem = replace(problem, calm=attempt[0].calm)
+        elif choice is None:
+            break
+    return first or attempt
 
 
 def _begin_bound(
@@ -297,7 +304,10 @@ def _finish(
         message = plan_message(scenario, robot, problem, schedule, solution, method)
         report = check_plan(message, robot)
     if not report.ok:
-        return _refused(report), _blamed(report, schedule, problem)
+        speed = np.abs(solution.body[:, 6:9]).max(axis=1)
+        calm = slowed(problem.calm, report, schedule.contacts, speed, problem.dt_s)
+        refused = _refused(report) if calm is None else TooHasty(_refused(report), calm)
+        return refused, _blamed(report, schedule, problem)
     return _result(message, report, schedule, solution, work)
 
 

@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.contacts import Contact, GripperShape
 from crux_planner.kinematics import rotation_z
+from crux_planner.search.calm import Calm
 from crux_planner.search.swing import SwingLimits
 from crux_planner.shapes import LimbShape
 from crux_planner.terms.obstacles import Cuboids
@@ -122,9 +123,11 @@ class Problem:
     limb_masses: tuple[LimbMasses, ...]
     limb_shape: LimbShape
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
+    last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
     heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (terms.limit_surface)
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
+    calm: Calm = field(default_factory=dict)  # where the body must be slower than its bound
     turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
     @property

@@ -1,16 +1,12 @@
 """Why no plan exists, if that can be shown: the goal out of reach, no equilibrium there, or no way between.
 
-The way is looked for in the graph of all sets of grips that the relaxed P1 of `relaxed` allows. Its edges are single
-limbs that let go or take hold; limbs that do so together do it one after the other there, with nothing lost, since the
-smaller set bears the load alone. A part of the graph that holds the start but not the goal, or the goal but not the
-start, and has no way out is the proof.
+The way is looked for in the graph of `connection`, of all sets of grips that the relaxed P1 of `relaxed` allows.
 """
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections import deque
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -20,12 +16,9 @@ from crux_planner.arrays import Array
 from crux_planner.build import all_grips
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS, Problem
+from crux_planner.proof.connection import AIR, Connection, Grips
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 from crux_planner.reasons import point_text
-
-AIR = -1
-Grips = tuple[int, ...]
-"""A grip for every limb, or AIR."""
 
 
 class Proof:
@@ -40,7 +33,7 @@ class Proof:
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
         self.step_m = problem.body.max_speed_m_s * problem.dt_s
-        self._supports: dict[tuple[Grips, bytes], bool] = {}
+        self.connection = Connection(self.reach, self.balance, np.array(self.hold), self.step_m)
 
     def quick(self) -> InfeasibleError | None:
         """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
@@ -89,51 +82,8 @@ class Proof:
 
     def disconnected(self, deadline: float) -> InfeasibleError | None:
         """The start's part of the graph lacks the goal, or the goal's the start; None: they meet, or time is up."""
-        forward, backward = {self.start}, set(self.goals)
-        if forward & backward:
-            return None
-        sides = [(forward, backward, deque(forward)), (backward, forward, deque(backward))]
-        while True:
-            seen, others, queue = min(sides, key=lambda side: len(side[2]))
-            if not queue:
-                return self._closed(forward if seen is forward else backward, seen is forward)
-            if time.monotonic() > deadline:
-                return None
-            for following in self._neighbours(queue.popleft()):
-                if following in others:
-                    return None
-                if following not in seen:
-                    seen.add(following)
-                    queue.append(following)
-
-    def _neighbours(self, grips: Grips) -> list[Grips]:
-        found = []
-        region = self.reach.hull(grips)
-        if region is None:
-            return []
-        for limb in range(4):
-            if grips[limb] != AIR:
-                fewer = (*grips[:limb], AIR, *grips[limb + 1 :])
-                if self._bears(fewer, region):
-                    found.append(fewer)
-                continue
-            for grip in range(len(self.hold)):
-                if self.hold[grip] in {self.hold[g] for g in grips if g != AIR}:
-                    continue
-                more = (*grips[:limb], grip, *grips[limb + 1 :])
-                landing = self.reach.hull(more)
-                if landing is not None and self._bears(grips, landing):
-                    found.append(more)
-        return found
-
-    def _bears(self, grips: Grips, region: tuple[Array, Array]) -> bool:
-        """Whether `grips` alone may be in balance for a body in the region, or a step of time away from it."""
-        low, high = region[0] - self.step_m, region[1] + self.step_m
-        support = tuple(g for g in grips if g != AIR)
-        key = (support, np.round(np.concatenate([low, high]), 4).tobytes())
-        if key not in self._supports:
-            self._supports[key] = self.balance.possible(support, low, high)
-        return self._supports[key]
+        part = self.connection.separated(self.start, self.goals, deadline)
+        return None if part is None else self._closed(set(part.headings), part.forward)
 
     def _closed(self, part: set[Grips], from_start: bool) -> InfeasibleError:
         """The reason, from the part of the graph that has no way out."""

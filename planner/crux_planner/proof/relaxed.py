@@ -1,13 +1,13 @@
 """What every plan satisfies, whatever its headings, tilts, off-centre grasps and swings: an optimistic P1.
 
-Reach: the acceptance boxes (9a), widened by all that the body's tilt, a range of headings and a grasp's place on its
-face may change. Balance: the whole limit surface (2)+(3), from outside by a polytope; grasps anywhere on their faces;
-what accelerations within the bounds (7) may add. No swings, no collisions, no torques.
+Reach: the acceptance boxes (9a), heading by heading. A small tilt moves all grippers by the same way against the boxes,
+as if the body were elsewhere: the boxes bound that place, the sole. Balance: the whole limit surface (2)+(3), from
+outside by a polytope; grasps anywhere on their faces; what accelerations within the bounds (7) may add. No swings, no
+collisions, no torques.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,17 +15,14 @@ import piqp
 
 from crux_planner.arrays import Array, Flags
 from crux_planner.contacts import Contact
-from crux_planner.kinematics import rotation_from_rpy
+from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
 from crux_planner.search.balance import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, Balance
 from crux_planner.terms.dynamics import skew, static_map
 from crux_planner.terms.limit_surface import polytope_directions
 
-BIN_RAD = 0.1
-GOAL_LEVELS = 4  # times that a bin of the goal's orientation is halved
+BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
-_COUPLING = 1.1  # roll, pitch and yaw are no rotation vector; tilts stay below 0.1 rad
-_FAR_M = 10.0  # from W's origin
 _EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 
@@ -39,96 +36,116 @@ class Grip:
     height_m: tuple[float, float]
 
 
-class RelaxedReach:
-    """Bounds of body positions, by bins of orientation: over all orientations of a plan, and at the goal.
+@dataclass(frozen=True)
+class Headings:
+    """Bins of the body's yaw, and in each the bounds (B, 4, G, 2) of the sole with a limb's grip in reach.
 
-    `low`, `high` (B, 4, G, 3) are along a body's axes in the middle of each bin, `to_w` (B, 3, 3) turns them to W.
+    With q = Rz(yaw)^T (c - r), (9a) bounds Rx(roll)^T Ry(pitch)^T q, which is q + (sin(pitch), -sin(roll) cos(pitch)) h
+    but for terms of second order and the heights' difference, h being the body's height above the grips' middle one.
+    The sole is r less that shift, along the axes of the bin's middle.
     """
+
+    yaw_rad: Array  # (B,) middles
+    to_w: Array  # (B, 3, 3)
+    low: Array
+    high: Array
+
+    def fits(self, stance: tuple[int, ...]) -> tuple[Flags, Array, Array]:
+        """Bins (B,) in which a sole has a stance's grips in reach (-1: air), and its bounds (B, 2)."""
+        limbs = [limb for limb, g in enumerate(stance) if g >= 0]
+        grips = [stance[limb] for limb in limbs]
+        low, high = self.low[:, limbs, grips].max(axis=1), self.high[:, limbs, grips].min(axis=1)
+        return (low <= high).all(axis=1), low, high
+
+
+class RelaxedReach:
+    """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal."""
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
         goal, body = problem.goal, problem.body
+        heights = np.array([g.height_m for g in grips]).reshape(-1, 2)
+        self._middle_m = float(heights.min() + heights.max()) / 2 if len(grips) else 0.0
+        self._spread_m = float(np.ptp(heights)) / 2 if len(grips) else 0.0
+        self._over_m = np.array([body.height_m[0] - TOLERANCE_M, body.height_m[1] + TOLERANCE_M]) - self._middle_m
+        self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * self._over_m.max())
         yaw = float(goal.body.rpy_rad[2])
-        duration = problem.steps * problem.dt_s
-        turn = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * duration) / 2
-        yaws, half = _bins(-turn, turn, BIN_RAD)
-        tilt = body.max_tilt_rad
-        self.to_w, self.low, self.high = self._bounds(np.outer(yaws, [0.0, 0.0, 1.0]), np.array([tilt, tilt, half]))
-        self.goal_to_w, self.goal_low, self.goal_high = self._goal_bounds()
-        self.goal_place = np.einsum("bji,j->bi", self.goal_to_w, goal.body.position_m)
+        most = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * problem.steps * problem.dt_s) / 2
+        self.all = self._headings(-most, most, BIN_RAD)
+        self.hop = int(np.ceil(_EULER_SHARE * body.max_rate_rad_s * problem.dt_s / self.bin_rad)) + 1
+        room = _EULER_SHARE * goal.tolerance_rad + 1e-3
+        self.goal = self._headings(yaw - room, yaw + room, GOAL_BIN_RAD)
+        self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= room + self.bin_rad
+        self._goal_low, self._goal_high = self._goal_soles(room)
 
-    def _goal_bounds(self) -> tuple[Array, Array, Array]:
-        """Bins of orientation at the goal, made finer where every limb has a hold in reach."""
-        goal, most = self.problem.goal, self.problem.body.max_tilt_rad
-        room = _EULER_SHARE * goal.tolerance_rad + 1e-6
-        middles, half = np.zeros((1, 3)), room
-        for level in range(GOAL_LEVELS + 1):
-            inside = np.linalg.norm(middles, axis=1) <= room + half * 3**0.5
-            inside &= (np.abs(goal.body.rpy_rad[:2] + middles[:, :2]) <= most + half).all(axis=1)
-            bounds = self._bounds(goal.body.rpy_rad + middles[inside], np.full(3, half))
-            place = np.einsum("bji,j->bi", bounds[0], goal.body.position_m)[:, None, None]
-            within = goal.tolerance_m + TOLERANCE_M
-            reached = ((bounds[1] <= place + within) & (bounds[2] >= place - within)).all(axis=3)
-            useful = reached.any(axis=2).all(axis=1)
-            if level == GOAL_LEVELS or not useful.any():
-                break
-            half /= 2
-            corners = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-            middles = (middles[inside][useful][:, None] + corners).reshape(-1, 3)
-        return bounds
+    @property
+    def bin_rad(self) -> float:
+        """Width of the bins of yaw."""
+        yaws = self.all.yaw_rad
+        return float(yaws[1] - yaws[0]) if len(yaws) > 1 else BIN_RAD
 
-    def _bounds(self, rpys: Array, half_rpy: Array) -> tuple[Array, Array, Array]:
-        """For every orientation within `half_rpy` of each of `rpys`, in roll, pitch and yaw."""
-        boxes, height = self.problem.boxes, self.problem.body.height_m
-        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m
-        roll, pitch, yaw = _COUPLING * half_rpy
-        # A rotation by a small vector moves a point by their cross product, and by terms of second order.
-        turned = np.array([yaw * arm[1] + pitch * arm[2], yaw * arm[0] + roll * arm[2], roll * arm[1] + pitch * arm[0]])
-        turned += (roll + pitch + yaw) ** 2 / 2 * np.linalg.norm(arm)
-        to_w = rotation_from_rpy(rpys)  # (B, 3, 3)
-        centres = np.array([g.contact.centre_w_m for g in self.grips]) @ to_w  # (B, G, 3)
-        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]) @ to_w) + roll + pitch + yaw
-        aside = np.array([g.aside_m for g in self.grips])[:, None] * np.minimum(tangents, 1.0)
-        aside += np.array([np.ptp(g.height_m) / 2 for g in self.grips])[:, None] * np.array([0.1, 0.1, 1.0])
-        half = boxes.half_m + turned + TOLERANCE_M + aside[:, None]  # (B, 1, G, 3)
-        middle = centres[:, None] - boxes.centre_b_m[:, None]  # (B, 4, G, 3)
-        low, high = middle - half, middle + half
-        lean = (_COUPLING * self.problem.body.max_tilt_rad) * 2 * _FAR_M  # heights along tilted axes are no heights
-        tilted = float(np.abs(rpys[:, :2]).max(initial=0.0)) > 0.0
-        low[..., 2] = np.maximum(low[..., 2], height[0] - TOLERANCE_M - lean * tilted)
-        high[..., 2] = np.minimum(high[..., 2], height[1] + TOLERANCE_M + lean * tilted)
-        return to_w, low, high
+    def _headings(self, first: float, last: float, width: float) -> Headings:
+        yaws, half = _bins(first, last, width)
+        boxes, tilt = self.problem.boxes, self.problem.body.max_tilt_rad + 1e-3
+        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m + 0.02
+        second = tilt**2 * np.array([arm[0] / 2, arm[1] / 2 + arm[0]]) + tilt * self._spread_m
+        slack = second + half * arm[[1, 0]] + half**2 / 2 * arm[:2] + TOLERANCE_M
+        to_w = rotation_z(yaws)
+        count = len(self.grips)
+        centres = np.array([g.contact.centre_w_m for g in self.grips]).reshape(count, 3) @ to_w  # (B, G, 3)
+        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]).reshape(count, 3) @ to_w)[..., :2]
+        aside = np.array([g.aside_m for g in self.grips])[:, None] * np.minimum(tangents + half, 1.0)
+        reach = (boxes.half_m[:2] + slack + aside)[:, None]  # (B, 1, G, 2)
+        middle = centres[:, None, :, :2] - boxes.centre_b_m[:, None, :2]  # (B, 4, G, 2)
+        return Headings(yaws, to_w, middle - reach, middle + reach)
+
+    def _goal_soles(self, room_rad: float) -> tuple[Array, Array]:
+        """Bounds (B, 2) of the sole at the goal's bins of yaw."""
+        goal, most = self.problem.goal, self.problem.body.max_tilt_rad + 1e-3
+        tilt = np.clip(goal.body.rpy_rad[:2, None] + [-room_rad, room_rad], -most, most)  # (2, 2)
+        roll, pitch = (np.sort(np.outer(np.sin(t), self._over_m).ravel())[[0, -1]] for t in tilt)
+        # q moves by (sin pitch, -sin roll) h against the boxes: the sole goes the other way
+        low, high = np.array([-pitch[1], roll[0]]), np.array([-pitch[0], roll[1]])
+        place = np.einsum("bji,j->bi", self.goal.to_w, goal.body.position_m)[:, :2]
+        within = goal.tolerance_m + TOLERANCE_M
+        return place + low - within, place + high + within
 
     def at_goal(self, stances: Array) -> Flags:
-        """(S,) whether all grips of stances (S, 4) are in reach of one orientation and position at the goal."""
+        """(S,) whether all grips of stances (S, 4) are in reach of one heading and sole at the goal."""
         limbs = np.arange(4)
-        room, place = self.problem.goal.tolerance_m + TOLERANCE_M, self.goal_place
         possible = np.zeros(len(stances), dtype=bool)
-        for low, high, at in zip(self.goal_low, self.goal_high, place, strict=True):
-            most_low = np.maximum(low[limbs, stances].max(axis=1), at - room)
-            possible |= (most_low <= np.minimum(high[limbs, stances].min(axis=1), at + room)).all(axis=1)
+        for i in range(len(self.goal.yaw_rad)):
+            low = np.maximum(self.goal.low[i, limbs, stances].max(axis=1), self._goal_low[i])
+            high = np.minimum(self.goal.high[i, limbs, stances].min(axis=1), self._goal_high[i])
+            possible |= (low <= high).all(axis=1)
         return possible
 
     def beyond_goal(self, limb: int) -> Array:
-        """(G,) how far each grip is out of a limb's reach at the goal, in the best orientation; not positive: not."""
-        room, place = self.problem.goal.tolerance_m + TOLERANCE_M, self.goal_place[:, None]
-        beyond = np.maximum(self.goal_low[:, limb] - room - place, place - room - self.goal_high[:, limb])
+        """(G,) how far each grip is out of a limb's reach at the goal, at the best heading; not positive: not."""
+        low, high = self.goal.low[:, limb], self.goal.high[:, limb]
+        beyond = np.maximum(low - self._goal_high[:, None], self._goal_low[:, None] - high)
         least: Array = beyond.max(axis=2).min(axis=0)
         return least
 
-    def hull(self, stance: tuple[int, ...]) -> tuple[Array, Array] | None:
-        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
-        on = [(limb, g) for limb, g in enumerate(stance) if g >= 0]
-        limbs, grips = [limb for limb, _ in on], [g for _, g in on]
-        low, high = self.low[:, limbs, grips].max(axis=1), self.high[:, limbs, grips].min(axis=1)
-        fits: Flags = (low <= high).all(axis=1)
-        if not fits.any():
-            return None
-        middle, half = (low[fits] + high[fits]) / 2, (high[fits] - low[fits]) / 2
-        to_w = self.to_w[fits]
-        centre = (to_w @ middle[..., None])[..., 0]
-        extent = (np.abs(to_w) @ half[..., None])[..., 0]
-        return (centre - extent).min(axis=0), (centre + extent).max(axis=0)
+    def hull(self, stance: tuple[int, ...], bins: Flags | None = None) -> tuple[Array, Array] | None:
+        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none.
+
+        `bins` (B,): only at these headings.
+        """
+        fits, low, high = self.all.fits(stance)
+        if bins is not None:
+            fits &= bins
+        return self.region(fits, low, high) if fits.any() else None
+
+    def region(self, bins: Flags, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds along W's axes of body positions whose soles are in [low, high] (B, 2) at these headings."""
+        middle, half = (low[bins] + high[bins]) / 2, (high[bins] - low[bins]) / 2
+        turn = np.abs(self.all.to_w[bins, :2, :2])
+        centre = (self.all.to_w[bins, :2, :2] @ middle[..., None])[..., 0]
+        extent = (turn @ (half + self.shift_m)[..., None])[..., 0]
+        height = self._over_m + self._middle_m
+        lowest, highest = (centre - extent).min(axis=0), (centre + extent).max(axis=0)
+        return np.append(lowest, height[0]), np.append(highest, height[1])
 
 
 class RelaxedBalance:
@@ -145,14 +162,23 @@ class RelaxedBalance:
 
     def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
         """Whether balance may exist on the grips `support` for a body in [low, high]; False is a proof."""
-        if not support:
-            return False
-        if self.centred.position(support, low, high, (low + high) / 2) is not None:
-            return True
-        return self.missing_force(support, low, high) <= 0.0
+        return bool(support) and self.place(support, low, high) is not None
+
+    def place(self, support: tuple[int, ...], low: Array, high: Array) -> Array | None:
+        """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none."""
+        middle = (low + high) / 2
+        centred = self.centred.position(support, low, high, middle)
+        if centred is not None:
+            return centred
+        lacking, place = self._least_missing(support, low, high)
+        return None if lacking > 0.0 else place
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
         """Least force [N] that balance lacks beyond what accelerations may explain (moments over `MOMENT_ARM_M`)."""
+        return self._least_missing(support, low, high)[0]
+
+    def _least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array]:
+        """`missing_force`, and where in [low, high] it is least."""
         middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
         about = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about[3:] /= MOMENT_ARM_M
@@ -190,8 +216,9 @@ class RelaxedBalance:
             cost, -weighted.T @ target, shares, np.ones(len(support)), rows, None, np.zeros(len(rows)), lower, upper
         )
         if solver.solve() != piqp.PIQP_SOLVED:
-            return 0.0  # nothing shown
-        return float(np.linalg.norm(weighted @ np.array(solver.result.x) - target)) - self.slack_N
+            return 0.0, (low + high) / 2  # nothing shown
+        found = np.array(solver.result.x)
+        return float(np.linalg.norm(weighted @ found - target)) - self.slack_N, np.clip(found[:3], low, high)
 
     def _places(self, grip: Grip) -> list[Array]:
         """Corners of the rectangle in which the grasp's centre may lie: wrenches anywhere in it are mixtures."""

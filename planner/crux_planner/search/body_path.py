@@ -16,6 +16,7 @@ from crux_planner.arrays import Array, Indices
 from crux_planner.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.problem import Problem
 from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
+from crux_planner.search.calm import speeds
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.sparse_qp import SparseQp
 from crux_planner.search.stances import Move, Reach
@@ -107,20 +108,20 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
     path.append(_within(qp, low[-1], high[-1], to_w[-1]))
-    _add_cost(qp, problem, path)
+    _add_cost(qp, problem, schedule, path)
     solution = qp.solve()
     if solution is None:
         return None
     return BodyPath(solution[np.array(path)], [{limb: solution[i] for limb, i in grip.items()} for grip in grips])
 
 
-def _add_cost(qp: SparseQp, problem: Problem, path: list[Indices]) -> None:
+def _add_cost(qp: SparseQp, problem: Problem, schedule: Schedule, path: list[Indices]) -> None:
     weights, goal, dt = problem.weights, problem.goal.body.position_m, problem.dt_s
-    step = SPEED_SHARE * problem.body.max_speed_m_s * dt
+    steps = SPEED_SHARE * speeds(problem.calm, schedule.contacts, problem.body.max_speed_m_s) * dt
     difference = np.hstack([-np.eye(3), np.eye(3)])
     for position in path:
         qp.squares(position[:, None], np.ones((3, 1)), goal, weights.position)
-    for a, b in pairwise(path):
+    for (a, b), step in zip(pairwise(path), steps[:-1], strict=True):
         both = np.concatenate([a, b])
         qp.squares(np.column_stack([a, b]), np.tile([-1.0, 1.0], (3, 1)), np.zeros(3), weights.velocity / dt**2)
         qp.below(np.vstack([difference, -difference]), both, np.full(6, step))

@@ -9,10 +9,12 @@ import numpy as np
 from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS, Problem
+from crux_planner.search.calm import Contacts
 from crux_planner.search.stances import Move
 from crux_planner.search.ways import Ways
 
 TURN_SHARE = 0.9  # of the body's largest rate
+STEP_OF_CALM = 0.95  # of what a slower body could go, as usual
 LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
 
 
@@ -40,14 +42,20 @@ def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m
     stances, swings = [], []
     turn = TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s
     body, yaw, margin = problem.start.position_m, 0.0, 1  # the body rests in the first interval
+
+    def step(held: Contacts) -> float:
+        return min(body_step_m, STEP_OF_CALM * problem.calm.get(held, np.inf) * problem.dt_s)
+
     for move in moves:
         turned = _knots(np.array([move.yaw_rad - yaw]), turn)
-        stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, body_step_m))))
+        stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, step(move.before)))))
         swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
-        swings.append(max(swing, _knots(move.touch_down - move.lift_off, body_step_m)))
+        held = tuple(None if limb in move.limbs else c for limb, c in enumerate(move.before))
+        swings.append(max(swing, _knots(move.touch_down - move.lift_off, step(held))))
         body, yaw, margin = move.touch_down, move.yaw_rad, 0
     turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if problem.turns else 0
-    stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, body_step_m))))
+    last = step(moves[-1].after if moves else problem.start_contacts)
+    stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, last))))
     return np.array(stances), np.array(swings, dtype=int)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from crux_planner.arrays import Array
 from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
+from crux_planner.search.calm import speeds
 from crux_planner.search.schedule import Schedule
 
 LEAST_NORMAL_N = 1.0  # a finger in stance keeps touching
@@ -19,6 +20,8 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
     speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
     top = [np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3]
     high = np.tile(top, (n + 1, 1))
+    if schedule is not None and problem.calm:
+        high[:, 6:9] = speeds(problem.calm, schedule.contacts, speed)[:, None]
     low = -high
     low[:, 2] = body.height_m[0]
     if schedule is not None:
