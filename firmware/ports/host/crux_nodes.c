@@ -19,7 +19,10 @@ const char *crux_nodes_error(void) { return last_error; }
 
 void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index) {
   limb *owner = &nodes->limbs[limb_index];
-  if (index == GRIPPER) {
+  const crux_outside_node *outside = owner->outside[index];
+  if (outside != NULL) {
+    outside->restart(outside->context);
+  } else if (index == GRIPPER) {
     crux_gripper_node_init(&owner->gripper, (uint8_t)limb_index, nodes->parameter_hash,
                            &nodes->gripper_parameters[limb_index]);
   } else {
@@ -96,15 +99,23 @@ static bool concerns(const crux_frame *frame, int index) {
 
 void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
   interference *disturbed = &owner->interference[index];
+  const crux_outside_node *outside = owner->outside[index];
   crux_frame heard = *frame;
-  if (!concerns(frame, index) || crux_interference_use_up(&disturbed->drop_received) ||
-      crux_interference_loses(disturbed)) {
+  if (!concerns(frame, index)) {
+    if (outside != NULL) {
+      outside->hear(outside->context, frame);  // a controller of its own chooses
+    }
+    return;
+  }
+  if (crux_interference_use_up(&disturbed->drop_received) || crux_interference_loses(disturbed)) {
     return;
   }
   if (crux_interference_use_up(&disturbed->corrupt_received)) {
     heard.data[heard.length / 2U] ^= 0x01U;
   }
-  if (index == GRIPPER) {
+  if (outside != NULL) {
+    outside->hear(outside->context, &heard);
+  } else if (index == GRIPPER) {
     crux_gripper_node_on_frame(&owner->gripper, &heard);
   } else {
     crux_joint_node_on_frame(&owner->joint[index], &heard);
@@ -207,6 +218,38 @@ int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle) {
   return 1;
 }
 
+static double control_joint(limb *owner, int index, double dt, double position, double velocity) {
+  const crux_outside_node *outside = owner->outside[index];
+  if (outside != NULL) {
+    const crux_measured measured = {.position = position, .velocity = velocity};
+    return outside->control(outside->context, dt, &measured);
+  }
+  crux_joint_inputs *inputs = &owner->joint_inputs[index];
+  crux_joint_outputs outputs;
+  inputs->position_rad = (float)position;
+  inputs->velocity_rad_s = (float)velocity;
+  crux_joint_node_tick(&owner->joint[index], (float)dt, inputs, &outputs);
+  return (double)outputs.torque_Nm;
+}
+
+static double control_gripper(limb *owner, double dt, double opening, double speed, double force) {
+  const crux_outside_node *outside = owner->outside[GRIPPER];
+  crux_gripper_inputs *inputs = &owner->gripper_inputs;
+  if (outside != NULL) {
+    crux_measured measured = {.position = opening, .velocity = speed};
+    for (int i = 0; i < 6; i++) {
+      measured.wrench[i] = (double)inputs->wrench[i];  // as last published
+    }
+    return outside->control(outside->context, dt, &measured);
+  }
+  crux_gripper_outputs outputs;
+  inputs->opening_m = (float)opening;
+  inputs->speed_m_s = (float)speed;
+  inputs->force_N = (float)force;
+  crux_gripper_node_tick(&owner->gripper, (float)dt, inputs, &outputs);
+  return (double)outputs.force_N;
+}
+
 void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_position[CRUX_JOINTS],
                         const double joint_velocity[CRUX_JOINTS], const double finger_opening[CRUX_LIMBS],
                         const double finger_speed[CRUX_LIMBS], const double finger_force[CRUX_LIMBS],
@@ -215,26 +258,26 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
     limb *owner = &nodes->limbs[l];
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       const int j = (l * JOINTS_PER_LIMB) + i;
-      crux_joint_outputs outputs;
-      owner->joint_inputs[i].position_rad = (float)joint_position[j];
-      owner->joint_inputs[i].velocity_rad_s = (float)joint_velocity[j];
-      crux_joint_node_tick(&owner->joint[i], (float)dt, &owner->joint_inputs[i], &outputs);
-      joint_torque_out[j] = (double)outputs.torque_Nm;
+      joint_torque_out[j] = control_joint(owner, i, dt, joint_position[j], joint_velocity[j]);
     }
-    crux_gripper_outputs outputs;
-    owner->gripper_inputs.opening_m = (float)finger_opening[l];
-    owner->gripper_inputs.speed_m_s = (float)finger_speed[l];
-    owner->gripper_inputs.force_N = (float)finger_force[l];
-    crux_gripper_node_tick(&owner->gripper, (float)dt, &owner->gripper_inputs, &outputs);
-    finger_force_out[l] = (double)outputs.force_N;
+    finger_force_out[l] = control_gripper(owner, dt, finger_opening[l], finger_speed[l], finger_force[l]);
   }
 }
 
-/// Moves what the node wants to say to the end of `frames`; returns their new number.
-static int collect(crux_link *link, interference *disturbed, crux_frame *frames, int count) {
-  while (crux_link_take_frame(link, &frames[count])) {
+static bool take_frame(limb *owner, int index, crux_frame *frame) {
+  const crux_outside_node *outside = owner->outside[index];
+  crux_link *link = (index == GRIPPER) ? &owner->gripper.link : &owner->joint[index].link;
+  return (outside != NULL) ? outside->fetch(outside->context, frame) : crux_link_take_frame(link, frame);
+}
+
+/// Moves what the node wants to say to the end of `frames`, a queue's worth at the most; returns their new number.
+static int collect(limb *owner, int index, crux_frame *frames, int count) {
+  interference *disturbed = &owner->interference[index];
+  int taken = 0;
+  while ((taken < (int)CRUX_QUEUE_LENGTH) && take_frame(owner, index, &frames[count])) {
     const bool lost = crux_interference_use_up(&disturbed->drop_sent) || crux_interference_loses(disturbed);
     count += lost ? 0 : 1;
+    taken++;
   }
   return count;
 }
@@ -243,7 +286,7 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
                        const double joint_velocity[CRUX_JOINTS], const double joint_torque[CRUX_JOINTS],
                        const double finger_opening[CRUX_LIMBS], const double finger_speed[CRUX_LIMBS],
                        const double finger_force[CRUX_LIMBS], const double ft_wrench[CRUX_LIMBS * 6]) {
-  // A link's queue may be full, and take_frame touches the entry after the last one.
+  // Every queue may be full, and taking a frame may touch the entry after the last one.
   crux_frame frames[(CRUX_CAN_NODES * CRUX_QUEUE_LENGTH) + 1U];
   int result = 0;
   for (int l = 0; l < CRUX_LIMBS; l++) {
@@ -255,8 +298,10 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
       inputs->position_rad = (float)joint_position[j];
       inputs->velocity_rad_s = (float)joint_velocity[j];
       inputs->torque_Nm = (float)joint_torque[j];
-      crux_joint_node_publish(&owner->joint[i], inputs);
-      count = collect(&owner->joint[i].link, &owner->interference[i], frames, count);
+      if (owner->outside[i] == NULL) {
+        crux_joint_node_publish(&owner->joint[i], inputs);
+      }
+      count = collect(owner, i, frames, count);
     }
     crux_gripper_inputs *inputs = &owner->gripper_inputs;
     inputs->opening_m = (float)finger_opening[l];
@@ -266,8 +311,10 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
     for (int i = 0; i < 6; i++) {
       inputs->wrench[i] = (float)ft_wrench[(l * 6) + i];
     }
-    crux_gripper_node_publish(&owner->gripper, inputs);
-    count = collect(&owner->gripper.link, &owner->interference[GRIPPER], frames, count);
+    if (owner->outside[GRIPPER] == NULL) {
+      crux_gripper_node_publish(&owner->gripper, inputs);
+    }
+    count = collect(owner, GRIPPER, frames, count);
     if (owner->connected && !crux_bus_send(&owner->bus, frames, count)) {
       (void)crux_nodes_bus_failure(l, "cannot send");
       result = -1;
@@ -278,16 +325,33 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
 
 uint8_t crux_nodes_host_state(const crux_nodes *nodes) { return nodes->host_state; }
 
+static void look_at_state(const limb *owner, int index, uint8_t *state, uint8_t *faults) {
+  const crux_outside_node *outside = owner->outside[index];
+  if (outside != NULL) {
+    outside->state(outside->context, state, faults);
+  } else {
+    *state = (index == GRIPPER) ? owner->gripper.state : owner->joint[index].state;
+    *faults = (index == GRIPPER) ? owner->gripper.link.faults : owner->joint[index].link.faults;
+  }
+}
+
 void crux_nodes_states(const crux_nodes *nodes, uint8_t joint_state[CRUX_JOINTS], uint8_t joint_faults[CRUX_JOINTS],
                        uint8_t gripper_state[CRUX_LIMBS], uint8_t gripper_faults[CRUX_LIMBS]) {
   for (int l = 0; l < CRUX_LIMBS; l++) {
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
-      joint_state[(l * JOINTS_PER_LIMB) + i] = nodes->limbs[l].joint[i].state;
-      joint_faults[(l * JOINTS_PER_LIMB) + i] = nodes->limbs[l].joint[i].link.faults;
+      const int j = (l * JOINTS_PER_LIMB) + i;
+      look_at_state(&nodes->limbs[l], i, &joint_state[j], &joint_faults[j]);
     }
-    gripper_state[l] = nodes->limbs[l].gripper.state;
-    gripper_faults[l] = nodes->limbs[l].gripper.link.faults;
+    look_at_state(&nodes->limbs[l], GRIPPER, &gripper_state[l], &gripper_faults[l]);
   }
+}
+
+int crux_nodes_replace(crux_nodes *nodes, int limb_index, int node, const crux_outside_node *by) {
+  if (!crux_nodes_exists(limb_index, node)) {
+    return -1;
+  }
+  nodes->limbs[limb_index].outside[node - 1] = by;
+  return 0;
 }
 
 bool crux_nodes_exists(int limb_index, int node) {

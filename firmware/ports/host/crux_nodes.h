@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "link.h"
+#include "outside_node.h"
 #include "parameters.h"
 
 #define CRUX_LIMBS 4
@@ -27,6 +28,10 @@ CRUX_API void crux_nodes_close(crux_nodes *nodes);
 
 /// Reason of the last failure in this thread.
 CRUX_API const char *crux_nodes_error(void);
+
+/// From now on this node runs elsewhere: its frames, control periods, restarts and temperature go to `by`, which must
+/// outlive `nodes`. Its counters stay 0. 0, or -1 when there is no such node.
+CRUX_API int crux_nodes_replace(crux_nodes *nodes, int limb, int node, const crux_outside_node *by);
 
 /// Feeds frames to the nodes until all buses have brought a new Sync of the same cycle: 1, and the cycle. 0 when
 /// timeout_ms passed or a signal came first, -1 on error. A cycle 0 repeated is new each time.

@@ -104,7 +104,10 @@ int crux_nodes_set_temperature(crux_nodes *nodes, int limb_index, int node, doub
     return -1;
   }
   limb *owner = &nodes->limbs[limb_index];
-  if (node - 1 == GRIPPER) {
+  const crux_outside_node *outside = owner->outside[node - 1];
+  if (outside != NULL) {
+    outside->set_temperature(outside->context, temperature_degC);
+  } else if (node - 1 == GRIPPER) {
     owner->gripper_inputs.temperature_degC = (float)temperature_degC;
   } else {
     owner->joint_inputs[node - 1].temperature_degC = (float)temperature_degC;

@@ -27,6 +27,7 @@ typedef struct limb {
   crux_joint_inputs joint_inputs[CRUX_CAN_JOINTS];
   crux_gripper_inputs gripper_inputs;
   interference interference[CRUX_CAN_NODES];
+  const crux_outside_node *outside[CRUX_CAN_NODES];  ///< in place of ours, NULL: none
   uint32_t sync_cycle;
   bool sync_new;
   bool connected;

@@ -15,6 +15,7 @@ from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
 from crux_tools.bench.disturbance import Course, Disturbance
+from crux_tools.bench.emulated_boards import EmulatedBoards, Place
 from crux_tools.bench.fault_file import Fault
 from crux_tools.bench.firmware_nodes import FirmwareNodes
 from crux_tools.bench.judge import Verdict, judge
@@ -48,6 +49,8 @@ class ClimbOptions:
     bus: str = "udp"
     seed: int = 0
     faults: tuple[Fault, ...] = ()
+    emulated: tuple[Place, ...] = ()
+    """nodes that run their image on an emulated microcontroller"""
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,8 @@ def climb(
         runtime.await_answer(link)
         link.upload(plan)
         link.send(command_t.START, plan.plan_id, START_CYCLE)
-        nodes = stack.enter_context(FirmwareNodes(buses, robot))
+        boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
+        nodes = stack.enter_context(FirmwareNodes(buses, robot, boards))
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = None
@@ -171,6 +175,8 @@ def climb(
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may make the bench late")
         outcome = loop.run()
+        if boards is not None and boards.faults():
+            raise WorkFailed(f"emulated boards: {'; '.join(boards.faults())}")
         if outcome.ending is not Ending.RUNTIME_DIED:
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()

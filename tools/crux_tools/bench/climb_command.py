@@ -50,6 +50,11 @@ def add_parser(subparsers: Any) -> None:
         metavar="FILE.yaml",
         help="what goes wrong on the buses when (crux_tools/bench/fault_file.py)",
     )
+    parser.add_argument(
+        "--emulate",
+        metavar="NODES",
+        help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all",
+    )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
     parser.set_defaults(func=run)
@@ -97,6 +102,7 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.plan_file import read_plan
 
     from crux_tools.bench.climb import ClimbOptions, climb
+    from crux_tools.bench.emulated_boards import read_places
     from crux_tools.bench.fault_file import read_faults
     from crux_tools.plan_robot import robot_of_plan
 
@@ -104,7 +110,8 @@ def run(options: argparse.Namespace) -> int:
     robot = robot_of_plan(plan, options.plan)
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults)
+    emulated = read_places(options.emulate) if options.emulate is not None else ()
+    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults, emulated)
     with progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

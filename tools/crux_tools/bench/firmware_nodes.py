@@ -2,50 +2,38 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Sequence
-from types import ModuleType, TracebackType
+from types import TracebackType
 
 import numpy as np
 from crux_contracts.robot import Robot
 from numpy.typing import NDArray
 
 from crux_tools.bench.disturbance import Injector
+from crux_tools.bench.emulated_boards import EmulatedBoards
+from crux_tools.bench.firmware_binding import binding
 from crux_tools.bench.plant import Plant
 from crux_tools.errors import WorkFailed
-from crux_tools.paths import ROOT, built
+from crux_tools.paths import built
 
-BINDING = ROOT / "firmware" / "ports" / "host" / "crux_nodes.py"
 LIBRARY = "firmware/libcrux_nodes.so"
 
 Floats = NDArray[np.float64]
 
 
-def _binding() -> ModuleType:
-    """The firmware's own ctypes binding; it lives beside the header it mirrors, not on the Python path."""
-    name = "crux_nodes"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, BINDING)
-        if spec is None or spec.loader is None:
-            raise WorkFailed(f"{BINDING} cannot be loaded")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
-
-
 class FirmwareNodes:
     """24 joint nodes and 4 gripper nodes on four buses; leaving the context closes the buses."""
 
-    def __init__(self, bus_urls: Sequence[str], robot: Robot) -> None:
-        """Raises WorkFailed when a bus cannot be opened."""
-        binding = _binding()
-        joints, grippers = binding.joint_parameters(robot), binding.gripper_parameters(robot)
+    def __init__(self, bus_urls: Sequence[str], robot: Robot, boards: EmulatedBoards | None = None) -> None:
+        """`boards` take the places of nodes. Raises WorkFailed when a bus cannot be opened."""
+        host = binding("host", "crux_nodes")
+        joints, grippers = host.joint_parameters(robot), host.gripper_parameters(robot)
         try:
-            self._nodes = binding.Nodes(built(LIBRARY), bus_urls, joints, grippers, binding.parameter_hash(robot))
-        except binding.NodesError as error:
+            self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
+        except host.NodesError as error:
             raise WorkFailed(f"firmware nodes: {error}") from error
+        for place, port in boards.ports() if boards is not None else ():
+            self._nodes.replace(place.limb, place.node, port)
 
     def __enter__(self) -> FirmwareNodes:
         return self

@@ -1,0 +1,31 @@
+/// Emulated node boards as a shared library with a plain C interface: each runs the real image for the Cortex-M4F. They
+/// take the place of nodes in crux_nodes (crux_nodes_replace), on the same bus. One thread at a time.
+#ifndef CRUX_EMULATED_H
+#define CRUX_EMULATED_H
+
+#include <stdint.h>
+
+#include "emulated_node.h"
+
+#define CRUX_API __attribute__((visibility("default")))
+
+/// A board with the image at `path`; limb 0..3, node 1..7. NULL on failure, crux_emulated_error() says why.
+CRUX_API emulated_node *crux_emulated_open(const char *image, int limb, int node, const emulated_world *world);
+CRUX_API void crux_emulated_close(emulated_node *node);
+
+/// Reason of the last failure in this thread.
+CRUX_API const char *crux_emulated_error(void);
+
+/// What crux_nodes_replace takes; lives as long as the board.
+CRUX_API const crux_outside_node *crux_emulated_port(emulated_node *node);
+
+/// What the image did wrong first (an access to nothing, an instruction that is none), "" when it did not.
+CRUX_API const char *crux_emulated_fault(const emulated_node *node);
+
+/// Instructions and cycles since power-on.
+CRUX_API uint64_t crux_emulated_instructions(const emulated_node *node);
+
+/// Cost of an exception's handler: 15 SysTick, 16 + n interrupt n; 0 the main loop from one sleep to the next.
+CRUX_API cortex_cost crux_emulated_cost(const emulated_node *node, uint32_t exception);
+
+#endif

@@ -1,0 +1,122 @@
+"""ctypes binding of libcrux_emulated.so: node boards whose microcontroller is emulated (see crux_emulated.h)."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from pathlib import Path
+
+from crux_contracts.robot import Robot
+
+LIMBS = 4
+JOINTS = 6
+GRIPPER = 7
+MAIN_LOOP, SYSTICK = 0, 15
+FDCAN1 = 16 + 21
+
+
+class World(ctypes.Structure):
+    """emulated_world of emulated_node.h."""
+
+    _fields_ = [
+        ("bit_rate", ctypes.c_double),
+        ("data_bit_rate", ctypes.c_double),
+        ("torque_limit_Nm", ctypes.c_double),
+        ("force_limit_N", ctypes.c_double),
+        ("opening_min_m", ctypes.c_double),
+        ("opening_max_m", ctypes.c_double),
+    ]
+
+
+class _Cost(ctypes.Structure):
+    """cortex_cost of cortex_m4.h."""
+
+    _fields_ = [("calls", ctypes.c_uint64), ("instructions", ctypes.c_uint64), ("worst", ctypes.c_uint32)]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a handler has cost since the board was made."""
+
+    calls: int
+    instructions: int
+    worst: int
+
+
+class BoardError(Exception):
+    """An image that cannot be loaded, or an engine that refuses."""
+
+
+def world(robot: Robot, limb: int, node: int) -> World:
+    """What surrounds node 1..7 of limb 0..3, from the robot description."""
+    joint = robot.limbs[limb].joints[min(node, JOINTS) - 1]
+    return World(
+        bit_rate=robot.can.bit_rate,
+        data_bit_rate=robot.can.data_bit_rate,
+        torque_limit_Nm=joint.effort,
+        force_limit_N=robot.gripper.max_finger_force_N,
+        opening_min_m=robot.gripper.opening_m[0],
+        opening_max_m=robot.gripper.opening_m[1],
+    )
+
+
+def _load(path: Path) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(path))
+    handle, integer = ctypes.c_void_p, ctypes.c_int
+    signatures: dict[str, tuple[object, list[object]]] = {
+        "open": (handle, [ctypes.c_char_p, integer, integer, ctypes.POINTER(World)]),
+        "close": (None, [handle]),
+        "error": (ctypes.c_char_p, []),
+        "port": (handle, [handle]),
+        "fault": (ctypes.c_char_p, [handle]),
+        "instructions": (ctypes.c_uint64, [handle]),
+        "cost": (_Cost, [handle, ctypes.c_uint32]),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, f"crux_emulated_{name}")
+        function.restype = result
+        function.argtypes = arguments
+    return library
+
+
+class Board:
+    """One emulated node; use as a context manager, and leave it after the nodes it belongs to."""
+
+    def __init__(self, library: Path, image: Path, limb: int, node: int, around: World) -> None:
+        """Raises BoardError when the image cannot be loaded."""
+        self._library = _load(library)
+        self._handle = self._library.crux_emulated_open(str(image).encode(), limb, node, ctypes.byref(around))
+        if not self._handle:
+            raise BoardError(self._library.crux_emulated_error().decode(errors="replace"))
+
+    def __enter__(self) -> Board:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the emulation; the second time nothing happens."""
+        if self._handle:
+            self._library.crux_emulated_close(self._handle)
+            self._handle = None
+
+    @property
+    def port(self) -> int:
+        """Address of the crux_outside_node, for Nodes.replace."""
+        return int(self._library.crux_emulated_port(self._handle))
+
+    @property
+    def fault(self) -> str:
+        """What the image did wrong first; empty when it did nothing wrong."""
+        return bytes(self._library.crux_emulated_fault(self._handle)).decode()
+
+    @property
+    def instructions(self) -> int:
+        """Executed since power-on."""
+        return int(self._library.crux_emulated_instructions(self._handle))
+
+    def cost(self, exception: int) -> Cost:
+        """Of an exception's handler, or of MAIN_LOOP from one sleep to the next."""
+        cost = self._library.crux_emulated_cost(self._handle, exception)
+        return Cost(cost.calls, cost.instructions, cost.worst)

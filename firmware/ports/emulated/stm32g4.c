@@ -1,0 +1,298 @@
+#include "stm32g4.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "stm32g4_internal.h"
+
+#define HSI_HZ 16000000U
+
+// Interrupts.
+#define IRQ_ADC1_2 18U
+#define IRQ_FDCAN1_LINE0 21U
+#define IRQ_FDCAN1_LINE1 22U
+
+// Registers by word, bits.
+enum {
+  RCC_CR = 0x00 / 4,
+  RCC_CFGR = 0x08 / 4,
+  RCC_PLLCFGR = 0x0C / 4,
+  RCC_AHB1ENR = 0x48 / 4,
+  RCC_AHB2ENR = 0x4C / 4,
+  RCC_APB1ENR1 = 0x58 / 4,
+  RCC_APB2ENR = 0x60 / 4,
+  RCC_CCIPR = 0x88 / 4
+};
+enum { GPIO_MODER = 0x00 / 4, GPIO_IDR = 0x10 / 4, GPIO_ODR = 0x14 / 4, GPIO_BSRR = 0x18 / 4 };
+enum { SPI_SR = 0x08 / 4, SPI_DR = 0x0C / 4 };
+
+#define RCC_CR_HSEON (1U << 16U)
+#define RCC_CR_PLLON (1U << 24U)
+#define SPI_RXNE (1U << 0U)
+#define SPI_TXE (1U << 1U)
+
+typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, TIMER2, RCC, PWR, FLASH } unit;
+
+typedef struct place {
+  uint32_t start;  ///< from 0x40000000
+  uint32_t bytes;
+  unit what;
+  uint32_t gate;  ///< word of the RCC that holds the clock's gate
+  uint32_t bit;
+} place;
+
+/// Often used ones first.
+static const place places[] = {
+    {0x10000000U, 0x400U, ADC, RCC_AHB2ENR, 13U},    {0x00012C00U, 0x100U, TIMER1, RCC_APB2ENR, 11U},
+    {0x08000000U, 0x400U, GPIO, RCC_AHB2ENR, 0U},    {0x08000400U, 0x400U, GPIO, RCC_AHB2ENR, 1U},
+    {0x08000800U, 0x400U, GPIO, RCC_AHB2ENR, 2U},    {0x00013000U, 0x100U, SPI1, RCC_APB2ENR, 12U},
+    {0x00006400U, 0x100U, CAN1, RCC_APB1ENR1, 25U},  {0x0000A400U, 0x350U, RAM1, RCC_APB1ENR1, 25U},
+    {0x00006800U, 0x100U, CAN2, RCC_APB1ENR1, 25U},  {0x0000A750U, 0x350U, RAM2, RCC_APB1ENR1, 25U},
+    {0x00000000U, 0x100U, TIMER2, RCC_APB1ENR1, 0U}, {0x00021000U, 0x100U, RCC, RCC_AHB1ENR, 31U},
+    {0x00007000U, 0x100U, PWR, RCC_APB1ENR1, 28U},   {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},
+};
+
+static const place *find(const stm32g4 *chip, uint32_t offset, bool *gated) {
+  for (size_t i = 0U; i < sizeof(places) / sizeof(places[0]); i++) {
+    if (offset - places[i].start < places[i].bytes) {
+      *gated = (places[i].what != RCC) && (((chip->rcc[places[i].gate] >> places[i].bit) & 1U) == 0U);
+      return &places[i];
+    }
+  }
+  return NULL;
+}
+
+// --- clocks ---
+
+static uint32_t core_hz(const stm32g4 *chip) {
+  const uint32_t pll = chip->rcc[RCC_PLLCFGR];
+  if ((chip->rcc[RCC_CFGR] & 3U) != 3U) {
+    return HSI_HZ;
+  }
+  const uint32_t source = ((pll & 3U) == 3U) ? chip->board.crystal_hz : HSI_HZ;
+  const uint32_t divisor = ((pll >> 4U) & 0xFU) + 1U;
+  const uint32_t output = 2U * (((pll >> 25U) & 3U) + 1U);
+  const uint32_t half = ((chip->rcc[RCC_CFGR] >> 4U) & 8U) != 0U ? 2U << ((chip->rcc[RCC_CFGR] >> 4U) & 7U) : 1U;
+  return (uint32_t)(((uint64_t)source * ((pll >> 8U) & 0x7FU)) / divisor / output / half);
+}
+
+static void write_clocks(stm32g4 *chip, uint32_t word, uint32_t value) {
+  chip->rcc[word] = value;
+  if (word == RCC_CR) {  // oscillators are ready at once
+    chip->rcc[word] &= ~((RCC_CR_HSEON | RCC_CR_PLLON) << 1U);
+    chip->rcc[word] |= (value & (RCC_CR_HSEON | RCC_CR_PLLON)) << 1U;
+  } else if (word == RCC_CFGR) {
+    chip->rcc[word] = (value & ~(3U << 2U)) | ((value & 3U) << 2U);
+  } else {
+    // as written
+  }
+  const bool from_bus_clock = ((chip->rcc[RCC_CCIPR] >> 24U) & 3U) == 2U;
+  for (int i = 0; i < 2; i++) {
+    chip->can[i].kernel_hz = from_bus_clock ? core_hz(chip) : 0U;
+  }
+}
+
+// --- pins and SPI ---
+
+static uint32_t read_port(const stm32g4 *chip, uint32_t port, uint32_t word) {
+  if (word != GPIO_IDR) {
+    return chip->gpio[port][word];
+  }
+  return (port == 2U) ? chip->board.straps : chip->gpio[port][GPIO_ODR];
+}
+
+static void write_port(stm32g4 *chip, uint32_t port, uint32_t word, uint32_t value) {
+  uint32_t *registers = chip->gpio[port];
+  const uint32_t before = registers[GPIO_ODR];
+  if (word == GPIO_BSRR) {
+    registers[GPIO_ODR] = (before & ~(value >> 16U)) | (value & 0xFFFFU);
+  } else {
+    registers[word] = value;
+  }
+  if ((port == 0U) && (registers[GPIO_ODR] != before)) {
+    chip->board.pins(chip->board.context, before, registers[GPIO_ODR]);
+  }
+}
+
+static uint32_t read_spi(stm32g4 *chip, uint32_t word) {
+  if (word == SPI_DR) {
+    chip->spi1[SPI_SR] &= ~SPI_RXNE;
+  }
+  return chip->spi1[word];
+}
+
+static void write_spi(stm32g4 *chip, uint32_t word, uint32_t value) {
+  if (word == SPI_DR) {
+    chip->spi1[SPI_DR] = chip->board.transfer(chip->board.context, (uint16_t)value);
+    chip->spi1[SPI_SR] |= SPI_RXNE;
+  } else if (word != SPI_SR) {
+    chip->spi1[word] = value;
+  } else {
+    // read-only
+  }
+}
+
+// --- the chip as the core sees it ---
+
+void stm32g4_settle(stm32g4 *chip) {
+  cortex_m4 *core = &chip->core;
+  uint64_t next = chip->update_at;
+  for (int i = 0; i < 2; i++) {
+    const uint64_t can_next = fdcan_model_next(&chip->can[i]);
+    next = (can_next < next) ? can_next : next;
+  }
+  cortex_request(core, IRQ_FDCAN1_LINE0, fdcan_model_line(&chip->can[0], 0U));
+  cortex_request(core, IRQ_FDCAN1_LINE1, fdcan_model_line(&chip->can[0], 1U));
+  cortex_request(core, IRQ_ADC1_2, stm32g4_converted(chip));
+  cortex_wake_at(core, next);
+}
+
+static void on_time(void *context) {
+  stm32g4 *chip = context;
+  const uint64_t now = chip->core.now;
+  while (chip->update_at <= now) {
+    stm32g4_update_timer(chip);
+  }
+  for (int i = 0; i < 2; i++) {
+    fdcan_model_advance(&chip->can[i], now);
+  }
+  stm32g4_settle(chip);
+}
+
+static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
+  stm32g4 *chip = context;
+  bool gated = false;
+  const place *at = find(chip, offset, &gated);
+  if (at == NULL) {
+    return false;
+  }
+  *value = 0U;
+  if (gated) {
+    return true;
+  }
+  const uint32_t word = (offset - at->start) / 4U;
+  switch (at->what) {
+    case ADC:
+      *value = stm32g4_read_adc(chip, word);
+      stm32g4_settle(chip);
+      break;
+    case TIMER1:
+      *value = chip->timer1[word];
+      break;
+    case GPIO:
+      *value = read_port(chip, (at->start - 0x08000000U) / 0x400U, word % 64U);
+      break;
+    case SPI1:
+      *value = read_spi(chip, word);
+      break;
+    case CAN1:
+    case CAN2:
+      *value = fdcan_model_read(&chip->can[(at->what == CAN1) ? 0 : 1], 4U * word);
+      break;
+    case RAM1:
+    case RAM2:
+      *value = chip->can[(at->what == RAM1) ? 0 : 1].ram[word];
+      break;
+    case TIMER2:
+      *value = stm32g4_read_timer2(chip, word);
+      break;
+    case RCC:
+      *value = chip->rcc[word];
+      break;
+    case PWR:
+      *value = chip->pwr[word];
+      break;
+    case FLASH:
+      *value = chip->flash_control[word];
+      break;
+    default:
+      break;
+  }
+  return true;
+}
+
+static bool write_chip(void *context, uint32_t offset, uint32_t value) {
+  stm32g4 *chip = context;
+  bool gated = false;
+  const place *at = find(chip, offset, &gated);
+  if (at == NULL) {
+    return false;
+  }
+  if (gated) {
+    return true;
+  }
+  const uint32_t word = (offset - at->start) / 4U;
+  switch (at->what) {
+    case ADC:
+      stm32g4_write_adc(chip, word, value);
+      stm32g4_settle(chip);
+      break;
+    case TIMER1:
+      stm32g4_write_timer1(chip, word, value);
+      stm32g4_settle(chip);
+      break;
+    case GPIO:
+      write_port(chip, (at->start - 0x08000000U) / 0x400U, word % 64U, value);
+      break;
+    case SPI1:
+      write_spi(chip, word, value);
+      break;
+    case CAN1:
+    case CAN2:
+      fdcan_model_write(&chip->can[(at->what == CAN1) ? 0 : 1], chip->core.now, 4U * word, value);
+      stm32g4_settle(chip);
+      break;
+    case RAM1:
+    case RAM2:
+      chip->can[(at->what == RAM1) ? 0 : 1].ram[word] = value;
+      break;
+    case TIMER2:
+      chip->timer2[word] = value;
+      break;
+    case RCC:
+      write_clocks(chip, word, value);
+      break;
+    case PWR:
+      chip->pwr[word] = value;
+      break;
+    case FLASH:
+      chip->flash_control[word] = value;
+      break;
+    default:
+      break;
+  }
+  return true;
+}
+
+bool stm32g4_pin(const stm32g4 *chip, unsigned pin) { return ((chip->gpio[0][GPIO_ODR] >> pin) & 1U) != 0U; }
+
+static void restart(void *context) { stm32g4_power_on(context); }
+
+bool stm32g4_open(stm32g4 *chip, const stm32g4_board *board, uint32_t bit_rate, uint32_t data_bit_rate) {
+  const cortex_chip around = {
+      .context = chip, .read = read_chip, .write = write_chip, .on_time = on_time, .restart = restart};
+  *chip = (stm32g4){.board = *board, .bit_rate = bit_rate, .data_bit_rate = data_bit_rate, .update_at = NEVER};
+  return cortex_open(&chip->core, &around);
+}
+
+void stm32g4_close(stm32g4 *chip) { cortex_close(&chip->core); }
+
+void stm32g4_power_on(stm32g4 *chip) {
+  (void)memset(chip->rcc, 0, sizeof(chip->rcc));
+  (void)memset(chip->pwr, 0, sizeof(chip->pwr));
+  (void)memset(chip->flash_control, 0, sizeof(chip->flash_control));
+  (void)memset(chip->gpio, 0, sizeof(chip->gpio));
+  (void)memset(chip->timer1, 0, sizeof(chip->timer1));
+  (void)memset(chip->timer2, 0, sizeof(chip->timer2));
+  (void)memset(chip->spi1, 0, sizeof(chip->spi1));
+  (void)memset(chip->adc, 0, sizeof(chip->adc));
+  (void)memset(chip->adc_common, 0, sizeof(chip->adc_common));
+  (void)memset(chip->compare, 0, sizeof(chip->compare));
+  chip->update_at = NEVER;
+  chip->rcc[RCC_AHB1ENR] = 1U << 8U;
+  chip->spi1[SPI_SR] = SPI_TXE;
+  fdcan_model_reset(&chip->can[0], chip->bit_rate, chip->data_bit_rate);
+  fdcan_model_reset(&chip->can[1], chip->bit_rate, chip->bit_rate);
+  cortex_power_on(&chip->core);
+  cortex_wake_at(&chip->core, NEVER);
+}

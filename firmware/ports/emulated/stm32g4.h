@@ -1,0 +1,69 @@
+/// The STM32G474 around the core, as far as the node images use it: clocks and their gates, GPIO, TIM1 (three-phase
+/// PWM, trigger of the converters), TIM2 (quadrature counter), ADC 1 and 2, SPI1, FDCAN 1 and 2, and what hangs on its
+/// pins.
+///
+/// A peripheral whose clock is off reads zero and takes no write. Conversions and SPI transfers are done at once:
+/// images that poll wait shorter here than on silicon. Everything else takes its time.
+#ifndef CRUX_EMULATED_STM32G4_H
+#define CRUX_EMULATED_STM32G4_H
+
+#include "cortex_m4.h"
+#include "fdcan_model.h"
+
+/// What is on the board around the chip.
+typedef struct stm32g4_board {
+  void *context;
+  uint32_t crystal_hz;
+  uint32_t straps;  ///< levels of port C
+  /// Reading 0..4095 of a converter's channel, now.
+  uint32_t (*analogue)(void *context, unsigned converter, unsigned channel);
+  /// Count of the quadrature encoder at TIM2, now.
+  uint32_t (*quadrature)(void *context);
+  /// A PWM period begins, with these compare values; before the converters sample.
+  void (*pwm_period)(void *context, const uint32_t compare[3]);
+  /// Port A's outputs have changed.
+  void (*pins)(void *context, uint32_t before, uint32_t after);
+  /// One 16-bit SPI frame.
+  uint16_t (*transfer)(void *context, uint16_t out);
+} stm32g4_board;
+
+typedef struct stm32g4_adc {
+  uint32_t registers[64];
+} stm32g4_adc;
+
+typedef struct stm32g4 {
+  cortex_m4 core;
+  stm32g4_board board;
+  fdcan_model can[2];
+  uint32_t rcc[64];
+  uint32_t pwr[64];
+  uint32_t flash_control[64];
+  uint32_t gpio[3][64];
+  uint32_t timer1[64];
+  uint32_t timer2[64];
+  uint32_t spi1[64];
+  stm32g4_adc adc[2];
+  uint32_t adc_common[64];
+  uint32_t compare[3];  ///< of TIM1, acting
+  uint64_t update_at;   ///< of TIM1
+  uint32_t bit_rate;
+  uint32_t data_bit_rate;
+} stm32g4;
+
+/// Makes the chip; false with the reason in core.fault. Rates are those of the bus at FDCAN 1.
+bool stm32g4_open(stm32g4 *chip, const stm32g4_board *board, uint32_t bit_rate, uint32_t data_bit_rate);
+void stm32g4_close(stm32g4 *chip);
+
+/// Power comes on.
+void stm32g4_power_on(stm32g4 *chip);
+
+/// Something came to a CAN controller: interrupt lines and the next event are looked at anew.
+void stm32g4_settle(stm32g4 *chip);
+
+/// Level that the image drives a pin of port A to.
+bool stm32g4_pin(const stm32g4 *chip, unsigned pin);
+
+/// Share 0..1 of a TIM1 channel's PWM; 0 while outputs are off. Channels 0..2.
+double stm32g4_duty(const stm32g4 *chip, unsigned channel);
+
+#endif

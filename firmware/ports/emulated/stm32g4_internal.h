@@ -1,0 +1,22 @@
+/// What the files of the chip share; its users include stm32g4.h.
+#ifndef CRUX_EMULATED_STM32G4_INTERNAL_H
+#define CRUX_EMULATED_STM32G4_INTERNAL_H
+
+#include "stm32g4.h"
+
+#define NEVER UINT64_MAX
+
+/// TIM1's update: a PWM period begins, the converters sample.
+void stm32g4_update_timer(stm32g4 *chip);
+
+void stm32g4_write_timer1(stm32g4 *chip, uint32_t word, uint32_t value);
+uint32_t stm32g4_read_adc(stm32g4 *chip, uint32_t word);
+void stm32g4_write_adc(stm32g4 *chip, uint32_t word, uint32_t value);
+
+/// Level of the converters' interrupt.
+bool stm32g4_converted(const stm32g4 *chip);
+
+/// Count of TIM2.
+uint32_t stm32g4_read_timer2(stm32g4 *chip, uint32_t word);
+
+#endif

@@ -1,0 +1,137 @@
+"""The joint image on an emulated microcontroller, on the same bus as nodes of the host's library."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import crux_emulated
+import pytest
+from crux_contracts.robot import Robot, load_robot
+from emulated import board, image
+from host import TRACK, Host, host
+
+LF, RF = 0, 1
+NODE = 2
+HOLD_STATE, TRACK_STATE = 1, 2
+GRIPPER_COMMAND = {"Mode": TRACK, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("scaler")
+
+
+@pytest.fixture
+def boards(robot: Robot) -> Iterator[tuple[Host, crux_emulated.Board]]:
+    """LF's second joint is emulated."""
+    with board(robot, LF, NODE) as emulated, host(robot) as bus:
+        bus.nodes.replace(LF, NODE, emulated.port)
+        yield bus, emulated
+
+
+def command(position_rad: float) -> dict[str, float]:
+    return {"Mode": TRACK, "Position_rad": position_rad, "Kp_Nm_rad": 40.0, "Kd_Nms_rad": 1.0, "Torque_Nm": 1.5}
+
+
+def test_answers_every_sync_with_what_it_measures(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, emulated = boards
+    bus.plant.joint_position_rad[:] = 0.25
+    for cycle in range(20):
+        bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+        heard = bus.heard(LF)
+        (status,) = heard["JointStatus", NODE]
+        assert status["CycleEcho"] == cycle
+        if cycle == 0:
+            (identity,) = heard["JointIdentity", NODE]
+            assert identity["Limb"] == LF
+    assert status["State"] == TRACK_STATE
+    assert status["Position_rad"] == pytest.approx(0.25, abs=5e-4)  # its encoder counts
+    assert emulated.fault == ""
+
+
+def test_image_and_library_make_the_same_torque(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, _ = boards
+    bus.plant.joint_position_rad[:] = 0.25
+    for cycle in range(200):
+        torque, _ = bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+    assert torque[NODE] == pytest.approx(40.0 * 0.05 + 1.5, abs=1e-3)  # the next joint, of the library
+    assert torque[NODE - 1] == pytest.approx(40.0 * 0.05 + 1.5, abs=40.0 * 5e-4)
+
+
+def test_silence_makes_it_hold_and_keep_its_torque(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, _ = boards
+    bus.plant.joint_position_rad[:] = 0.25
+    for cycle in range(100):
+        before, _ = bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+        bus.heard(LF)
+    for _ in range(50):
+        after, _ = bus.control()
+        bus.publish()
+    assert after[NODE - 1] == pytest.approx(before[NODE - 1], abs=0.05)
+    bus.send_cycle(100, command(0.9), GRIPPER_COMMAND)
+    bus.nodes.wait_sync(2.0)
+    for _ in range(2):
+        after, _ = bus.control()
+        bus.publish()
+    status = bus.heard(LF)["JointStatus", NODE][-1]
+    assert status["State"] == HOLD_STATE
+    assert after[NODE - 1] == pytest.approx(before[NODE - 1], abs=0.05)
+
+
+def test_restart_forgets_and_says_so(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, _ = boards
+    for cycle in range(10):
+        bus.run(cycle, command(0.0), GRIPPER_COMMAND)
+    bus.heard(LF)
+    bus.nodes.reset(LF, NODE)
+    for cycle in range(10, 20):
+        bus.run(cycle, command(0.0), GRIPPER_COMMAND)
+    heard = bus.heard(LF)
+    assert len(heard["JointIdentity", NODE]) == 1
+    assert len(heard["JointIdentity", NODE + 1]) == 0
+    assert heard["JointStatus", NODE][-1]["CycleEcho"] == 19
+
+
+def test_two_boards_execute_the_same_instructions(robot: Robot) -> None:
+    with board(robot, LF, NODE) as one, board(robot, RF, NODE) as two, host(robot) as bus:
+        bus.nodes.replace(LF, NODE, one.port)
+        bus.nodes.replace(RF, NODE, two.port)
+        for cycle in range(50):
+            bus.plant.joint_position_rad[:] = 0.25 + 1e-3 * cycle
+            torque, _ = bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+        assert torque[LF * 6 + NODE - 1] == torque[RF * 6 + NODE - 1]
+        # Only the limb's number differs, and with it when the heartbeats are due.
+        assert one.instructions == pytest.approx(two.instructions, rel=0.01)
+        assert one.instructions > 10_000
+
+
+def elf(code: bytes) -> bytes:
+    """An image of one segment at the start of the flash."""
+    header = (
+        b"\x7fELF\x01\x01\x01" + bytes(9) + struct.pack("<HHIIIIIHHHHHH", 2, 40, 1, 0, 52, 0, 0, 52, 32, 1, 0, 0, 0)
+    )
+    return header + struct.pack("<8I", 1, 84, 0x08000000, 0x08000000, len(code), len(code), 5, 4) + code
+
+
+def test_an_image_that_touches_nothing_is_told_of(robot: Robot, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.elf"
+    # Vectors; then ldr r0, =0x40005C00; ldr r1, [r0]; b .
+    code = struct.pack("<IIHHHHI", 0x20018000, 0x08000009, 0x4801, 0x6801, 0xE7FE, 0xBF00, 0x40005C00)
+    broken.write_bytes(elf(code))
+    with board(robot, LF, NODE, broken) as emulated, host(robot) as bus:
+        bus.nodes.replace(LF, NODE, emulated.port)
+        bus.control()
+        assert emulated.fault.startswith("nothing to read at 0x40005C00")
+
+
+def test_what_is_no_image_is_refused(robot: Robot, tmp_path: Path) -> None:
+    text = tmp_path / "text.elf"
+    text.write_text("not an image", encoding="utf-8")
+    with pytest.raises(crux_emulated.BoardError, match="not an ELF image"), board(robot, LF, NODE, text):
+        pass
+    with pytest.raises(crux_emulated.BoardError, match="cannot be opened"), board(robot, LF, NODE, tmp_path / "none"):
+        pass
+    with pytest.raises(crux_emulated.BoardError, match="no node 8"), board(robot, LF, 8, image(NODE)):
+        pass

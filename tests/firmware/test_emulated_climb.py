@@ -1,0 +1,76 @@
+"""A whole climb in which one limb's nodes run their images on emulated microcontrollers, beside the same climb with the
+host's library alone."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_tools.paths import ROOT
+from crux_tools.telemetry.reader import Telemetry, read_log
+
+CRUX = [sys.executable, "-m", "crux_tools.cli"]
+EMULATED = "LF.1,LF.2,LF.3,LF.4,LF.5,LF.6"
+LF = slice(0, 6)
+
+
+@dataclass
+class Climb:
+    status: int
+    result: dict[str, Any]
+    log: Telemetry
+
+
+def _climb(plan: Path, name: str, *options: str) -> Climb:
+    log = plan.with_name(f"{name}.mcap")
+    done = subprocess.run(
+        [*CRUX, "climb", str(plan), "-o", str(log), "--json", *options], capture_output=True, text=True, check=False
+    )
+    assert done.stdout, done.stderr
+    return Climb(done.returncode, json.loads(done.stdout), read_log(log))
+
+
+@pytest.fixture(scope="module")
+def climbs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Climb, Climb]:
+    """With the library alone, and with emulated boards."""
+    plan = tmp_path_factory.mktemp("emulated") / "plan.mcap"
+    scenario = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
+    subprocess.run([*CRUX, "plan", str(scenario), "-o", str(plan)], check=True, capture_output=True)
+    with ThreadPoolExecutor(2) as pool:
+        library = pool.submit(_climb, plan, "library")
+        emulated = pool.submit(_climb, plan, "emulated", "--emulate", EMULATED)
+        return library.result(), emulated.result()
+
+
+def test_reaches_the_goal_as_with_the_library(climbs: tuple[Climb, Climb]) -> None:
+    library, emulated = climbs
+    assert emulated.status == 0, emulated.result
+    assert emulated.result["ok"]
+    assert emulated.result["slips"] == 0
+    assert emulated.result["missed_cycles"] == 0
+    assert emulated.result["goal_error"]["m"] == pytest.approx(library.result["goal_error"]["m"], abs=1e-3)
+    assert emulated.result["tracking"]["body_m"] == pytest.approx(library.result["tracking"]["body_m"], abs=1e-3)
+    assert emulated.result["tracking"]["force_N"] == pytest.approx(library.result["tracking"]["force_N"], abs=0.2)
+
+
+def test_joints_go_the_same_way_under_the_same_torque(climbs: tuple[Climb, Climb]) -> None:
+    library, emulated = climbs
+    cycles = min(len(library.log.inputs), len(emulated.log.inputs))
+    for field, bound in (("joint_position_rad", 0.01), ("joint_torque_nm", 0.5)):
+        one, two = (climb.log.inputs[field][1000:cycles, LF] for climb in climbs)
+        difference = np.sqrt(np.mean((one - two) ** 2, axis=0))
+        assert np.all(difference < bound), (field, difference)
+
+
+def test_the_images_have_really_run(climbs: tuple[Climb, Climb]) -> None:
+    library, emulated = climbs
+    cycles = min(len(library.log.inputs), len(emulated.log.inputs))
+    one, two = (climb.log.inputs["joint_position_rad"][1000:cycles, LF] for climb in climbs)
+    assert not np.array_equal(one, two)

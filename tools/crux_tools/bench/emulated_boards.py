@@ -1,0 +1,87 @@
+"""Node boards whose microcontroller is emulated: the images for the Cortex-M4F run instead of the host's library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+
+from crux_tools.bench.firmware_binding import binding
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.paths import built
+
+LIBRARY = "firmware/libcrux_emulated.so"
+IMAGES = "firmware/ports/stm32g474"
+NODES = range(1, 8)
+GRIPPER = 7
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """A node of the robot: limb 0..3, node 1..7, of which the last is the gripper."""
+
+    limb: int
+    node: int
+
+    def __str__(self) -> str:
+        return f"{LIMB_NAMES[self.limb]}.{self.node}"
+
+
+def read_places(text: str) -> tuple[Place, ...]:
+    """Of "LF,RF.7": every node of LF and the gripper of RF; "all": every node. Raises UsageError."""
+    places: set[Place] = set()
+    for part in LIMB_NAMES if text == "all" else text.split(","):
+        name, _, number = part.partition(".")
+        if name not in LIMB_NAMES or (number and number not in map(str, NODES)):
+            raise UsageError(
+                f"--emulate: '{part}' is no node: give limbs ({', '.join(LIMB_NAMES)}), nodes such as LF.3 "
+                "(1..6 joints, 7 gripper), or all"
+            )
+        places.update(Place(LIMB_NAMES.index(name), node) for node in ([int(number)] if number else NODES))
+    return tuple(sorted(places))
+
+
+class EmulatedBoards:
+    """The boards of some nodes; leaving the context ends their emulation."""
+
+    def __init__(self, places: Sequence[Place], robot: Robot) -> None:
+        """Raises UsageError when images or library are not built, WorkFailed when a board cannot be made."""
+        emulated = binding("emulated", "crux_emulated")
+        self._boards: dict[Place, Any] = {}
+        self._held = ExitStack()
+        images = {kind: built(f"{IMAGES}/crux_{kind}.elf") for kind in ("joint", "gripper")}
+        try:
+            for place in places:
+                image = images["gripper" if place.node == GRIPPER else "joint"]
+                around = emulated.world(robot, place.limb, place.node)
+                board = emulated.Board(built(LIBRARY), image, place.limb, place.node, around)
+                self._boards[place] = self._held.enter_context(board)
+        except emulated.BoardError as error:
+            self._held.close()
+            raise WorkFailed(f"emulated boards: {error}") from error
+
+    def __enter__(self) -> EmulatedBoards:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.close()
+
+    def ports(self) -> Iterator[tuple[Place, int]]:
+        """Where each board plugs in: the address of its crux_outside_node."""
+        for place, board in self._boards.items():
+            yield place, board.port
+
+    def faults(self) -> list[str]:
+        """What images did wrong."""
+        return [f"{place}: {board.fault}" for place, board in self._boards.items() if board.fault]
+
+    def instructions(self) -> int:
+        """Executed by all boards."""
+        return sum(board.instructions for board in self._boards.values())
