@@ -132,7 +132,6 @@ def _load(path: Path) -> ctypes.CDLL:
                           ctypes.POINTER(GripperParameters), ctypes.c_uint32]),
         "close": (None, [handle]),
         "error": (ctypes.c_char_p, []),
-        "replace": (integer, [handle, integer, integer, handle]),
         "wait_sync": (integer, [handle, integer, ctypes.POINTER(ctypes.c_uint32)]),
         "control": (None, [handle, ctypes.c_double, *[doubles] * 7]),
         "publish": (integer, [handle, *[doubles] * 7]),
@@ -209,7 +208,9 @@ class Nodes:
 
     def replace(self, limb: int, node: int, port: int) -> None:
         """From now on the node runs elsewhere: `port` is the address of its crux_outside_node."""
-        self._check(self._library.crux_nodes_replace(self._handle, limb, node, port))
+        replace = self._library.crux_nodes_replace
+        replace.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_void_p]
+        self._check(replace(self._handle, limb, node, port))
 
     def wait_sync(self, timeout_s: float) -> int | None:
         """The cycle whose Sync has arrived on all buses, or None when the time ran out."""
