@@ -25,8 +25,11 @@ class Admittance {
   /// Starts again from a given offset, at rest.
   void reset(const Vector3& offset_m, const Vector3& rotation_rad) noexcept;
 
-  /// Moves the offset without changing its speed: re-basing at contact.
-  void shift(const Vector3& by_m) noexcept { offset_m_ += by_m; }
+  /// The same motion named from another origin: the offset is another, its speed goes on.
+  void rebase(const Vector3& offset_m, const Vector3& rotation_rad) noexcept {
+    offset_m_ = offset_m;
+    rotation_rad_ = rotation_rad;
+  }
 
   const Vector3& offset_m() const { return offset_m_; }
   const Vector3& rotation_rad() const { return rotation_rad_; }

@@ -38,6 +38,11 @@ void BodyCorrection::reset(const Pose& command_W, const Pose& reference_W) noexc
   rotation_rad_ = clamped_norm(rotation_log(command_W.rotation * reference_W.rotation.transpose()), max_rotation_rad_);
 }
 
+void BodyCorrection::relocate(const Pose& motion, const Pose& reference_W) noexcept {
+  reset(motion * Pose{rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + offset_m_},
+        reference_W);
+}
+
 Pose BodyCorrection::update(const Pose& reference_W, const Pose& estimate_W, double dt_s) noexcept {
   const double share = dt_s * gain_1_s_;
   const Vector3 turn = rotation_log(reference_W.rotation * estimate_W.rotation.transpose());

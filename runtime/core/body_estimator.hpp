@@ -35,6 +35,9 @@ class BodyCorrection {
   /// The correction with which the command is `command_W` when the reference is `reference_W`.
   void reset(const Pose& command_W, const Pose& reference_W) noexcept;
 
+  /// The command moves along with the world it is counted in.
+  void relocate(const Pose& motion, const Pose& reference_W) noexcept;
+
   /// Integrates one period and returns the commanded body pose, W <- B.
   Pose update(const Pose& reference_W, const Pose& estimate_W, double dt_s) noexcept;
 

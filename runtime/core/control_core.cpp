@@ -29,6 +29,7 @@ ControlCore::ControlCore(const RobotDescription& robot)
       limbs_{LimbController(robot, 0), LimbController(robot, 1), LimbController(robot, 2), LimbController(robot, 3)},
       correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
                   robot.control.max_body_rotation_rad),
+      localisation_(robot.localisation),
       faults_(robot) {}
 
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
@@ -132,6 +133,15 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
 void ControlCore::engage(const PlanReference& reference) noexcept {
   for (int l = 0; l < kLimbs; ++l) limbs_[l].engage(reference.limbs[l], body_.body_W());
   correction_.reset(body_.body_W(), reference.body_W);
+  if (!started_) {
+    PerLimb<Vector3> arms_W_m;
+    PerLimb<bool> on_hold;
+    for (int l = 0; l < kLimbs; ++l) {
+      arms_W_m[l] = limbs_[l].anchor_W_m(reference.limbs[l]) - body_.body_W().position_m;
+      on_hold[l] = reference.limbs[l].gripping();
+    }
+    localisation_.begin(body_.body_W().position_m, arms_W_m, on_hold);
+  }
   engaged_ = true;
   engaged_time_s_ = 0.0;
 }
@@ -189,15 +199,39 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
 }
 
+void ControlCore::localise(const PlanReference& reference, double dt_s) noexcept {
+  // Point feet find no place on the map, and learn no sensor's bias.
+  if (plan_->point_feet || !started_) return;
+  Vector3 force_W_N = Vector3::Zero();
+  bool known = supervisor_.state() == SupervisorState::kClimbing;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (!limbs_[l].in_contact() && !reference.limbs[l].closing()) continue;
+    force_W_N += limbs_[l].wrench_W().force_N;
+    known = known && limbs_[l].force_torque_tared();
+  }
+  localisation_.feel(force_W_N, robot_.total_mass_kg * plan_->gravity_W_m_s2, known, dt_s);
+  const Pose motion = localisation_.correction(body_.body_W().position_m, dt_s);
+  body_.reset(motion * body_.body_W());
+  correction_.relocate(motion, reference.body_W);
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].relocate(motion, reference.limbs[l]);
+}
+
 void ControlCore::control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept {
   const double dt_s = in.dt_s;
   engaged_time_s_ += dt_s;
   const double engagement = smoothstep(engaged_time_s_ / robot_.control.engage_time_s);
 
+  localise(reference, dt_s);
   wrenches_W_ = balanced(reference);
   // Before the plan has begun somebody may carry the body: an integral would only push against him.
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
-  for (int l = 0; l < kLimbs; ++l) limbs_[l].follow_contact(reference.limbs[l], body_.body_W(), body_command_W);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    if (!limbs_[l].follow_contact(limb, body_.body_W(), body_command_W) || plan_->point_feet) continue;
+    const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
+    localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, finger_axis(limb),
+                        finger_axis(limb).dot(place_W_m - limb.gripper_position_W_m));
+  }
   if (faults_.force_torque_well(in)) {
     const PerLimb<Wrench> errors = wrench_errors(reference, engagement);
     for (int l = 0; l < kLimbs; ++l) limbs_[l].comply(reference.limbs[l], errors[l], body_.body_W().rotation, dt_s);

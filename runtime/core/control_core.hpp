@@ -14,6 +14,7 @@
 #include "core/body_estimator.hpp"
 #include "core/fault_monitor.hpp"
 #include "core/limb_controller.hpp"
+#include "core/map_localisation.hpp"
 #include "core/plan_clock.hpp"
 #include "core/prepared_plan.hpp"
 #include "core/supervisor.hpp"
@@ -56,6 +57,7 @@ class ControlCore {
   bool stands_at_start(const PlanReference& start) noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
+  void localise(const PlanReference& reference, double dt_s) noexcept;
   void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
@@ -72,6 +74,7 @@ class ControlCore {
   PerLimb<LimbController> limbs_;
   BodyEstimator body_;
   BodyCorrection correction_;
+  MapLocalisation localisation_;
   FaultMonitor faults_;
   Supervisor supervisor_;
   PlanClock clock_;

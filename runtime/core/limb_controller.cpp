@@ -102,9 +102,10 @@ Pose LimbController::target_W(const LimbReference& reference) const noexcept {
           anchor_W_m(reference) + admittance_.offset_m()};
 }
 
-void LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
+bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
                                     const Pose& body_command_W) noexcept {
   const bool contact = on_hold(reference);
+  const bool found = contact && !in_contact_;
   const Pose aim_W = contact ? body_command_W : body_estimate_W;
   if (contact != in_contact_) {
     // The same gripper pose seen from the body, expressed from the new aim.
@@ -121,6 +122,16 @@ void LimbController::follow_contact(const LimbReference& reference, const Pose& 
     in_contact_ = contact;
   }
   aim_W_ = aim_W;
+  return found;
+}
+
+void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {
+  if (!in_contact_) return;
+  const Pose target = motion * target_W(reference);
+  contact_offset_W_m_ = motion * anchor_W_m(reference) - reference.gripper_position_W_m;
+  admittance_.rebase(target.position_m - anchor_W_m(reference),
+                     rotation_log(target.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+  aim_W_ = motion * aim_W_;
 }
 
 void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,

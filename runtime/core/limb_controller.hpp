@@ -44,8 +44,12 @@ class LimbController {
   bool in_contact() const { return in_contact_; }
 
   /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
-  /// one in the air. Commands are continuous over both.
-  void follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
+  /// one in the air. Commands are continuous over both. True in the cycle in which contact is found.
+  bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
+
+  /// The world the body's poses are counted in turns out to lie elsewhere by `motion`: where the limb holds moves
+  /// along. With body poses moved likewise its commands stay what they are.
+  void relocate(const Pose& motion, const LimbReference& reference) noexcept;
 
   /// Yields to the wrench error on a hold, fades in the air, learns the F/T bias in free swing.
   void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
@@ -66,6 +70,7 @@ class LimbController {
 
   const LimbState& state() const { return state_; }
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
+  bool force_torque_tared() const { return wrench_.tared(); }
   double finger_force_N() const { return finger_force_N_; }
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;

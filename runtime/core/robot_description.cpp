@@ -195,6 +195,12 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                    .engage_time_s = c.positive("engage_time_s"),
                    .max_contact_offset_m = c.positive("max_contact_offset_m")};
 
+  const YamlReader m = file.section("localisation");
+  robot.localisation = {.hold_sigma_m = m.positive("hold_sigma_m"),
+                        .grasp_sigma_m = m.not_negative("grasp_sigma_m"),
+                        .grasp_sigma_rad = m.not_negative("grasp_sigma_rad"),
+                        .tilt_sigma_rad = m.positive("tilt_sigma_rad")};
+
   const YamlReader s = file.section("supervisor");
   robot.supervisor = {.start_tolerance_m = s.positive("start_tolerance_m"),
                       .start_tolerance_rad = s.positive("start_tolerance_rad"),

@@ -91,6 +91,14 @@ struct ControlParameters {
   double max_contact_offset_m = 0.0;
 };
 
+/// Standard deviations.
+struct LocalisationParameters {
+  double hold_sigma_m = 0.0;
+  double grasp_sigma_m = 0.0;
+  double grasp_sigma_rad = 0.0;
+  double tilt_sigma_rad = 0.0;
+};
+
 struct SupervisorParameters {
   double start_tolerance_m = 0.0;
   double start_tolerance_rad = 0.0;
@@ -119,6 +127,7 @@ struct RobotDescription {
   ForceTorqueDescription force_torque;
   AdmittanceParameters admittance;
   ControlParameters control;
+  LocalisationParameters localisation;
   SupervisorParameters supervisor;
 };
 

@@ -22,6 +22,11 @@ class WrenchEstimator {
   /// Learns the bias from the last sample; only while the gripper touches nothing.
   void tare(const Matrix3& rotation_WG, double dt_s) noexcept;
 
+  /// The bias has been learnt.
+  bool tared() const { return tared_s_ >= kTareTimeConstants * tare_time_constant_s_; }
+
+  static constexpr double kTareTimeConstants = 3.0;
+
   /// Wrench of the wall on the gripper about its centre, axes of W.
   const Wrench& wrench_W() const { return filtered_W_; }
   const Wrench& bias_G() const { return bias_G_; }
@@ -33,6 +38,7 @@ class WrenchEstimator {
   double tare_time_constant_s_;
   Wrench filtered_W_;
   Wrench bias_G_;
+  double tared_s_ = 0.0;
   bool started_ = false;
 };
 

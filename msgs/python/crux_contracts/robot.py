@@ -106,6 +106,7 @@ class Robot:
     walking: robot_sections.Walking
     admittance: robot_sections.Admittance
     control: robot_sections.Control
+    localisation: robot_sections.Localisation
     supervisor: robot_sections.SupervisorLimits
     hash: str = field(repr=False)
 

@@ -191,6 +191,16 @@ class Control:
 
 
 @dataclass(frozen=True)
+class Localisation:
+    """Standard deviations."""
+
+    hold_sigma_m: float
+    grasp_sigma_m: float
+    grasp_sigma_rad: float
+    tilt_sigma_rad: float
+
+
+@dataclass(frozen=True)
 class SupervisorLimits:
     start_tolerance_m: float
     start_tolerance_rad: float
@@ -219,5 +229,6 @@ SECTIONS = {
     "walking": Walking,
     "admittance": Admittance,
     "control": Control,
+    "localisation": Localisation,
     "supervisor": SupervisorLimits,
 }
