@@ -6,24 +6,25 @@ import multiprocessing
 import time
 from multiprocessing.connection import Connection
 
-from crux_planner.bound.climb import lower_bound
+import numpy as np
+
+from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
 from crux_planner.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
-MOST_HOLDS = 20
-TIME_LIMIT_S = 20.0  # of a process that nobody listens to any more
-_LAST_S = 0.1  # what is left when the plan is there is waited for no longer than this
+TIME_LIMIT_S = 60.0  # of a process that nobody listens to any more
+_PATIENCE_S = 10.0  # what is left when the plan is there is waited for no longer than this, on a machine that is busy
 
 
 class Beside:
     """Bounds of one problem, the best so far at hand at any time."""
 
     def __init__(self, problem: Problem, time_limit_s: float | None = None) -> None:
-        """With a `time_limit_s` of its own the bound is waited for as long as it takes, up to that."""
+        """With a `time_limit_s` of its own the bound takes as long as it needs, up to that; else so much work."""
         self._problem = problem
         self._limit_s = TIME_LIMIT_S if time_limit_s is None else time_limit_s
-        self._wait_s = _LAST_S if time_limit_s is None else time_limit_s
+        self._wait_s = _PATIENCE_S if time_limit_s is None else time_limit_s
         self._waited_for = time_limit_s is not None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._inbox: Connection | None = None
@@ -31,8 +32,8 @@ class Beside:
 
     @property
     def idle(self) -> bool:
-        """Not begun, on a wall small enough for it."""
-        return self._process is None and len(self._problem.hold_names) <= MOST_HOLDS
+        """Not begun."""
+        return self._process is None
 
     @property
     def hurried(self) -> bool:
@@ -45,7 +46,8 @@ class Beside:
             return
         context = multiprocessing.get_context("fork")  # the parent's modules are there at once
         self._inbox, outbox = context.Pipe(duplex=False)
-        work = (self._problem, (1.0 - AIM) * expected, self._limit_s, outbox)
+        effort = np.inf if self._waited_for else EFFORT
+        work = (self._problem, (1.0 - AIM) * expected, self._limit_s, effort, outbox)
         self._process = context.Process(target=_work, args=work, daemon=True)
         self._process.start()
         outbox.close()
@@ -70,6 +72,6 @@ class Beside:
             self._inbox = None
 
 
-def _work(problem: Problem, cost: float, time_limit_s: float, outbox: Connection) -> None:
-    lower_bound(problem, cost, time_limit_s, report=outbox.send)
+def _work(problem: Problem, cost: float, time_limit_s: float, effort: float, outbox: Connection) -> None:
+    lower_bound(problem, cost, time_limit_s, outbox.send, effort)
     outbox.close()

@@ -8,8 +8,11 @@ The relaxation, step by step; each only allows more or asks less:
 3. (8) asks for balance up to the largest accelerations that speeds within (7) allow.
 4. Height and opening of limbs in the air earn what they can at most; speeds cost nothing.
 5. A dynamic programme over all sets of grasps and knots (bound.timeline) adds up the cheapest way.
-Sets of grasps are priced only where the cheapest way goes. Plans that stray so far that they cost more than the J
+Sets of grasps are priced only where the cheapest way goes. On walls with many holds all that a hold offers is taken as
+one, of which the cheapest counts: the bound is weaker there. Plans that stray so far that they cost more than the J
 asked about are left out: the bound is never above that J.
+
+Work is counted, not timed, so that the bound of a wall is the same number every time.
 """
 
 from __future__ import annotations
@@ -21,20 +24,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crux_planner.arrays import Array, Flags, Indices
-from crux_planner.bound.grasps import Grasps, grasps
+from crux_planner.bound.grasps import Grasps, Groups, by_hold, grasps, one_each
 from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.places import orientations
 from crux_planner.bound.prices import Prices
 from crux_planner.bound.room import body_room, excursion_cost, yaw_room
-from crux_planner.bound.swings import detours, earned, ends, floor, quickest_to, shared_weight
+from crux_planner.bound.swings import detours, distinct, earned, ends, floor, knot_floor, quickest_to
 from crux_planner.bound.timeline import Timeline
 from crux_planner.problem import Problem
 
 TIME_LIMIT_S = 20.0
-LARGEST = 300_000  # states of the dynamic programme
+EFFORT = 1.0  # of the default: about seconds of an idle core
+_STATE_S, _PAIR_S, _QP_S = 1.2e-8, 2e-7, 1e-3  # effort of a state at a knot, of a priced pair, of a QP
+MANY = 24  # contacts of a limb, from which on a hold's are taken as one
+LARGEST = 1_000_000  # states of the dynamic programme
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
 _ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways
-_SHARED = 4  # times as many learn from their prices
+_SHARED = 2  # times as many learn from their prices
 
 
 def lower_bound(
@@ -42,20 +48,37 @@ def lower_bound(
     cost: float = np.inf,
     time_limit_s: float = TIME_LIMIT_S,
     report: Callable[[float], None] = lambda _bound: None,
+    effort: float = np.inf,
 ) -> float | None:
-    """A number that J of no plan is below, at most `cost`; None where there is none.
+    """A number that J of no plan is below, at most `cost`; None where (2) is not what holds.
 
-    There is none where (2) is not what holds, and where too many sets of grasps lie on ways that cost less than `cost`.
     `report` is told each better bound, so that one may stop listening at any time.
     """
     if problem.limit_surface == "paper":  # it lets pass what (2) does not
         return None
-    deadline = time.monotonic() + time_limit_s
-    search = _Search.begin(problem, cost)
-    if search is None:
-        return None
-    bound = min(search.run(deadline, lambda better: report(min(better, cost))), cost)
-    return bound if np.isfinite(bound) else None
+    limits = _Limits(time.monotonic() + time_limit_s, effort)
+    bound = floor(problem)
+    report(min(bound, cost))
+    many = max(len(distinct(problem, limb)) for limb in range(4)) > MANY
+    search = _Search.begin(problem, cost, by_hold(problem) if many else one_each(problem), limits)
+    if search is not None:
+        bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
+    return float(min(bound, cost))
+
+
+@dataclass
+class _Limits:
+    """When to stop."""
+
+    deadline: float  # of time.monotonic
+    effort: float
+
+    def spend(self, effort: float) -> None:
+        self.effort -= effort
+
+    @property
+    def reached(self) -> bool:
+        return self.effort <= 0.0 or time.monotonic() > self.deadline
 
 
 @dataclass
@@ -69,68 +92,59 @@ class _Search:
     qp: KnotQp
     room: tuple[Array, Array]
     timeline: Timeline
-    ends: list[Indices]
+    limits: _Limits
     value: Array  # (n,) of each node, at any knot
-    windows: dict[int, Array]  # knot -> (n,)
     known: Flags  # (n,) priced by prices of its own
-    known_at: set[tuple[int, int]]  # (knot, node)
+    windows: dict[int, Array] = field(default_factory=dict)  # knot -> (n,)
+    known_at: set[tuple[int, int]] = field(default_factory=set)  # (knot, node)
     _tables: dict[int, Array] = field(default_factory=dict)
 
     @staticmethod
-    def begin(problem: Problem, cost: float) -> _Search | None:
+    def begin(problem: Problem, cost: float, groups: Groups, limits: _Limits) -> _Search | None:
+        """The nodes that may lie on ways that cost less than `cost`; None where there are too many."""
         spare = cost - floor(problem)
         room = body_room(problem, spare)
         about = orientations(problem, *yaw_room(problem, spare))
-        nodes = grasps(problem, about, *room)
+        nodes = grasps(problem, about, *room, groups)
         prices = Prices(problem, about, nodes)
         qp = KnotQp(problem, prices.carriers)
         everything = np.arange(len(nodes.options))
         value = np.full(len(everything), -np.inf)
-        for held in _examples(problem, nodes):
+        for held in _examples(problem):
             value = np.maximum(value, prices.values(qp.prices(held, room), everything))
-        excess = value - shared_weight(problem)[nodes.in_air]
-        for limb, own in enumerate(nodes.contacts):
-            around = detours(problem, limb, own)
-            excess += np.append(around - around.min(), 0.0)[nodes.options[:, limb]]
+            limits.spend(_QP_S + _PAIR_S * len(nodes.node))
+        least, more = knot_floor(problem)
+        excess = value - least + (earned(problem) - more) * nodes.in_air
+        for limb, own in enumerate(nodes.groups):
+            contacts = np.concatenate(own)
+            around = np.full(len(problem.contacts), np.inf)
+            around[contacts] = detours(problem, limb, contacts)
+            excess += (nodes.cheapest(limb, around) - around.min())[nodes.options[:, limb]]
         kept = excess + excursion_cost(problem, about, nodes) <= spare
         nodes = nodes.reduced(kept)
-        least_air = [quickest_to(problem, own) for own in nodes.contacts]
-        if np.prod([len(air) + air.max() for air in least_air]) > LARGEST:
+        timeline = _timeline(problem, nodes)
+        if timeline.states > LARGEST:
             return None
-        return _Search(
-            problem,
-            cost,
-            nodes,
-            Prices(problem, about, nodes),
-            qp,
-            room,
-            Timeline(least_air, problem.weights.switching),
-            [ends(problem, limb, own) for limb, own in enumerate(nodes.contacts)],
-            value[kept],
-            {},
-            np.zeros(int(kept.sum()), dtype=bool),
-            set(),
-        )
+        known = np.zeros(len(nodes.options), dtype=bool)
+        prices = Prices(problem, about, nodes)
+        return _Search(problem, cost, nodes, prices, qp, room, timeline, limits, value[kept], known)
 
-    def run(self, deadline: float, report: Callable[[float], None]) -> float:
-        """The bound when all that the cheapest way meets is priced, or when the time is up."""
+    def run(self, report: Callable[[float], None]) -> float:
+        """The bound when all that the cheapest way meets is priced, or when the limits are reached."""
         problem, bound = self.problem, -np.inf
-        start = tuple(0 for _ in range(4))  # the start's contacts come first
         while True:
             self._tables = {}
-            before = self.timeline.forward(start, problem.steps, self._stage, deadline)
-            if before is None:
-                return bound
-            bound = max(bound, float(before[-1][np.ix_(*self.ends)].min()))
+            start, last = self.nodes.start, self.nodes.ending(problem)
+            if start is None or not len(last):  # every way costs more than what is asked about
+                return np.inf
+            way = self.timeline.forward(start, last, problem.steps, self._stage)
+            bound = max(bound, way.least)
             report(bound)
-            if bound >= self.cost or time.monotonic() > deadline:
+            self.limits.spend(2.5 * _STATE_S * self.timeline.states * problem.steps)
+            if bound >= self.cost or self.limits.reached:
                 return bound
-            after = self.timeline.backward(self.ends, problem.steps, self._stage)
-            through = np.stack(
-                [self._of_nodes(self.timeline.by_options(a + b)) for a, b in zip(before, after, strict=False)]
-            )
-            through = self._drop(through)
-            if not self._price(through, bound, deadline):
+            through = self._drop(self.timeline.through(way, last, self._stage))
+            if not self._price(through, bound):
                 return bound
 
     def _drop(self, through: Array) -> Array:
@@ -145,51 +159,49 @@ class _Search:
         self.value, self.known = self.value[kept], self.known[kept]
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}
-        least_air = [quickest_to(self.problem, own) for own in self.nodes.contacts]
-        self.timeline = Timeline(least_air, self.problem.weights.switching)
-        self.ends = [ends(self.problem, limb, own) for limb, own in enumerate(self.nodes.contacts)]
+        self.timeline = _timeline(self.problem, self.nodes)
         return through[:, kept]
 
     def _stage(self, knot: int) -> Array:
         key = knot if knot in self.windows else -1
         if key not in self._tables:
-            table = np.full(self.nodes.shape, np.inf)
             value = self.windows.get(knot, self.value)
-            table[tuple(self.nodes.options.T)] = value + earned(self.problem) * self.nodes.in_air
-            self._tables[key] = table
+            self._tables[key] = value + earned(self.problem) * self.nodes.in_air
         return self._tables[key]
 
-    def _of_nodes(self, table: Array) -> Array:
-        return np.asarray(table[tuple(self.nodes.options.T)])
-
-    def _price(self, through: Array, bound: float, deadline: float) -> bool:
+    def _price(self, through: Array, bound: float) -> bool:
         """Find prices for the nodes on the cheapest ways; False where those of the cheapest have theirs already."""
         on_way = through <= bound + 1e-9
         found = False
         outer = [k for k in range(len(through)) if min(k, len(through) - k) <= _WINDOW]
         for k in outer:
-            for node in np.flatnonzero(on_way[k]):
+            others = np.flatnonzero(on_way[k])
+            for node in others:
                 if (k, int(node)) in self.known_at:
                     continue
                 self.known_at.add((k, int(node)))
                 found = True
-                self._price_at(k, int(node), np.flatnonzero(on_way[k]))
+                self._price_at(k, int(node), others)
         inner = [k for k in range(len(through)) if k not in outer]
         least = through[inner].min(axis=0) if inner else through.min(axis=0)
         found |= bool((~self.known[on_way[inner].any(axis=0)]).any())
         if not found:
             return False
-        order = np.argsort(least)
+        order = np.argsort(least, kind="stable")
         wanted = order[~self.known[order] & (least[order] <= self.cost)][:_ROUND]
         others = order[: _SHARED * _ROUND]
         for node in wanted:
-            if time.monotonic() > deadline:
+            if self.limits.reached:
                 break
-            proposed = self.qp.prices(self.nodes.held(int(node)), self.room)
-            self._raise(others, self.prices.values(proposed, others))
-            self._raise(np.array([node]), self.prices.values(proposed, np.array([node])))
+            which = np.union1d(others, [node])
+            self._raise(which, self._values(self.qp.prices(self.nodes.held(int(node)), self.room), which))
             self.known[node] = True
         return True
+
+    def _values(self, prices: Array, which: Indices, room: tuple[Array, Array] | None = None) -> Array:
+        pairs = np.append(self.nodes.first, len(self.nodes.node))
+        self.limits.spend(_QP_S + _PAIR_S * float((pairs[which + 1] - pairs[which]).sum()))
+        return self.prices.values(prices, which, room)
 
     def _raise(self, which: Indices, value: Array) -> None:
         self.value[which] = np.maximum(self.value[which], value)
@@ -197,23 +209,32 @@ class _Search:
             window[which] = np.maximum(window[which], value)
 
     def _price_at(self, knot: int, node: int, others: Indices) -> None:
+        room = self._window(knot)
+        proposed = self.qp.prices(self.nodes.held(node), room)
+        window = self.windows.setdefault(knot, self.value.copy())
+        window[others] = np.maximum(window[others], self._values(proposed, others, room))
+
+    def _window(self, knot: int) -> tuple[Array, Array]:
+        """Where the body can be at a knot: it rests in the first interval, and is never faster than (7) allows."""
         problem = self.problem
         step = problem.body.max_speed_m_s * problem.dt_s
-        before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.position_room_m
+        before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.tolerance_m
         start, goal = problem.start.position_m, problem.goal.body.position_m
         low = np.maximum(np.maximum(start - before, goal - after), self.room[0])
         high = np.minimum(np.minimum(start + before, goal + after), self.room[1])
-        high = np.maximum(low, high)
-        proposed = self.qp.prices(self.nodes.held(node), (low, high))
-        window = self.windows.setdefault(knot, self.value.copy())
-        window[others] = np.maximum(window[others], self.prices.values(proposed, others, (low, high)))
+        return low, np.maximum(low, high)
 
 
-def _examples(problem: Problem, nodes: Grasps) -> list[dict[int, int]]:
+def _timeline(problem: Problem, nodes: Grasps) -> Timeline:
+    return Timeline(nodes.options, [quickest_to(problem, own) for own in nodes.groups], problem.weights.switching)
+
+
+def _examples(problem: Problem) -> list[dict[int, int]]:
     """Sets of grasps whose prices say something of most others: the start's and the goal's, and each less one limb."""
     start, goal = dict(enumerate(problem.start_contacts)), {}
-    for limb, own in enumerate(nodes.contacts):
-        last = own[ends(problem, limb, own)]
+    for limb, own in enumerate(problem.limb_contacts):
+        contacts = np.array([problem.start_contacts[limb], *own])
+        last = contacts[ends(problem, limb, contacts)]
         goal[limb] = int(last[0]) if len(last) else start[limb]
     sets = [start] if goal == start else [start, goal]
     return [{limb: c for limb, c in held.items() if limb != out} for held in sets for out in (None, 0, 1, 2, 3)]

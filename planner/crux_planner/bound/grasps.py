@@ -1,4 +1,8 @@
-"""Every set of grasps that the limbs may hold at once, with the boxes of the body's position that it leaves."""
+"""Every set of grasps that the limbs may hold at once, with the boxes of the body's position that it leaves.
+
+A limb's options are groups of contacts: one contact each, or, coarser, all that a hold offers; what a group costs is
+what the cheapest of its contacts does.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +12,25 @@ import numpy as np
 
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.bound.places import Orientations, body_boxes
-from crux_planner.bound.swings import distinct
+from crux_planner.bound.swings import distinct, ends
 from crux_planner.problem import Problem
 
 MOST_IN_AIR = 3  # with nothing in hand, nothing carries the robot
 
+Groups = list[list[Indices]]
+"""Per limb the groups of contacts, that of the start first; a group is on one hold."""
+
 
 @dataclass(frozen=True)
 class Grasps:
-    """Sets of grasps, called nodes: one option a limb, a contact out of its list or, as the last one, the air.
+    """Sets of grasps, called nodes: one option a limb, a group of contacts out of its list or, as the last one, the air.
 
     Boxes are those of (9a), one for each pair of a node and a cell of yaw in which it can be held; the pairs of a node
     follow one another.
     """
 
-    contacts: list[Indices]  # per limb; contacts that differ by the swap of the fingers only once
-    options: Indices  # (n, 4) into `contacts`, len(contacts[limb]) is the air
+    groups: Groups
+    options: Indices  # (n, 4) into `groups`, len(groups[limb]) is the air
     first: Indices  # (n,) first pair of a node
     node: Indices  # (P,) of a pair
     cell: Indices  # (P,)
@@ -31,23 +38,32 @@ class Grasps:
     high: Array
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Options a limb."""
-        return tuple(len(c) + 1 for c in self.contacts)
-
-    @property
     def in_air(self) -> Indices:
         """Number of limbs in the air (n,)."""
-        many = np.array([len(c) for c in self.contacts])
+        many = np.array([len(own) for own in self.groups])
         return np.asarray((self.options == many).sum(axis=1))
 
+    @property
+    def start(self) -> int | None:
+        """The node of the start's grasps, None where it is left out."""
+        found = np.flatnonzero((self.options == 0).all(axis=1))
+        return int(found[0]) if len(found) else None
+
+    def ending(self, problem: Problem) -> Indices:
+        """The nodes a climb may end on."""
+        ok = np.ones(len(self.options), dtype=bool)
+        for limb, own in enumerate(self.groups):
+            last = [i for i, group in enumerate(own) if len(ends(problem, limb, group))]
+            ok &= np.isin(self.options[:, limb], last)
+        return np.flatnonzero(ok)
+
     def reduced(self, kept: Flags) -> Grasps:
-        """Only these nodes, and of the contacts only those that some of them hold, the first of each limb always."""
+        """Only these nodes, and of the groups only those that some of them hold, the first of each limb always."""
         options, lists = self.options[kept], []
         columns = []
-        for limb, contacts in enumerate(self.contacts):
-            used = np.union1d([0, len(contacts)], options[:, limb])
-            lists.append(contacts[used[:-1]])
+        for limb, groups in enumerate(self.groups):
+            used = np.union1d([0, len(groups)], options[:, limb])
+            lists.append([groups[i] for i in used[:-1]])
             columns.append(np.searchsorted(used, options[:, limb]))
         of_kept = kept[self.node]
         node = np.cumsum(kept)[self.node[of_kept]] - 1
@@ -56,43 +72,66 @@ class Grasps:
         return Grasps(lists, np.column_stack(columns), first, node, self.cell[of_kept], low, high)
 
     def held(self, node: int) -> dict[int, int]:
-        """Limb -> contact."""
+        """Limb -> the first contact of its group."""
         return {
-            limb: int(self.contacts[limb][i])
+            limb: int(self.groups[limb][i][0])
             for limb, i in enumerate(self.options[node])
-            if i < len(self.contacts[limb])
+            if i < len(self.groups[limb])
         }
 
+    def cheapest(self, limb: int, of_contacts: Array) -> Array:
+        """The least of a group's contacts, by options; 0 for the air."""
+        own = self.groups[limb]
+        first = np.cumsum([0, *(len(group) for group in own[:-1])])
+        return np.append(np.minimum.reduceat(of_contacts[np.concatenate(own)], first), 0.0)
 
-def grasps(problem: Problem, about: Orientations, low: Array, high: Array) -> Grasps:
+
+def one_each(problem: Problem) -> Groups:
+    """Each contact a group."""
+    return [[np.array([c]) for c in distinct(problem, limb)] for limb in range(4)]
+
+
+def by_hold(problem: Problem) -> Groups:
+    """What each hold offers a group."""
+    groups: Groups = []
+    for limb in range(4):
+        of_hold: dict[int, list[int]] = {}
+        for c in distinct(problem, limb):
+            of_hold.setdefault(problem.contacts[c].hold, []).append(int(c))
+        groups.append([np.array(own) for own in of_hold.values()])
+    return groups
+
+
+def grasps(problem: Problem, about: Orientations, low: Array, high: Array, groups: Groups) -> Grasps:
     """All nodes whose limbs' boxes meet within [low, high], with at most MOST_IN_AIR limbs in the air."""
     box_low, box_high = body_boxes(problem, about)
     shift = np.array([about.shift_m[-1], about.shift_m[-1], 0.0])
     box_low, box_high = np.maximum(box_low, low - shift), np.minimum(box_high, high + shift)
-    reached = (box_low <= box_high + 2 * shift).all(axis=3).any(axis=2)  # (4, C)
-    contacts = []
-    for limb in range(4):
-        own = distinct(problem, limb)
-        contacts.append(own[np.append(True, reached[limb, own[1:]])])  # the start's whatever happens
     anywhere = [np.broadcast_to(end, (1, len(about.yaw_low), 3)) for end in (low - shift, high + shift)]
-    lows = [np.concatenate([box_low[limb, own], anywhere[0]]) for limb, own in enumerate(contacts)]
-    highs = [np.concatenate([box_high[limb, own], anywhere[1]]) for limb, own in enumerate(contacts)]
-    holds = [np.array([*(problem.contacts[c].hold for c in own), -1 - limb]) for limb, own in enumerate(contacts)]
+    groups = [list(own) for own in groups]
     options, in_air = np.zeros((1, 0), dtype=int), np.zeros(1, dtype=int)
     node_low, node_high = anywhere
+    holds = []
     for limb in range(4):
+        lows = np.stack([box_low[limb, own].min(axis=0) for own in groups[limb]])
+        highs = np.stack([box_high[limb, own].max(axis=0) for own in groups[limb]])
+        reached = (lows <= highs + 2 * shift).all(axis=2).any(axis=1)
+        reached[0] = True  # the start's whatever happens
+        groups[limb] = [own for own, some in zip(groups[limb], reached, strict=True) if some]
+        lows, highs = np.concatenate([lows[reached], anywhere[0]]), np.concatenate([highs[reached], anywhere[1]])
+        holds.append(np.array([*(problem.contacts[own[0]].hold for own in groups[limb]), -1 - limb]))
         old, own = (i.ravel() for i in np.indices((len(options), len(holds[limb]))))
-        in_air = in_air[old] + (own == len(contacts[limb]))
-        kept = in_air <= MOST_IN_AIR
+        aloft = in_air[old] + (own == len(groups[limb]))
+        kept = aloft <= MOST_IN_AIR
         for other in range(limb):
             kept &= holds[other][options[old, other]] != holds[limb][own]
-        old, own, in_air = old[kept], own[kept], in_air[kept]
-        node_low = np.maximum(node_low[old], lows[limb][own])
-        node_high = np.minimum(node_high[old], highs[limb][own])
-        meet = (node_low <= node_high + 2 * shift).all(axis=2)
+        old, own, aloft = old[kept], own[kept], aloft[kept]
+        low_kept, high_kept = np.maximum(node_low[old], lows[own]), np.minimum(node_high[old], highs[own])
+        meet = (low_kept <= high_kept + 2 * shift).all(axis=2)
         kept = meet.any(axis=1)
         options = np.column_stack([options[old], own])[kept]
-        in_air, node_low, node_high, meet = in_air[kept], node_low[kept], node_high[kept], meet[kept]
+        in_air, node_low, node_high = aloft[kept], low_kept[kept], high_kept[kept]
+        meet = meet[kept]
     node, cell = np.nonzero(meet)
     first = np.searchsorted(node, np.arange(len(options)))
-    return Grasps(contacts, options, first, node, cell, node_low[meet], node_high[meet])
+    return Grasps(groups, options, first, node, cell, node_low[meet], node_high[meet])

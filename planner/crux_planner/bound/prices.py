@@ -32,11 +32,11 @@ class Prices:
 
     def values(self, prices: Array, which: Indices, room: tuple[Array, Array] | None = None) -> Array:
         """Lower bounds (len(which),) of a knot's cost on nodes, the body within `room` too; inf if it cannot."""
-        nodes, contacts = self.nodes, self.nodes.contacts
+        nodes = self.nodes
         least = self.carriers.least(prices)
         held = np.zeros(len(which))
         for limb in range(4):
-            held += np.append(least[contacts[limb]], 0.0)[nodes.options[which, limb]]
+            held += nodes.cheapest(limb, least)[nodes.options[which, limb]]
         counts = self._ends[which + 1] - self._ends[which]
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         pairs = np.repeat(self._ends[which] - first, counts) + np.arange(counts.sum())

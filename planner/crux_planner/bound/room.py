@@ -46,11 +46,11 @@ def body_room(problem: Problem, spare: float) -> tuple[Array, Array]:
     """Bounds (3,) of the body's position at any knot of a plan that has `spare` of J to pay for it."""
     start, goal = problem.start.position_m, problem.goal.body.position_m
     step = problem.body.max_speed_m_s * problem.dt_s
-    way = (step * problem.steps - np.abs(goal - start)) / 2 + problem.goal.position_room_m
+    way = (step * problem.steps - np.abs(goal - start)) / 2 + problem.goal.tolerance_m
     low, high = np.minimum(start, goal) - way, np.maximum(start, goal) + way
     for axis in range(3):
         far = farthest(spare, problem.weights.position, step, float(abs(start[axis] - goal[axis])))
-        far += problem.goal.position_room_m
+        far += problem.goal.tolerance_m
         low[axis], high[axis] = max(low[axis], goal[axis] - far), min(high[axis], goal[axis] + far)
     low[2], high[2] = problem.body.height_m
     return low, high
@@ -60,29 +60,34 @@ def yaw_room(problem: Problem, spare: float) -> tuple[float, float]:
     """The same for its yaw."""
     start, goal = float(problem.start.rpy_rad[2]), float(problem.goal.body.rpy_rad[2])
     step = fastest_yaw(problem.body) * problem.dt_s
-    way = (step * problem.steps - abs(goal - start)) / 2 + problem.goal.rotation_room_rad
+    way = (step * problem.steps - abs(goal - start)) / 2 + problem.goal.tolerance_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts])
-    far = farthest(spare, problem.weights.orientation, step, abs(goal - start)) + problem.goal.rotation_room_rad
+    far = farthest(spare, problem.weights.orientation, step, abs(goal - start)) + problem.goal.tolerance_rad
     low, high = problem.gripper_yaw_rad
     least = max(min(start, goal) - way, goal - far, float(yaws.min()) - high)
     return least, min(max(start, goal) + way, goal + far, float(yaws.max()) - low)
 
 
 def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Array:
-    """Least that J asks (n,) for having been where a node's bodies are: what `floor` in climb.py leaves out."""
+    """Least that J asks (n,) at all other knots for having been where a node's bodies are at one."""
     start, goal = problem.start, problem.goal
     step, weights = problem.body.max_speed_m_s * problem.dt_s, problem.weights
     shift = np.array([about.shift_m[-1], about.shift_m[-1], 0.0])
     away = np.maximum(nodes.low - shift - goal.body.position_m, goal.body.position_m - nodes.high - shift)
-    away -= goal.position_room_m
+    away -= goal.tolerance_m
     total = np.zeros(len(away))
     for axis in range(2):
-        total += weights.position * excursion(away[:, axis], step, _distance(start.position_m, goal, axis))
+        total += weights.position * _others(away[:, axis], step, _distance(start.position_m, goal, axis))
     turned = float(start.rpy_rad[2] - goal.body.rpy_rad[2])
     yaw = float(goal.body.rpy_rad[2])
-    beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.rotation_room_rad
-    total += weights.orientation * excursion(beyond, fastest_yaw(problem.body) * problem.dt_s, abs(turned))[nodes.cell]
+    beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.tolerance_rad
+    total += weights.orientation * _others(beyond, fastest_yaw(problem.body) * problem.dt_s, abs(turned))[nodes.cell]
     return np.asarray(np.minimum.reduceat(total, nodes.first))
+
+
+def _others(far: Array, step: float, start: float) -> Array:
+    """An excursion less the knot at which it is farthest."""
+    return excursion(far, step, start) - np.maximum(far, 0.0) ** 2
 
 
 def _distance(start: Array, goal: Goal, axis: int) -> float:

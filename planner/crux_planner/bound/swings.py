@@ -41,9 +41,10 @@ def knots_in_air(problem: Problem, contacts: Indices) -> Array:
     return air
 
 
-def quickest_to(problem: Problem, contacts: Indices) -> Indices:
-    """Knots in the air (C,) of the quickest swing to each contact, from wherever."""
-    least = knots_in_air(problem, contacts).min(axis=0, initial=np.inf)
+def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
+    """Knots in the air (G,) of the quickest swing to each group of contacts, from wherever."""
+    least = knots_in_air(problem, np.concatenate(groups)).min(axis=0, initial=np.inf)
+    least = np.minimum.reduceat(least, np.cumsum([0, *(len(group) for group in groups[:-1])]))
     return np.where(np.isfinite(least), least, 2.0).astype(int)
 
 
@@ -54,12 +55,17 @@ def ends(problem: Problem, limb: int, contacts: Indices) -> Indices:
     return np.array([i for i, pair in enumerate(pairs) if wanted is None or pair == wanted], dtype=int)
 
 
+def knot_floor(problem: Problem) -> tuple[float, float]:
+    """Least of R |u|^2 and what limbs in the air earn, a knot: whatever they do, and what each in the air adds to it."""
+    air = np.arange(4)
+    by_air = shared_weight(problem) + earned(problem) * air
+    more = float(by_air[1] - by_air[0])  # the next ones add no less
+    return (float(by_air[0]), more) if more > 0.0 else (float(by_air.min()), 0.0)
+
+
 def detours(problem: Problem, limb: int, contacts: Indices) -> Array:
     """Least cost (C,) of a limb's swings that lead from its start, first of `contacts`, over each to its end."""
-    by_air = shared_weight(problem)
-    knot = max(
-        float(by_air[1] - by_air[0]) + earned(problem), 0.0
-    )  # a limb more in the air adds no less than the first
+    _, knot = knot_floor(problem)
     chain = 2 * problem.weights.switching + knot * knots_in_air(problem, contacts)
     np.fill_diagonal(chain, 0.0)
     for via in range(len(contacts)):
@@ -80,4 +86,4 @@ def distinct(problem: Problem, limb: int) -> Indices:
 def floor(problem: Problem) -> float:
     """A rough bound of all but the body's pose: the weight shared evenly, each limb's cheapest swings to its end."""
     least = sum(float(detours(problem, limb, distinct(problem, limb)).min()) for limb in range(4))
-    return problem.steps * float(shared_weight(problem)[0]) + least
+    return problem.steps * knot_floor(problem)[0] + least

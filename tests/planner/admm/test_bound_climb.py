@@ -16,7 +16,7 @@ from crux_planner.admm.stages import Stages
 from crux_planner.bound.beside import Beside
 from crux_planner.bound.climb import lower_bound
 from crux_planner.bound.gap import gap
-from crux_planner.bound.grasps import grasps
+from crux_planner.bound.grasps import grasps, one_each
 from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.places import body_boxes, orientations
 from crux_planner.bound.prices import Prices
@@ -72,7 +72,7 @@ def test_prices_never_ask_more_than_a_plan_pays() -> None:
     problem = scene(20, goal_m=0.0).problem
     room = body_room(problem, 5.0)
     about = orientations(problem, *yaw_room(problem, 5.0))
-    nodes = grasps(problem, about, *room)
+    nodes = grasps(problem, about, *room, one_each(problem))
     prices, start = Prices(problem, about, nodes), [0, 0, 0, 0]
     node = np.flatnonzero((nodes.options == start).all(axis=1))
     qp = KnotQp(problem, prices.carriers)
