@@ -37,7 +37,7 @@ def add_plan_parser(subparsers: Any) -> None:
         type=_positive,
         default=None,
         metavar="S",
-        help="seconds to wait for a tighter gap; default: what is proven when the plan is there",
+        help="seconds to go on for a tighter gap (default: a fixed amount of work)",
     )
     parser.add_argument(
         "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"

@@ -58,8 +58,8 @@ def plan(
 ) -> PlanResult:
     """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
 
-    The gap is what a bound beside the planning has proven when the plan is there; with `prove_s`, the plan waits for
-    the bound up to so long.
+    The gap is what a bound beside the planning proves with a fixed amount of work; with `prove_s`, it goes on for up to
+    so long.
 
     Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
     """
@@ -182,7 +182,7 @@ def _plan_by_method(
 
 
 def _proven_gap(work: Work, cost: float) -> float | None:
-    """How far above a proven lower bound the cost is; None on walls whose bound takes too long."""
+    """How far above a proven lower bound the cost is; None where there is no bound."""
     if work.bound is None:
         return None
     with work.part("bound", 0.95):

@@ -23,7 +23,7 @@ Groups = list[list[Indices]]
 
 @dataclass(frozen=True)
 class Grasps:
-    """Sets of grasps, called nodes: one option a limb, a group of contacts out of its list or, as the last one, the air.
+    """Sets of grasps, called nodes: one option a limb, a group of contacts or, as the last one, the air.
 
     Boxes are those of (9a), one for each pair of a node and a cell of yaw in which it can be held; the pairs of a node
     follow one another.

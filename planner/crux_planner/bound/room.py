@@ -87,7 +87,7 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
 
 def _others(far: Array, step: float, start: float) -> Array:
     """An excursion less the knot at which it is farthest."""
-    return excursion(far, step, start) - np.maximum(far, 0.0) ** 2
+    return np.asarray(excursion(far, step, start) - np.maximum(far, 0.0) ** 2)
 
 
 def _distance(start: Array, goal: Goal, axis: int) -> float:

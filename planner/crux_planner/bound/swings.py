@@ -56,7 +56,7 @@ def ends(problem: Problem, limb: int, contacts: Indices) -> Indices:
 
 
 def knot_floor(problem: Problem) -> tuple[float, float]:
-    """Least of R |u|^2 and what limbs in the air earn, a knot: whatever they do, and what each in the air adds to it."""
+    """Least R |u|^2 of a knot and what limbs in the air earn: whatever they do, and what each of those adds."""
     air = np.arange(4)
     by_air = shared_weight(problem) + earned(problem) * air
     more = float(by_air[1] - by_air[0])  # the next ones add no less

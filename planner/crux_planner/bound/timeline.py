@@ -49,7 +49,7 @@ class _Limb:
 
 @dataclass(frozen=True)
 class Forward:
-    """The least cost of the whole way; least costs by state before every so many knots, and after each since the last."""
+    """The least cost of the whole way; least costs by state every so many knots, and at each knot since the last."""
 
     least: float
     knots: int
@@ -110,7 +110,8 @@ class Timeline:
         """The way from node `start` to one of the nodes `ends`, which is reached at knot `knots`."""
         value = np.full(self.states, np.inf)
         value[self._first[self._own[start]]] = 0.0
-        kept, recent = [], []
+        kept: list[Array] = []
+        recent: list[Array] = []
         costs = _Expanded(self)
         for k in range(knots):
             if k % _KEPT == 0:
@@ -152,7 +153,7 @@ class Timeline:
         return np.asarray(whole[self._node])
 
     def _step(self, value: Array) -> Array:
-        new = value[self._younger]
+        new: Array = value[self._younger]
         for limb in self._limbs:
             if len(limb.groups):
                 left = np.minimum.reduceat(new[limb.standing], limb.groups) + self._change
