@@ -127,6 +127,7 @@ class Problem:
     heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (terms.limit_surface)
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
+    tilt_room_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
     calm: Calm = field(default_factory=dict)  # where the body must be slower than its bound
     turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 

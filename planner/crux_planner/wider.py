@@ -25,7 +25,7 @@ from crux_planner.search.turning import Turning
 from crux_planner.search.ways import Ways
 from crux_planner.work import Culprit, Work
 
-GREED = 1.5
+GREED = 3.0
 ATTEMPTS = 8
 
 Realise = Callable[
@@ -34,8 +34,10 @@ Realise = Callable[
 ]
 
 
-LEVELS = ((False, 0.003), (True, 0.001), (True, -0.006))
-"""Grasps off the middle, and what is kept [m] of the acceptance boxes; less than nothing: the NLP may tilt the body."""
+TILT_ROOM_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
+PASSING_M = 0.005  # between grippers that pass each other where they leave no more room; the check asks for 3 mm
+LEVELS = ((False, 0.0, None), (True, TILT_ROOM_M, None), (True, TILT_ROOM_M, PASSING_M))
+"""Grasps off the middle, room for a tilt, and clearance of passing grippers, None: the usual."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
@@ -64,16 +66,17 @@ def plan_wider(
         raise none_level  # what follows takes longer still
     now = time.monotonic()
     until = min(now + (1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
-    for off_centre, reserve_m in LEVELS:
+    for off_centre, tilt_m, passing_m in LEVELS:
         if time.monotonic() > until:
             break
         with work.part("problem", 0.1):
             found = aimed(build_problem(scenario, robot, off_centre=off_centre))
         if found is None:
             continue
-        result = _plan_turning(
-            scenario, robot, replace(found[0], reach_reserve_m=reserve_m), found[1], realise, work, until
-        )
+        wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_room_m=tilt_m)
+        if passing_m is not None:
+            wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
+        result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
         if result is not None:
             return result
     with work.part("proof", 0.9):
@@ -94,8 +97,9 @@ def _plan_turning(
     realise: Realise,
     work: Work,
     until: float,
+    deadline: float,
 ) -> PlanResult | None:
-    """A plan whose search chooses headings; None where none is found until then."""
+    """A plan whose search chooses headings; None where none is found until then, or made of it until the deadline."""
     reach, ways = Reach(problem), Ways(problem)
     calmer = [(1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER)]  # of the limit surface, and of the speed
     given = problem
@@ -107,7 +111,7 @@ def _plan_turning(
         if moves is None:
             break
         balance = Balance(problem, problem.friction_share)
-        attempt = realise(scenario, robot, problem, balance, reach, ways, moves, work, until)
+        attempt = realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
         if isinstance(attempt, PlanResult):
             return attempt
         failure, culprit = attempt

@@ -92,6 +92,9 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, 3)
     low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
     high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
+    if (low > high).any():
+        return None
+    low[:, :2], high[:, :2] = low[:, :2] - problem.tilt_room_m, high[:, :2] + problem.tilt_room_m
     first, last, room = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
     low[:2], high[:2] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
     low[-1] = np.maximum(low[-1], last @ to_w[-1] - room)

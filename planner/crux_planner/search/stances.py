@@ -20,6 +20,7 @@ from crux_planner.terms.reach import body_positions, turned_half
 Stance = tuple[int, int, int, int]
 
 UNREACHABLE = 1e6
+_IN_PLANE = np.array([1.0, 1.0, 0.0])
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
@@ -87,10 +88,16 @@ class Reach:
         return np.flatnonzero(self._meet[limb, contact])
 
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
-        """Bounds of the body position for all four limbs, None where they leave nothing."""
+        """Bounds of the body position for all four limbs, None where they leave nothing.
+
+        A small tilt moves all grippers by the same way against their boxes: what it gives is room around the bounds.
+        """
         index = (np.arange(4), list(stance))
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
-        return (low, high) if (low <= high + 1e-9).all() else None
+        if (low > high + 1e-9).any():
+            return None
+        room = self.problem.tilt_room_m * _IN_PLANE
+        return low - room, high + room
 
 
 def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = None) -> list[list[int]]:

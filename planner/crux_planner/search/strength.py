@@ -7,6 +7,7 @@ limb is on a contact follows from where it is: the limbs' acceptance boxes lie i
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import casadi as ca
@@ -25,12 +26,21 @@ _MOVED_M = 0.005  # torques are taken as exact so near to where they were linear
 class Strength(Balance):
     """Balance queries that count joint torques."""
 
-    def __init__(self, problem: Problem, margin: float) -> None:
+    def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
+        """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
         super().__init__(problem, margin)
-        self.limits_Nm = SLACK * problem.torque_limits_Nm
+        self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
+        self.gravity_w = problem.gravity_w
         self._quadrant = np.sign(problem.boxes.centre_b_m[:, :2])
         self._functions = [_torque_map(problem, limb) for limb in range(len(problem.limb_masses))]
         self._strong: dict[tuple[Any, ...], Array | None] = {}
+
+    def turned(self, problem: Problem) -> Strength:
+        """The same for `problem`, which is this one's in turned axes: limbs and motors are the same."""
+        other = copy.copy(self)
+        Balance.__init__(other, problem, self.margin)
+        other.gravity_w, other._strong = problem.gravity_w, {}
+        return other
 
     def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
         """As `Balance.position`, by wrenches that no motor is too weak for."""
@@ -39,6 +49,10 @@ class Strength(Balance):
         if key not in self._strong:
             self._strong[key] = self._held(support, low, high, wanted)
         return self._strong[key]
+
+    def by_friction(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+        """As `Balance.position`, however strong the motors would have to be: much quicker."""
+        return super().position(support, low, high, wanted)
 
     def _held(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
         place = super().position(support, low, high, wanted)
@@ -72,7 +86,9 @@ class Strength(Balance):
             contact = self.problem.contacts[index]
             side = np.where(contact.centre_w_m[:2] >= place[:2], 1.0, -1.0)
             limb = int(np.argmax((self._quadrant == side).all(axis=1)))
-            rows, still = self._functions[limb](place, contact.centre_w_m, contact.axis, contact.tangent)
+            rows, still = self._functions[limb](
+                place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w
+            )
             parts.append((np.array(rows), np.array(still).ravel(), self.limits_Nm[limb]))
         return parts
 
@@ -90,12 +106,13 @@ class Strength(Balance):
 
 
 def _torque_map(problem: Problem, limb: int) -> ca.Function:
-    """(place, centre, axis, tangent) -> A (6, 4), b (6,) of the torques A @ (s1, s2, m, F) + b, level body."""
-    place, centre, axis, tangent = (ca.SX.sym(name, 3) for name in ("place", "centre", "axis", "tangent"))
+    """(place, centre, axis, tangent, gravity) -> A (6, 4), b (6,) of the torques A @ (s1, s2, m, F) + b, level body."""
+    names = ("place", "centre", "axis", "tangent", "gravity")
+    place, centre, axis, tangent, gravity = (ca.SX.sym(name, 3) for name in names)
     w = ca.SX.sym("w", 4)
     force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
     torques = joint_torques(
-        problem.limb_masses[limb], place, ca.DM.zeros(3), centre, axis, force, 2 * w[2] * axis, problem.gravity_w
+        problem.limb_masses[limb], place, ca.DM.zeros(3), centre, axis, force, 2 * w[2] * axis, gravity
     )
     still = ca.substitute(torques, w, ca.DM.zeros(4))
-    return ca.Function(f"torque_map_{limb}", [place, centre, axis, tangent], [ca.jacobian(torques, w), still])
+    return ca.Function(f"torque_map_{limb}", [place, centre, axis, tangent, gravity], [ca.jacobian(torques, w), still])

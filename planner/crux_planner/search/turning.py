@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,15 +18,16 @@ import numpy as np
 from crux_planner.arrays import Array, Flags
 from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
-from crux_planner.search.balance import Balance
 from crux_planner.search.schedule import TURN_SHARE
 from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, Move, Reach, SearchReport, Stance
+from crux_planner.search.strength import Strength
 from crux_planner.search.swing import STEP_SHARE
 from crux_planner.search.ways import Ways
 
 HEADING_STEP_RAD = 0.07
 YAW_RESERVE_RAD = 0.01  # kept of the grippers' range of yaw
 SPARE_HEADINGS = 3  # beyond the start's and the goal's
+LIKENESS = 2.0  # knots that a state must be better than one alike (in all but heading and place on the holds) before it
 CARRIED_M = 0.15  # way of the body while a limb swings, as the estimate of the way to go sees it
 _SETTLED = 1e-9
 
@@ -38,7 +40,7 @@ class View:
 
     yaw_rad: float
     reach: Reach
-    balance: Balance
+    balance: Strength
     usable: Flags  # (4, C) contacts that a limb may use and that are within its gripper's range of yaw
 
     def to_w(self, position: Array) -> Array:
@@ -62,11 +64,13 @@ class Turning:
         count = int(np.ceil(abs(goal_yaw) / HEADING_STEP_RAD))
         step = goal_yaw / count if count else HEADING_STEP_RAD
         numbers = range(-SPARE_HEADINGS, count + SPARE_HEADINGS + 1)
-        self.views = [_view(problem, reach, number * step) for number in numbers]
+        strength = Strength(problem, problem.friction_share, problem.last_torques_Nm)
+        self.views = [_view(problem, reach, strength, number * step) for number in numbers]
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
         self.centres = np.stack([c.centre_w_m for c in problem.contacts])
         self.holds = np.array([c.hold for c in problem.contacts])
+        self.grips = np.array([2 * c.hold + c.pair for c in problem.contacts])
         yaws = np.array([c.yaw_rad for c in problem.contacts])
         way = np.linalg.norm(self.centres[:, None] - self.centres[None], axis=2)
         turn = np.abs(yaws[:, None] - yaws[None])
@@ -96,6 +100,10 @@ class Turning:
             cost = np.minimum(cost, cost[c] + edges[c])
         return cost
 
+    def _likes(self, state: State) -> tuple[int, ...]:
+        """What a state has in common with those that differ only in heading and in where holds are gripped."""
+        return tuple(self.grips[list(state[0])].tolist())
+
     def estimate(self, state: State) -> float:
         """Knots to the goal, roughly."""
         stance, heading = state
@@ -114,6 +122,7 @@ class Turning:
         first = _Step(start, start, None, self.problem.start.position_m)
         queue = [(greed * self.estimate(start), next(counter), 0.0, first, True)]
         done: set[State] = set()
+        like: Counter[tuple[int, ...]] = Counter()
         while queue:
             _, _, cost, step, settled = heapq.heappop(queue)
             state = step.after
@@ -133,6 +142,7 @@ class Turning:
                 heapq.heappush(queue, (cost + greed * self.estimate(state), next(counter), cost, entry, True))
                 continue
             done.add(state)
+            like[self._likes(state)] += 1
             report.expanded += 1
             ahead = self.estimate(state)
             if ahead < report.nearest_cost:
@@ -142,7 +152,9 @@ class Turning:
             for following, more in self._steps(state, step.body):
                 total = cost + more
                 if total < best.get(following.after, np.inf) - _SETTLED:
-                    rank = total + greed * self.estimate(following.after)
+                    rank = (
+                        total + greed * self.estimate(following.after) + LIKENESS * like[self._likes(following.after)]
+                    )
                     heapq.heappush(queue, (rank, next(counter), total, following, False))
         return None, report
 
@@ -160,7 +172,7 @@ class Turning:
             return steps
         for limb in range(4):
             support = tuple(c for other, c in enumerate(stance) if other != limb)
-            if view.balance.position(support, *bounds, view.from_w(body)) is None:
+            if view.balance.by_friction(support, *bounds, view.from_w(body)) is None:
                 continue
             others = [other for other in range(4) if other != limb]
             low = view.reach.low[others, list(support)].max(axis=0)
@@ -184,7 +196,7 @@ class Turning:
             return None
         wanted = np.clip(view.from_w(self.problem.goal.body.position_m), *landing)
         if step.limb is None:
-            return None if view.balance.position(stance, *landing, wanted) is None else (None, cost)
+            return None if view.balance.by_friction(stance, *landing, wanted) is None else (None, cost)
         before, limb = step.before[0], step.limb
         support = tuple(c for other, c in enumerate(stance) if other != limb)
         if not self.ways.free([(before[limb], stance[limb])], support):
@@ -228,11 +240,11 @@ class _Step:
     body: Array
 
 
-def _view(problem: Problem, reach: Reach, yaw_rad: float) -> View:
+def _view(problem: Problem, reach: Reach, strength: Strength, yaw_rad: float) -> View:
     turned = reach.turned(yaw_rad)
     low, high = problem.gripper_yaw_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - yaw_rad
     fingers = np.array([c.spines_only for c in problem.contacts])
     usable = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
     usable &= (yaws >= low + YAW_RESERVE_RAD) & (yaws <= high - YAW_RESERVE_RAD)
-    return View(yaw_rad, turned, Balance(turned.problem, problem.friction_share), usable)
+    return View(yaw_rad, turned, strength.turned(turned.problem), usable)
