@@ -9,7 +9,9 @@ import sysconfig
 import tempfile
 from pathlib import Path
 
-from . import can_c, cdr_cpp, python_side, ros2msg, tables_cpp
+from crux_contracts import node_parameters, node_services
+
+from . import can_c, cdr_cpp, parameters_c, python_side, ros2msg, services_c, tables_cpp
 from .lcm_types import LcmSyntaxError, Struct, parse_files
 from .tables import TableError, read_channels, read_faults
 
@@ -64,6 +66,10 @@ def _write_can(out: Path) -> None:
     _write(out / "c/crux_can.h", header)
     _write(out / "c/crux_can.c", source)
     _write(out / "c/crux_can_ids.h", can_c.identifiers(kinds, database))
+    parameters = node_parameters.table()
+    _write(out / "c/crux_parameters.h", parameters_c.header(parameters))
+    _write(out / "c/crux_parameters.c", parameters_c.source(parameters))
+    _write(out / "c/crux_services.h", services_c.header(node_services.numbers()))
 
 
 def main() -> int:
@@ -77,7 +83,7 @@ def main() -> int:
         _run_lcm_gen(files, options.out)
         _write_messages(structs, options.out)
         _write_can(options.out)
-    except (LcmSyntaxError, TableError, can_c.CanDatabaseError) as error:
+    except (LcmSyntaxError, TableError, can_c.CanDatabaseError, node_parameters.ParameterTableError) as error:
         print(f"msgs/generate: {error}", file=sys.stderr)
         return 1
     if options.stamp:

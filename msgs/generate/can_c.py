@@ -40,12 +40,19 @@ def _layout(message: Message) -> tuple[object, ...]:
 
 
 def load(path: Path) -> Database:
-    """The DBC, with the rules of crux checked: CAN FD, little-endian, Crc in bytes 0..1 and Counter in byte 2."""
+    """The DBC, with the rules of crux checked: CAN FD, little-endian, Crc in bytes 0..1 and Counter in byte 2.
+
+    Frames of ISO-TP are none of ours and have a Pci instead.
+    """
     database = cantools.database.load_file(path)
     assert isinstance(database, Database)
     for message in database.messages:
         layout = {s.name: (s.start, s.length, s.byte_order) for s in message.signals}
-        if layout.get("Crc") != (0, 16, "little_endian") or layout.get("Counter") != (16, 8, "little_endian"):
+        is_protected = (layout.get("Crc"), layout.get("Counter")) == (
+            (0, 16, "little_endian"),
+            (16, 8, "little_endian"),
+        )
+        if not is_protected and layout != {"Pci": (0, 8, "little_endian")}:
             raise CanDatabaseError(f"{path}: {message.name} must begin with a 16-bit Crc and an 8-bit Counter")
         if not message.is_fd or message.is_extended_frame:
             raise CanDatabaseError(f"{path}: {message.name} must be CAN FD with an 11-bit identifier")

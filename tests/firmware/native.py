@@ -12,13 +12,31 @@ from crux_tools.paths import BUILD_DIR, ROOT
 
 GENERATED_C = ROOT / "build" / "gen" / "c"
 INCLUDES = [
-    *(f"-I{ROOT / folder}" for folder in ("firmware/core", "firmware/safety", "msgs/can", "tests/firmware")),
+    *(
+        f"-I{ROOT / folder}"
+        for folder in (
+            "firmware/core",
+            "firmware/safety",
+            "firmware/service",
+            "firmware/ports/host",
+            "msgs/can",
+            "tests/firmware",
+        )
+    ),
     f"-isystem{GENERATED_C}",
 ]
-SAFETY_SOURCES = (ROOT / "firmware/safety/safety.c", ROOT / "msgs/can/e2e.c")
+SAFETY_SOURCES = (ROOT / "firmware/safety/safety.c", ROOT / "firmware/safety/permission.c", ROOT / "msgs/can/e2e.c")
 CORE_SOURCES = (*sorted((ROOT / "firmware/core").glob("*.c")), GENERATED_C / "crux_can.c")
+SERVICE_SOURCES = (
+    *sorted((ROOT / "firmware/service").glob("*.c")),
+    ROOT / "firmware/ports/host/flash_model.c",
+    GENERATED_C / "crux_parameters.c",
+)
 SAFETY_TESTS = (
-    *(ROOT / f"tests/firmware/{name}_test.cpp" for name in ("acceptance", "guard", "watchdog", "random_stream")),
+    *(
+        ROOT / f"tests/firmware/{name}_test.cpp"
+        for name in ("acceptance", "guard", "permission", "watchdog", "random_stream")
+    ),
     ROOT / "tests/msgs/e2e_test.cpp",
 )
 JOBS = 2

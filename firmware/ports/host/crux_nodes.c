@@ -17,20 +17,6 @@ static _Thread_local char last_error[256];
 
 const char *crux_nodes_error(void) { return last_error; }
 
-void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index) {
-  limb *owner = &nodes->limbs[limb_index];
-  const crux_outside_node *outside = owner->outside[index];
-  if (outside != NULL) {
-    outside->restart(outside->context);
-  } else if (index == GRIPPER) {
-    crux_gripper_node_init(&owner->gripper, (uint8_t)limb_index, nodes->parameter_hash,
-                           &nodes->gripper_parameters[limb_index]);
-  } else {
-    crux_joint_node_init(&owner->joint[index], (uint8_t)limb_index, (uint8_t)(index + 1), nodes->parameter_hash,
-                         &nodes->joint_parameters[(limb_index * JOINTS_PER_LIMB) + index]);
-  }
-}
-
 static bool parameters_are_good(const crux_nodes *nodes) {
   for (int i = 0; i < CRUX_JOINTS; i++) {
     const char *fault = crux_joint_parameters_fault(&nodes->joint_parameters[i]);
@@ -74,6 +60,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
       owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
     }
     for (int i = 0; i < NODES_PER_LIMB; i++) {
+      crux_nodes_new_memory(&owner->memory[i]);
       crux_nodes_start_node(nodes, l, i);
     }
   }
@@ -94,7 +81,8 @@ void crux_nodes_close(crux_nodes *nodes) {
 }
 
 static bool concerns(const crux_frame *frame, int index) {
-  return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1));
+  return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1)) ||
+         (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(index + 1));
 }
 
 void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
@@ -115,6 +103,8 @@ void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
   }
   if (outside != NULL) {
     outside->hear(outside->context, &heard);
+  } else if (heard.id == (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(index + 1)) {
+    crux_nodes_request(owner, index, &heard);
   } else if (index == GRIPPER) {
     crux_gripper_node_on_frame(&owner->gripper, &heard);
   } else {
@@ -261,13 +251,16 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
       joint_torque_out[j] = control_joint(owner, i, dt, joint_position[j], joint_velocity[j]);
     }
     finger_force_out[l] = control_gripper(owner, dt, finger_opening[l], finger_speed[l], finger_force[l]);
+    crux_nodes_serve(nodes, l, crux_microseconds((float)dt));
   }
 }
 
 static bool take_frame(limb *owner, int index, crux_frame *frame) {
   const crux_outside_node *outside = owner->outside[index];
   crux_link *link = (index == GRIPPER) ? &owner->gripper.link : &owner->joint[index].link;
-  return (outside != NULL) ? outside->fetch(outside->context, frame) : crux_link_take_frame(link, frame);
+  return (outside != NULL)
+             ? outside->fetch(outside->context, frame)
+             : (crux_link_take_frame(link, frame) || crux_service_take_frame(&owner->service[index], frame));
 }
 
 /// Moves what the node wants to say to the end of `frames`, a queue's worth at the most; returns their new number.

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from crux_contracts import node_parameters
 from crux_contracts.robot import Robot
 
 LIMBS = 4
@@ -19,40 +20,20 @@ NO_HOST_STATE = 0xFF
 Array = npt.NDArray[np.float64]
 
 
-class JointParameters(ctypes.Structure):
-    """crux_joint_parameters of core/parameters.h."""
+def _members(kind: str) -> list[tuple[str, type[ctypes.c_float] | type[ctypes.c_uint32]]]:
+    return [(p.name, ctypes.c_float if p.kind == "float" else ctypes.c_uint32) for p in node_parameters.table()[kind]]
 
-    _fields_ = [
-        ("position_min_rad", ctypes.c_float),
-        ("position_max_rad", ctypes.c_float),
-        ("velocity_limit_rad_s", ctypes.c_float),
-        ("torque_limit_Nm", ctypes.c_float),
-        ("position_gain_Nm_rad", ctypes.c_float),
-        ("velocity_gain_Nms_rad", ctypes.c_float),
-        ("setpoint_time_constant_s", ctypes.c_float),
-        ("max_deceleration_rad_s2", ctypes.c_float),
-        ("temperature_limit_degC", ctypes.c_float),
-        ("period_us", ctypes.c_uint32),
-        ("watchdog_cycles", ctypes.c_uint32),
-    ]
+
+class JointParameters(ctypes.Structure):
+    """crux_joint_parameters: the table of msgs/can/parameters.yaml."""
+
+    _fields_ = _members("joint")
 
 
 class GripperParameters(ctypes.Structure):
-    """crux_gripper_parameters of core/parameters.h."""
+    """crux_gripper_parameters: as above."""
 
-    _fields_ = [
-        ("opening_min_m", ctypes.c_float),
-        ("opening_max_m", ctypes.c_float),
-        ("speed_limit_m_s", ctypes.c_float),
-        ("force_limit_N", ctypes.c_float),
-        ("stiffness_N_m", ctypes.c_float),
-        ("damping_Ns_m", ctypes.c_float),
-        ("force_range_N", ctypes.c_float),
-        ("moment_range_Nm", ctypes.c_float),
-        ("temperature_limit_degC", ctypes.c_float),
-        ("period_us", ctypes.c_uint32),
-        ("watchdog_cycles", ctypes.c_uint32),
-    ]
+    _fields_ = _members("gripper")
 
 
 class NodeCounters(ctypes.Structure):

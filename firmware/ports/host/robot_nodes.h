@@ -1,11 +1,13 @@
-/// The nodes of a robot as crux_nodes.c and disturbance.c know them; users of the library include crux_nodes.h.
+/// The nodes of a robot as the sources of this library know them; users of the library include crux_nodes.h.
 #ifndef CRUX_FIRMWARE_ROBOT_NODES_H
 #define CRUX_FIRMWARE_ROBOT_NODES_H
 
 #include "bus.h"
 #include "crux_nodes.h"
+#include "flash_model.h"
 #include "gripper_node.h"
 #include "joint_node.h"
+#include "service.h"
 
 #define JOINTS_PER_LIMB ((int)CRUX_CAN_JOINTS)
 #define NODES_PER_LIMB ((int)CRUX_CAN_NODES)
@@ -20,6 +22,15 @@ typedef struct interference {
   uint32_t random;        ///< state of the generator that chooses them, never 0
 } interference;
 
+/// What a node keeps without power.
+typedef struct memory {
+  uint8_t bytes[2U * CRUX_FLASH_PAGE];
+  bool damaged[2U * CRUX_FLASH_PAGE / CRUX_FLASH_UNIT];
+  crux_flash_model model;
+  crux_flash flash;
+  crux_store store;
+} memory;
+
 typedef struct limb {
   crux_bus bus;
   crux_joint_node joint[CRUX_CAN_JOINTS];
@@ -27,6 +38,8 @@ typedef struct limb {
   crux_joint_inputs joint_inputs[CRUX_CAN_JOINTS];
   crux_gripper_inputs gripper_inputs;
   interference interference[CRUX_CAN_NODES];
+  memory memory[CRUX_CAN_NODES];
+  crux_service service[CRUX_CAN_NODES];
   const crux_outside_node *outside[CRUX_CAN_NODES];  ///< in place of ours, NULL: none
   uint32_t sync_cycle;
   bool sync_new;
@@ -40,6 +53,15 @@ struct crux_nodes {
   uint32_t parameter_hash;
   uint8_t host_state;
 };
+
+/// Flash as it comes from the factory.
+void crux_nodes_new_memory(memory *memory);
+
+/// Hands a request to a node's services.
+void crux_nodes_request(limb *owner, int index, const crux_frame *frame);
+
+/// Time passes for the services of a limb's nodes.
+void crux_nodes_serve(crux_nodes *nodes, int limb_index, uint32_t dt_us);
 
 /// Starts a node anew: index 0..5 of a joint, GRIPPER.
 void crux_nodes_start_node(crux_nodes *nodes, int limb_index, int index);

@@ -1,0 +1,222 @@
+#include "service.h"
+
+#include <string.h>
+
+#include "codec.h"
+#include "permission.h"
+
+/// An answer in the making.
+typedef struct reply {
+  uint16_t length;
+  uint8_t bytes[CRUX_ISOTP_SENT_CAPACITY];
+} reply;
+
+static void add(reply *answer, const void *bytes, size_t length) {
+  (void)memcpy(&answer->bytes[answer->length], bytes, length);
+  answer->length = (uint16_t)(answer->length + length);
+}
+
+static void add_byte(reply *answer, uint8_t byte) { add(answer, &byte, 1U); }
+
+/// Little-endian, as everything on these buses but the identifiers of ISO 14229.
+static void add_word(reply *answer, uint32_t word) {
+  for (uint32_t i = 0U; i < 4U; i++) {
+    add_byte(answer, (uint8_t)(word >> (8U * i)));
+  }
+}
+
+static uint32_t word_at(const uint8_t *bytes) {
+  return bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
+}
+
+static uint16_t identifier_at(const uint8_t *bytes) { return (uint16_t)(((uint32_t)bytes[0] << 8U) | bytes[1]); }
+
+/// Bits of a share of a value, as the parameter's kind has them: an integer's range ends at whole numbers.
+static uint32_t share_of(const crux_parameter *parameter, uint32_t described, float share, bool upwards) {
+  uint32_t bits = described;
+  if (parameter->is_integer) {
+    const float product = share * (float)described;
+    bits = (uint32_t)product;
+    bits += (upwards && ((float)bits < product)) ? 1U : 0U;
+  } else {
+    float value = 0.0F;
+    (void)memcpy(&value, &described, sizeof(value));
+    value *= share;
+    (void)memcpy(&bits, &value, sizeof(bits));
+  }
+  return bits;
+}
+
+static void describe(const crux_overrides *overrides, uint8_t index, reply *answer) {
+  const crux_parameter *parameter = &overrides->table[index];
+  const uint32_t described = overrides->described[index];
+  add_byte(answer, parameter->id);
+  add_byte(answer,
+           (uint8_t)((parameter->is_integer ? CRUX_FLAG_INTEGER : 0) | (parameter->writable ? CRUX_FLAG_WRITABLE : 0) |
+                     (parameter->acts_now ? CRUX_FLAG_ACTS_NOW : 0)));
+  add_word(answer, overrides->set[index]);
+  add_word(answer, described);
+  add_word(answer, share_of(parameter, described, parameter->least_share, true));
+  add_word(answer, share_of(parameter, described, parameter->greatest_share, false));
+  add(answer, parameter->name, strlen(parameter->name) + 1U);
+  add(answer, parameter->unit, strlen(parameter->unit) + 1U);
+}
+
+static uint8_t read_data(const crux_service *service, const uint8_t *request, uint16_t length, reply *answer) {
+  const crux_overrides *overrides = &service->overrides;
+  uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
+  if (length != 3U) {
+    refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
+  } else {
+    const uint16_t identifier = identifier_at(&request[1]);
+    const uint8_t index = crux_overrides_find(overrides, (uint8_t)(identifier % CRUX_DATA_PARAMETERS));
+    const uint16_t group = (uint16_t)(identifier - (identifier % CRUX_DATA_PARAMETERS));
+    add(answer, &request[1], 2U);
+    if (identifier == (uint16_t)CRUX_DATA_VERSION) {
+      add_word(answer, service->version);
+      add_word(answer, service->parameter_hash);
+      add_byte(answer, overrides->count);
+    } else if ((group == (uint16_t)CRUX_DATA_VALUE) && (index < overrides->count)) {
+      add_word(answer, overrides->set[index]);
+    } else if ((group == (uint16_t)CRUX_DATA_DESCRIPTION) && (index < overrides->count)) {
+      describe(overrides, index, answer);
+    } else {
+      refusal = (uint8_t)CRUX_REFUSAL_RANGE;
+    }
+  }
+  return refusal;
+}
+
+static uint8_t write_data(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
+                          reply *answer) {
+  crux_overrides *overrides = &service->overrides;
+  uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
+  if (length != 7U) {
+    refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
+  } else {
+    const uint16_t identifier = identifier_at(&request[1]);
+    const uint8_t index = crux_overrides_find(overrides, (uint8_t)(identifier % CRUX_DATA_PARAMETERS));
+    const uint32_t bits = word_at(&request[3]);
+    if (((identifier - (identifier % CRUX_DATA_PARAMETERS)) != (uint32_t)CRUX_DATA_VALUE) ||
+        (index >= overrides->count) ||
+        !crux_parameter_accepts(&overrides->table[index], overrides->described[index], bits)) {
+      refusal = (uint8_t)CRUX_REFUSAL_RANGE;
+    } else if (!crux_is_at_rest(state)) {
+      refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
+    } else {
+      crux_overrides_set(overrides, index, bits);
+      add(answer, &request[1], 2U);
+    }
+  }
+  return refusal;
+}
+
+static uint8_t run_routine(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
+                           reply *answer) {
+  uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
+  const uint16_t routine = (length == 4U) ? identifier_at(&request[2]) : 0U;
+  if (length != 4U) {
+    refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
+  } else if (request[1] != 1U) {
+    refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_FUNCTION;
+  } else if ((routine != (uint16_t)CRUX_ROUTINE_SAVE) && (routine != (uint16_t)CRUX_ROUTINE_FORGET)) {
+    refusal = (uint8_t)CRUX_REFUSAL_RANGE;
+  } else if (!crux_is_at_rest(state)) {
+    refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
+  } else {
+    if (routine == (uint16_t)CRUX_ROUTINE_FORGET) {
+      crux_overrides_clear(&service->overrides);
+    }
+    refusal = crux_overrides_save(&service->overrides) ? (uint8_t)CRUX_REFUSAL_NONE : (uint8_t)CRUX_REFUSAL_MEMORY;
+    add(answer, &request[1], 3U);
+  }
+  return refusal;
+}
+
+/// 0x11 0x01 and the operator's acknowledgement.
+static uint8_t reset(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state, reply *answer) {
+  uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
+  if (length != 6U) {
+    refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
+  } else if (request[1] != 1U) {
+    refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_FUNCTION;
+  } else if (!crux_may_restart(state, word_at(&request[2]))) {
+    refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
+  } else {
+    service->restart = true;
+    add_byte(answer, request[1]);
+  }
+  return refusal;
+}
+
+static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state, reply *answer) {
+  uint8_t refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_SERVICE;
+  add_byte(answer, (uint8_t)(request[0] + CRUX_SERVICE_ACCEPTED));
+  if (request[0] == (uint8_t)CRUX_SERVICE_READ) {
+    refusal = read_data(service, request, length, answer);
+  } else if (request[0] == (uint8_t)CRUX_SERVICE_WRITE) {
+    refusal = write_data(service, request, length, state, answer);
+  } else if (request[0] == (uint8_t)CRUX_SERVICE_ROUTINE) {
+    refusal = run_routine(service, request, length, state, answer);
+  } else if (request[0] == (uint8_t)CRUX_SERVICE_RESET) {
+    refusal = reset(service, request, length, state, answer);
+  } else if (request[0] == (uint8_t)CRUX_SERVICE_PRESENT) {
+    refusal = (uint8_t)CRUX_REFUSAL_NONE;
+    add_byte(answer, 0U);
+  } else {
+    // unknown
+  }
+  return refusal;
+}
+
+void crux_service_init(crux_service *service, uint8_t node, uint32_t version, uint32_t parameter_hash, void *parameters,
+                       const crux_store *store) {
+  const bool joint = node <= CRUX_CAN_JOINTS;
+  *service = (crux_service){.version = version, .parameter_hash = parameter_hash};
+  crux_isotp_init(&service->isotp, (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(node),
+                  (uint16_t)CRUX_CAN_ID_JOINT_RESPONSE(node));
+  crux_overrides_init(&service->overrides, joint ? crux_joint_parameter_table : crux_gripper_parameter_table,
+                      (uint8_t)(joint ? CRUX_JOINT_PARAMETERS : CRUX_GRIPPER_PARAMETERS), parameters, store);
+}
+
+void crux_service_attach(crux_service *service, void *parameters) { service->overrides.parameters = parameters; }
+
+/// Answers the request that waits, as soon as the last answer is out.
+static void respond(crux_service *service, uint8_t state) {
+  uint16_t length = 0U;
+  const uint8_t *request = crux_isotp_message(&service->isotp, &length);
+  if ((request != NULL) && !crux_isotp_is_sending(&service->isotp)) {
+    reply answer = {0};
+    const uint8_t refusal = serve(service, request, length, state, &answer);
+    if (refusal != (uint8_t)CRUX_REFUSAL_NONE) {
+      answer.bytes[0] = (uint8_t)CRUX_SERVICE_REFUSED;
+      answer.bytes[1] = request[0];
+      answer.bytes[2] = refusal;
+      answer.length = 3U;
+    }
+    crux_isotp_done(&service->isotp);
+    (void)crux_isotp_send(&service->isotp, answer.bytes, answer.length);
+  }
+}
+
+void crux_service_on_frame(crux_service *service, const crux_frame *frame, uint8_t state) {
+  crux_isotp_on_frame(&service->isotp, frame);
+  respond(service, state);
+}
+
+void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state) {
+  crux_isotp_tick(&service->isotp, dt_us);
+  // A command that came since the reset was granted goes first.
+  service->restart = service->restart && crux_is_at_rest(state);
+  respond(service, state);
+}
+
+bool crux_service_take_frame(crux_service *service, crux_frame *frame) {
+  return crux_isotp_take_frame(&service->isotp, frame);
+}
+
+bool crux_service_restarts(crux_service *service) {
+  const bool now = service->restart && !crux_isotp_is_sending(&service->isotp);
+  service->restart = service->restart && !now;
+  return now;
+}

@@ -1,0 +1,61 @@
+"""Nodes that run by themselves on buses of their own, for tests of their services."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from crux_contracts import can_codec
+from crux_contracts.robot import Robot
+from host import Host, host
+
+PERIOD_S = 0.001
+
+
+class Desk:
+    """A robot that lies on a desk: time passes, nobody commands it unless asked to."""
+
+    def __init__(self, spoken: Host) -> None:
+        self.host = spoken
+        self.nodes = spoken.nodes
+        self.joint: can_codec.Values | None = None  # sent every cycle from now on
+        self.gripper: can_codec.Values = {"Mode": 0, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
+        self._cycle = 0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            if self.joint is not None:
+                self._cycle += 1
+                self.host.send_cycle(self._cycle, self.joint, self.gripper)
+            self.nodes.wait_sync(PERIOD_S)
+            self.host.control()
+            self.host.publish()
+
+    def command(self, joint: can_codec.Values | None) -> None:
+        """Sends this every cycle; waits until the nodes have obeyed."""
+        self.joint = joint
+        time.sleep(0.1)
+
+    def base(self) -> str:
+        """For --bus-base."""
+        return self.host.urls[0]
+
+    def end(self) -> None:
+        self._end.set()
+        self._thread.join()
+
+
+@contextmanager
+def desk(robot: Robot) -> Iterator[Desk]:
+    """Nodes that live until the block ends."""
+    with host(robot) as spoken:
+        running = Desk(spoken)
+        try:
+            yield running
+        finally:
+            running.end()
