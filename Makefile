@@ -62,8 +62,8 @@ bench: build ## reproduce the figures of merit
 firmware: setup build/cmake/build.ninja ## the node images and their sizes
 	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
 
-fuzz: build ## ten million fuzzed frames against both nodes, under sanitizers
-	CRUX_FUZZ_FRAMES=10000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -k unsafe
+fuzz: build ## ten million fuzzed frames and a million parameter writes against both nodes, under sanitizers
+	CRUX_FUZZ_FRAMES=10000000 CRUX_FUZZ_WRITES=1000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -k unsafe
 
 lock: setup ## resolve pyproject.toml anew
 	@tools/setup/lock

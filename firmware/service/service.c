@@ -181,11 +181,11 @@ void crux_service_init(crux_service *service, uint8_t node, uint32_t version, ui
 
 void crux_service_attach(crux_service *service, void *parameters) { service->overrides.parameters = parameters; }
 
-/// Answers the request that waits, as soon as the last answer is out.
+/// Answers the request that waits, as soon as the last answer is out; a node about to restart hears nothing more.
 static void respond(crux_service *service, uint8_t state) {
   uint16_t length = 0U;
   const uint8_t *request = crux_isotp_message(&service->isotp, &length);
-  if ((request != NULL) && !crux_isotp_is_sending(&service->isotp)) {
+  if ((request != NULL) && !crux_isotp_is_sending(&service->isotp) && !service->restart) {
     reply answer = {0};
     const uint8_t refusal = serve(service, request, length, state, &answer);
     if (refusal != (uint8_t)CRUX_REFUSAL_NONE) {

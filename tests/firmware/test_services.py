@@ -110,7 +110,7 @@ def test_a_restart_wants_an_acknowledgement(table_top: Desk, robot: Robot) -> No
         with pytest.raises(Refused):
             joint.request("RESET", struct.pack("<BI", 1, 0))
         write(joint, describe(joint)["max_deceleration_rad_s2"], 40.0)
-        joint.request("RESET", struct.pack("<BI", 1, number("acknowledgement", "OFF_THE_WALL")))
+        joint.restart()
         assert describe(joint)["max_deceleration_rad_s2"].value == pytest.approx(robot.servo.max_deceleration_rad_s2)
 
 
@@ -130,11 +130,11 @@ def test_a_request_too_long_for_the_node_ends_at_once(table_top: Desk, robot: Ro
         assert describe(joint)
 
 
-def test_a_node_without_power_is_told_of(robot: Robot, table_top: Desk) -> None:
+def test_a_node_without_power_is_told_of(table_top: Desk) -> None:
     table_top.nodes.lose(3, 1.0)
     with (
         NodeLink(node_name("RR.1"), table_top.host.urls[3], 0.2) as joint,
-        pytest.raises(WorkFailed, match="RR.joint1"),
+        pytest.raises(WorkFailed, match=r"RR\.joint1"),
     ):
         joint.read(number("data", "VERSION"))
     table_top.nodes.lose(3, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import time
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -16,6 +17,7 @@ from crux_tools.errors import UsageError, WorkFailed
 
 DEFAULT_BUSES = "udp:239.74.163.2:43113"
 ANSWER_S = 2.0
+RESTART_S = 10.0
 FRAME_BYTES = 64
 REFUSED = number("service", "REFUSED")
 ACCEPTED = number("service", "ACCEPTED")
@@ -144,3 +146,19 @@ class NodeLink:
         if answer[:2] != identifier:
             raise WorkFailed(f"{self.name}: answers for other data than asked; is another tool asking?")
         return answer[2:]
+
+    def restart(self) -> None:
+        """Restarts the node, which drops what it holds: only with the robot off the wall. Waits until it is back.
+
+        Raises Refused, or WorkFailed when the node does not come back.
+        """
+        self.request("RESET", struct.pack("<BI", 1, number("acknowledgement", "OFF_THE_WALL")))
+        deadline_s = time.monotonic() + RESTART_S
+        time.sleep(0.1)
+        while True:
+            try:
+                self.read(number("data", "VERSION"))
+                return
+            except WorkFailed:
+                if time.monotonic() > deadline_s:
+                    raise

@@ -15,10 +15,10 @@ from crux_tools.can.node_link import DEFAULT_BUSES, NodeLink, limb_bus, node_nam
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
-DESCRIPTION = """Lists, reads, writes and saves parameters of a node over ISO-TP. Values come from the robot description;
-what is written stands in for them and is kept without power only after --save. A node takes a value when it
-is at rest (HOLD, or not commanded since its start), and only within its range; what carries the robot is
-read-only."""
+DESCRIPTION = """Lists, reads, writes and saves parameters of a node over ISO-TP. Values come from the robot
+description; what is written stands in for them and is kept without power only after --save. A node takes a
+value when it is at rest (HOLD, or not commanded since its start), and only within its range; what carries
+the robot is read-only."""
 EPILOG = """  crux can param LF.joint3
   crux can param LF.joint3 setpoint_time_constant_s 0.03 --save
   crux can param LF.joint3 --forget"""
