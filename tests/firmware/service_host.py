@@ -9,9 +9,10 @@ from contextlib import contextmanager
 
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot
-from host import Host, host
+from host import HOLD, TRACK, Host, host
 
 PERIOD_S = 0.001
+STATE_HOLD, STATE_TRACK = 1, 2
 
 
 class Desk:
@@ -37,9 +38,13 @@ class Desk:
             self.host.publish()
 
     def command(self, joint: can_codec.Values | None) -> None:
-        """Sends this every cycle; waits until the nodes have obeyed."""
+        """Sends this every cycle; waits until all joints have obeyed."""
         self.joint = joint
-        time.sleep(0.1)
+        wanted = None if joint is None else {HOLD: STATE_HOLD, TRACK: STATE_TRACK}[int(joint["Mode"])]
+        deadline_s = time.monotonic() + 10.0
+        while wanted is not None and set(self.nodes.states()[0]) != {wanted}:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
 
     def base(self) -> str:
         """For --bus-base."""
