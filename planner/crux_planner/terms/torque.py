@@ -15,7 +15,6 @@ import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import Link
 
-from crux_planner.arrays import Array
 from crux_planner.terms.dynamics import rotation
 
 JOINTS = 6
@@ -35,7 +34,7 @@ def limb_masses(robot: Robot, limb: Limb) -> LimbMasses:
 
 
 def joint_torques(
-    masses: LimbMasses, r: Any, theta: Any, centre: Any, axis: Any, force: Any, moment: Any, gravity: Array
+    masses: LimbMasses, r: Any, theta: Any, centre: Any, axis: Any, force: Any, moment: Any, gravity: Any
 ) -> Any:
     """Torques (6,) [Nm] at body pose (r, theta), gripper at `centre` with opening axis `axis`, upright on the wall.
 
