@@ -21,6 +21,7 @@ from crux_planner.result import PlanResult
 from crux_planner.search.aim import aimed
 from crux_planner.search.balance import Balance
 from crux_planner.search.stances import Move, Reach
+from crux_planner.search.standing import clear_start
 from crux_planner.search.turning import Turning
 from crux_planner.search.ways import Ways
 from crux_planner.work import Culprit, Work
@@ -35,7 +36,7 @@ Realise = Callable[
 
 
 TILT_ROOM_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
-PASSING_M = 0.005  # between grippers that pass each other where they leave no more room; the check asks for 3 mm
+PASSING_M = 0.006  # between grippers that pass each other where they leave no more room; the check asks for 3 mm
 LEVELS = ((False, 0.0, None), (True, TILT_ROOM_M, None), (True, TILT_ROOM_M, PASSING_M))
 """Grasps off the middle, room for a tilt, and clearance of passing grippers, None: the usual."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
@@ -76,6 +77,8 @@ def plan_wider(
         wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_room_m=tilt_m)
         if passing_m is not None:
             wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
+        if off_centre and (start := clear_start(wide, Ways(wide))) is not None:
+            wide = replace(wide, start_contacts=start)
         result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
         if result is not None:
             return result

@@ -40,3 +40,14 @@ def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
     assert result.check.ok
     aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
     assert 0.02 < aside <= 0.03
+
+
+def test_grippers_in_each_others_way_start_off_the_middle_of_their_holds(robot: Robot) -> None:
+    wall = two_rows(all_limbs=False)
+    del wall["holds"][6]  # LR stays
+    for i, x in ((0, 0.065), (2, -0.065)):  # palms of 140 mm, end to end
+        wall["holds"][i] = hold(wall["holds"][i]["name"], x, 0.36, size_m=[0.06, 0.1, 0.06])
+    result = crux_planner.plan(scenario(wall), robot)
+    assert result.check.ok
+    first = result.plan.knots[0].limbs
+    assert abs(first[0].gripper_position_w_m[1] - first[2].gripper_position_w_m[1]) > 0.024

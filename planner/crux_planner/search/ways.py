@@ -68,6 +68,10 @@ class Ways:
             return self._apart(self._column(moves[0]), self._column(moves[1]))
         return True
 
+    def apart(self, standing: int, other: int) -> bool:
+        """Whether grippers on two contacts keep clear of each other."""
+        return self._apart(self._standing[standing][None], self._standing[other][None])
+
     @property
     def any_forbidden(self) -> bool:
         """Whether some way was found wrong."""
