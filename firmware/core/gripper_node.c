@@ -168,7 +168,7 @@ static void publish_status(crux_gripper_node *node, const crux_gripper_inputs *i
 /// FT status bits of a sample: not ready when there is none, overload beyond the sensor's range.
 static uint8_t wrench_status(const crux_gripper_node *node, const crux_gripper_inputs *inputs) {
   bool ready = inputs->wrench_valid;
-  bool overload = false;
+  bool overload = inputs->wrench_overloaded;
   for (uint32_t i = 0U; i < 6U; i++) {
     const float range = (i < 3U) ? node->parameters.force_range_N : node->parameters.moment_range_Nm;
     ready = ready && (isfinite(inputs->wrench[i]) != 0);

@@ -25,6 +25,7 @@ typedef struct crux_gripper_inputs {
   float temperature_degC;
   float wrench[6];    ///< fx fy fz [N] mx my mz [Nm], of the world on the gripper about its centre, gripper frame, raw
   bool wrench_valid;  ///< the F/T sensor has a sample
+  bool wrench_overloaded;  ///< by its own word
   bool bus_off;
 } crux_gripper_inputs;
 

@@ -13,7 +13,7 @@ struct Turning {
   crux_encoder encoder{};
 
   Turning() {
-    crux_encoder_init(&encoder, &rotor.motor, kPwmPeriod);
+    crux_encoder_init(&encoder, &rotor.motor, kPwmPeriod, 0.0F);
     sample();
   }
   void sample(bool valid = true) { crux_encoder_step(&encoder, rotor.encoder(), valid); }
@@ -101,9 +101,9 @@ TEST(Encoder, HomingFindsTheTurnFromACoarseSensor) {
   for (int k = 0; k < 1000; ++k) {
     Turning turning;
     turning.rotor.angle = angle(random);
-    crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod);
+    crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod, 0.0F);
     turning.sample();
-    ASSERT_TRUE(crux_encoder_home(&turning.encoder, static_cast<float>(turning.rotor.angle + coarse_error(random))));
+    ASSERT_TRUE(crux_encoder_home(&turning.encoder, static_cast<float>(turning.rotor.angle + coarse_error(random)), 0));
     ASSERT_NEAR(turning.error(), 0.0, 1.1 * turning.count());
   }
 }
@@ -111,11 +111,46 @@ TEST(Encoder, HomingFindsTheTurnFromACoarseSensor) {
 TEST(Encoder, HomingRefusesACoarseSensorBetweenTwoTurns) {
   Turning turning;
   turning.rotor.angle = 10.0;
-  crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod);
+  crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod, 0.0F);
   turning.sample();
   const float before = crux_encoder_position_rad(&turning.encoder);
-  EXPECT_FALSE(crux_encoder_home(&turning.encoder, static_cast<float>(10.0 + 0.3 * 2 * std::numbers::pi)));
+  EXPECT_FALSE(crux_encoder_home(&turning.encoder, static_cast<float>(10.0 + 0.3 * 2 * std::numbers::pi), 0));
   EXPECT_EQ(crux_encoder_position_rad(&turning.encoder), before);
+}
+
+TEST(Encoder, HomingTakesTheBoardsZeroIntoAccount) {
+  for (const std::uint32_t zero : {0U, 1U, 5000U, 16383U}) {
+    for (double angle = -40.0; angle < 40.0; angle += 0.37) {
+      Turning turning;
+      turning.rotor.angle = angle;
+      crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod, 0.0F);
+      crux_encoder_step(&turning.encoder, turning.rotor.encoder(zero), true);
+      ASSERT_TRUE(crux_encoder_home(&turning.encoder, static_cast<float>(angle + 0.9), zero));
+      ASSERT_NEAR(turning.error(), 0.0, 1.1 * turning.count()) << zero << " " << angle;
+    }
+  }
+}
+
+TEST(Encoder, CoarseAngleLiesWithinHalfATurnOfTheMiddle) {
+  for (const double middle : {0.0, 1.5, -2.0, 3.0}) {
+    for (double angle = middle - 3.1; angle < middle + 3.1; angle += 0.05) {
+      const double turns = angle / (2.0 * std::numbers::pi);
+      const auto raw = static_cast<std::uint32_t>((turns - std::floor(turns)) * 16384 + 777) % 16384;
+      EXPECT_NEAR(crux_encoder_coarse_rad(raw, 777, 16384, static_cast<float>(middle)), angle, 4.1e-4);
+    }
+  }
+}
+
+TEST(Encoder, AnOldSampleIsRunOnToNow) {
+  Turning turning;
+  crux_encoder_init(&turning.encoder, &turning.rotor.motor, kPwmPeriod, kPwmPeriod);
+  std::uint32_t late = turning.rotor.encoder();
+  for (int k = 0; k < 4000; ++k) {
+    crux_encoder_step(&turning.encoder, late, true);
+    ASSERT_TRUE(k < 2000 || std::abs(turning.error()) < 1.5 * turning.count()) << k;
+    late = turning.rotor.encoder();
+    turning.rotor.angle += 300.0 * static_cast<double>(kPwmPeriod);  // 39 counts
+  }
 }
 
 TEST(Encoder, ElectricalAngleIsThatOfTheMagnets) {
@@ -124,7 +159,7 @@ TEST(Encoder, ElectricalAngleIsThatOfTheMagnets) {
   for (double angle = -7.0; angle < 7.0; angle += 0.013) {
     rotor.angle = angle;
     crux_encoder encoder;
-    crux_encoder_init(&encoder, &rotor.motor, kPwmPeriod);
+    crux_encoder_init(&encoder, &rotor.motor, kPwmPeriod, 0.0F);
     crux_encoder_step(&encoder, rotor.encoder(kOffset), true);
     const double electrical = crux_encoder_electrical_rad(&encoder, rotor.motor.pole_pairs, kOffset);
     EXPECT_LE(std::abs(electrical), std::numbers::pi + 1e-5);

@@ -11,7 +11,10 @@
 #include <numbers>
 
 extern "C" {
+#include "drive/as5047p.h"
 #include "drive/drive.h"
+#include "drive/gripper_drive.h"
+#include "drive/joint_drive.h"
 #include "drive/screw.h"
 #include "drive/stall.h"
 }
@@ -31,7 +34,9 @@ inline crux_motor_parameters test_motor() {
           .heating_time_s = 20.0F,
           .bandwidth_rad_s = 5000.0F,
           .max_speed_rad_s = 400.0F,
-          .encoder_counts = 16384};
+          .encoder_counts = 16384,
+          .supply_V = 24.0F,
+          .temperature_limit_degC = 80.0F};
 }
 
 // Surface-magnet motor: L di/dt = v - R i - d(flux)/dt, all complex numbers in the stator's frame.

@@ -178,6 +178,7 @@ struct Gripper {
                              .temperature_degC = 25.0F,
                              .wrench = {},
                              .wrench_valid = true,
+                             .wrench_overloaded = false,
                              .bus_off = false};
   std::uint8_t command_counter = 0;
   std::uint8_t sync_counter = 0;

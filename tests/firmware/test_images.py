@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import subprocess
 from pathlib import Path
 
 import crux_nodes
+import drive_parameters
 import image_report
 import pytest
 from crux_contracts.robot import load_robot
@@ -64,6 +66,7 @@ def test_vectors_point_where_they_should(kind: str, tmp_path: Path) -> None:
     assert vectors[0] == RAM_START + RAM_BYTES
     assert vectors[1] == known["reset_handler"][0] | 1
     assert vectors[15] == known["board_on_systick"][0] | 1
+    assert vectors[16 + 18] == known["drive_port_on_sample"][0] | 1
     assert vectors[16 + 21] == known["fdcan_on_interrupt"][0] | 1
     assert all(vectors[n] & 1 for n in range(1, 7))
 
@@ -72,13 +75,38 @@ def test_vectors_point_where_they_should(kind: str, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("report")
 def test_parameters_in_flash_are_those_of_the_robot(kind: str, tmp_path: Path) -> None:
     robot = load_robot("scaler")
-    parameters = crux_nodes.joint_parameters(robot) if kind == "joint" else crux_nodes.gripper_parameters(robot)
-    address, size = symbols(kind)[f"node_table_{kind}s"]
-    wanted = b"".join(bytes(entry) for entry in parameters)
+    tables = {
+        "joints": crux_nodes.joint_parameters(robot),
+        "grippers": crux_nodes.gripper_parameters(robot),
+        "joint_drives": drive_parameters.joint_drive_parameters(robot),
+        "gripper_drives": drive_parameters.gripper_drive_parameters(robot),
+    }
     content = flash(kind, tmp_path)
-    assert content[address - FLASH_START : address - FLASH_START + size] == wanted
+    for name in (f"{kind}s", f"{kind}_drives"):
+        address, size = symbols(kind)[f"node_table_{name}"]
+        wanted = b"".join(bytes(entry) for entry in tables[name])
+        assert content[address - FLASH_START : address - FLASH_START + size] == wanted
     at = symbols(kind)["node_table_hash"][0] - FLASH_START
     assert struct.unpack_from("<I", content, at) == (crux_nodes.parameter_hash(robot),)
+
+
+def test_drives_make_what_the_description_promises() -> None:
+    robot = load_robot("scaler")
+    drives = drive_parameters.joint_drive_parameters(robot)
+    joints = [joint for limb in robot.limbs for joint in limb.joints]
+    for drive, joint, number in zip(drives, joints, list(range(6)) * 4, strict=True):
+        motor, gear = drive.motor, drive.gear
+        joint_Nm_A = 1.5 * motor.pole_pairs * motor.flux_Wb * gear.ratio * gear.efficiency
+        assert joint_Nm_A * motor.peak_current_A == pytest.approx(joint.effort)
+        assert joint_Nm_A * motor.continuous_current_A >= robot.servo.continuous_torque_Nm[number]
+        assert motor.continuous_current_A <= motor.peak_current_A
+        assert 1 / motor.bandwidth_rad_s == pytest.approx(robot.servo.torque_time_constant_s)
+    for gripper in drive_parameters.gripper_drive_parameters(robot):
+        motor, screw = gripper.motor, gripper.screw
+        rotor_Nm = 1.5 * motor.pole_pairs * motor.flux_Wb * motor.peak_current_A
+        # Work of a turn of the rotor, less the screw's loss, at both fingers.
+        finger_N = rotor_Nm * 2 * math.pi * screw.efficiency / (2 * screw.lead_m)
+        assert finger_N == pytest.approx(robot.gripper.max_finger_force_N)
 
 
 @pytest.mark.parametrize("kind", KINDS)

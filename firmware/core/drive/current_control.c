@@ -67,3 +67,9 @@ void crux_current_control_step(crux_current_control *control, const crux_current
   outputs->direct_A = direct_A;
   outputs->quadrature_A = quadrature_A;
 }
+
+void crux_current_control_stand(const crux_motor_parameters *motor, float angle_rad, float current_A, float supply_V,
+                                float duty[3]) {
+  const float share = fminf((motor->resistance_ohm * current_A) / supply_V, INVERSE_SQRT_3);
+  modulate(share * cosf(angle_rad), share * sinf(angle_rad), duty);
+}

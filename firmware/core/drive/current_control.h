@@ -38,6 +38,11 @@ typedef struct crux_current_control {
 /// Starts with integrators at zero. The parameters must have passed crux_motor_parameters_fault.
 void crux_current_control_init(crux_current_control *control, const crux_motor_parameters *motor, float period_s);
 
+/// Duties of a field that stands at `angle_rad` (electrical) without any feedback: the voltage that drives `current_A`
+/// through the phases' resistance once the rotor stands. The magnets lock to it.
+void crux_current_control_stand(const crux_motor_parameters *motor, float angle_rad, float current_A, float supply_V,
+                                float duty[3]);
+
 /// One PWM period. The duties take effect one period after the currents were sampled.
 void crux_current_control_step(crux_current_control *control, const crux_current_inputs *inputs,
                                crux_current_outputs *outputs);

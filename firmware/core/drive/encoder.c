@@ -12,11 +12,12 @@
 #define MAX_MISSED 20U
 #define HOMING_MAX_TURN 0.25F
 
-void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s) {
+void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s, float age_s) {
   *encoder = (crux_encoder){
       .counts_per_turn = motor->encoder_counts,
       .rad_per_count = TWO_PI / (float)motor->encoder_counts,
       .period_s = period_s,
+      .age_s = age_s,
   };
   encoder->reach_counts = (motor->max_speed_rad_s * period_s) / encoder->rad_per_count;
 }
@@ -74,23 +75,30 @@ void crux_encoder_step(crux_encoder *encoder, uint32_t raw, bool valid) {
   }
 }
 
-/// What the rotor has turned since the last good sample, at the speed known.
+/// What the rotor has turned since the last good sample was measured, at the speed known.
 static float run_on_rad(const crux_encoder *encoder) {
-  return (float)encoder->missed * encoder->period_s * encoder->speed_rad_s;
+  return (((float)encoder->missed * encoder->period_s) + encoder->age_s) * encoder->speed_rad_s;
 }
 
 float crux_encoder_position_rad(const crux_encoder *encoder) {
   return ((float)(encoder->counts + encoder->home_counts) * encoder->rad_per_count) + run_on_rad(encoder);
 }
 
-bool crux_encoder_home(crux_encoder *encoder, float rotor_rad) {
-  const float turns = (rotor_rad - ((float)encoder->counts * encoder->rad_per_count)) / TWO_PI;
+bool crux_encoder_home(crux_encoder *encoder, float rotor_rad, uint32_t zero_counts) {
+  const int32_t zero = (int32_t)(zero_counts % encoder->counts_per_turn);
+  const float turns = (rotor_rad - ((float)(encoder->counts - zero) * encoder->rad_per_count)) / TWO_PI;
   const float whole = roundf(turns);
   const bool clear = fabsf(turns - whole) <= HOMING_MAX_TURN;
   if (clear) {
-    encoder->home_counts = (int32_t)whole * (int32_t)encoder->counts_per_turn;
+    encoder->home_counts = ((int32_t)whole * (int32_t)encoder->counts_per_turn) - zero;
   }
   return clear;
+}
+
+float crux_encoder_coarse_rad(uint32_t raw, uint32_t zero_counts, uint32_t counts_per_turn, float middle_rad) {
+  const uint32_t from_zero = (raw + counts_per_turn - (zero_counts % counts_per_turn)) % counts_per_turn;
+  const float angle_rad = (float)from_zero * (TWO_PI / (float)counts_per_turn);
+  return angle_rad - (TWO_PI * roundf((angle_rad - middle_rad) / TWO_PI));
 }
 
 float crux_encoder_electrical_rad(const crux_encoder *encoder, uint32_t pole_pairs, uint32_t offset_counts) {

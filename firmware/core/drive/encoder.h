@@ -16,9 +16,10 @@ typedef struct crux_encoder {
   uint32_t counts_per_turn;
   float rad_per_count;
   float period_s;
+  float age_s;          ///< of a sample when it is taken in: the position is that of now, at the speed known
   float reach_counts;   ///< the rotor turns no further than this in a period
   int32_t counts;       ///< turned since the first sample, whole turns included
-  int32_t home_counts;  ///< added to `counts`: where the first sample lies on the axis of the joint
+  int32_t home_counts;  ///< added to `counts`: where the first sample lies on the axis behind the gear
   uint32_t raw;         ///< last sample that made sense
   float behind_counts;  ///< position minus the estimate of it
   float speed_rad_s;
@@ -27,7 +28,7 @@ typedef struct crux_encoder {
   bool lost;
 } crux_encoder;
 
-void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s);
+void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s, float age_s);
 
 /// Takes a sample 0..counts_per_turn - 1, one a period.
 void crux_encoder_step(crux_encoder *encoder, uint32_t raw, bool valid);
@@ -36,10 +37,13 @@ void crux_encoder_step(crux_encoder *encoder, uint32_t raw, bool valid);
 float crux_encoder_position_rad(const crux_encoder *encoder);
 
 /// Homing without motion: a coarse absolute sensor behind the gear says where the rotor is to within a part of a turn,
-/// the encoder says the rest. `rotor_rad` is the coarse sensor's position times the gear ratio. False, and nothing
-/// changes, when the two differ by more than a quarter turn from any whole number of turns, since the next count of the
-/// coarse sensor could then choose another turn.
-bool crux_encoder_home(crux_encoder *encoder, float rotor_rad);
+/// the encoder says the rest. `rotor_rad` is the coarse sensor's position times the gear ratio, `zero_counts` the
+/// encoder's sample at the axis' zero. False, and nothing changes, when the two differ by more than a quarter turn from
+/// any whole number of turns, since the next count of the coarse sensor could then choose another turn.
+bool crux_encoder_home(crux_encoder *encoder, float rotor_rad, uint32_t zero_counts);
+
+/// Angle of a coarse encoder whose turn holds the whole travel: the one within half a turn of `middle_rad`.
+float crux_encoder_coarse_rad(uint32_t raw, uint32_t zero_counts, uint32_t counts_per_turn, float middle_rad);
 
 /// Electrical angle -pi..pi of the magnets' axis, `offset_counts` being the sample at which it is zero.
 float crux_encoder_electrical_rad(const crux_encoder *encoder, uint32_t pole_pairs, uint32_t offset_counts);

@@ -34,6 +34,10 @@ const char *crux_motor_parameters_fault(const crux_motor_parameters *motor) {
     fault = "max_speed_rad_s";
   } else if ((motor->encoder_counts < MIN_ENCODER_COUNTS) || (motor->encoder_counts > MAX_ENCODER_COUNTS)) {
     fault = "encoder_counts";
+  } else if (!positive(motor->supply_V)) {
+    fault = "supply_V";
+  } else if (!positive(motor->temperature_limit_degC)) {
+    fault = "temperature_limit_degC";
   } else {
     // all of them make sense
   }

@@ -12,10 +12,12 @@ typedef struct crux_motor_parameters {
   float flux_Wb;         ///< linked with a phase by the magnets, peak
   float peak_current_A;  ///< amplitude of the phase current
   float continuous_current_A;
-  float heating_time_s;     ///< of the winding: its temperature follows current squared by a first-order lag
-  float bandwidth_rad_s;    ///< of the current loop
-  float max_speed_rad_s;    ///< of the rotor: what turns faster than that was read wrongly
-  uint32_t encoder_counts;  ///< of a turn of the rotor
+  float heating_time_s;          ///< of the winding: its temperature follows current squared by a first-order lag
+  float bandwidth_rad_s;         ///< of the current loop
+  float max_speed_rad_s;         ///< of the rotor: what turns faster than that was read wrongly
+  uint32_t encoder_counts;       ///< of a turn of the rotor
+  float supply_V;                ///< nominal
+  float temperature_limit_degC;  ///< of the winding: from here on the current folds back to the continuous one
 } crux_motor_parameters;
 
 /// Torque of a joint: a gear between rotor and joint.
@@ -33,6 +35,24 @@ typedef struct crux_screw_parameters {
   float inertia_kg_m2;  ///< of the rotor with all that turns and moves with it
   float drag_Nms_rad;   ///< viscous friction at the rotor
 } crux_screw_parameters;
+
+typedef struct crux_joint_drive_parameters {
+  crux_motor_parameters motor;
+  crux_gear_parameters gear;
+} crux_joint_drive_parameters;
+
+typedef struct crux_gripper_drive_parameters {
+  crux_motor_parameters motor;
+  crux_screw_parameters screw;
+  float coarse_travel_m;  ///< travel of a finger in a turn of the coarse encoder
+} crux_gripper_drive_parameters;
+
+/// What differs from board to board as it is mounted: measured once, kept on the board.
+typedef struct crux_mounting {
+  uint32_t electrical_offset_counts;  ///< motor encoder's sample at which the magnets' axis is phase a's
+  uint32_t rotor_zero_counts;         ///< its sample at the axis' zero, of whatever turn
+  uint32_t coarse_zero_counts;        ///< coarse encoder's sample at the axis' zero
+} crux_mounting;
 
 /// Name of the first parameter that makes no sense (not finite, wrong sign, out of range), NULL when all do.
 const char *crux_motor_parameters_fault(const crux_motor_parameters *motor);

@@ -2,18 +2,8 @@
 
 #include "registers.h"
 
-#define PWM_HZ 20000UL
-#define ENCODER_COUNTS_PER_TURN 16384.0F
-#define TWO_PI 6.28318531F
-#define ADC_FULL_SCALE 4095.0F
-#define ADC_CHANNEL_POTENTIOMETER 4UL
-#define ADC_CHANNEL_TEMPERATURE 16UL
-#define ADC_REGULATOR_CYCLES 4000U  ///< more than the 20 us the ADC's regulator needs
-#define ADC_CALIBRATION_CYCLES 20U  ///< more than the 4 ADC clocks between calibration and start
-#define REFERENCE_V 3.3F            ///< VREF+ of this board
-#define CALIBRATION_REFERENCE_V 3.0F
-#define CALIBRATION_LOW_DEG_C 30.0F
-#define CALIBRATION_HIGH_DEG_C 110.0F
+/// SysTick after the current loop and the bus: it only counts, and a count that waits is not lost.
+#define SYSTICK_PRIORITY 0x20UL
 
 static volatile uint32_t ticks_passed;
 static uint32_t ticks_seen;
@@ -22,9 +12,9 @@ void board_on_systick(void);
 
 void board_on_systick(void) { ticks_passed++; }
 
-/// At least that many core cycles.
-static void spend(uint32_t cycles) {
-  for (volatile uint32_t i = 0U; i < cycles; i++) {
+void board_spend(uint32_t cycles) {
+  for (uint32_t i = 0U; i < cycles; i++) {
+    __asm volatile("nop");
   }
 }
 
@@ -44,12 +34,12 @@ static void set_up_clocks(void) {
   RCC_CFGR = (RCC_CFGR & ~RCC_CFGR_HPRE_MASK) | RCC_CFGR_HPRE_DIV2 | RCC_CFGR_SW_PLL;
   while ((RCC_CFGR & RCC_CFGR_SWS_MASK) != RCC_CFGR_SWS_PLL) {
   }
-  spend(100U);
+  board_spend(100U);
   RCC_CFGR &= ~RCC_CFGR_HPRE_MASK;
   RCC_CCIPR |= RCC_CCIPR_FDCAN_PCLK1;
-  RCC_AHB2ENR |= RCC_AHB2ENR_GPIOA | RCC_AHB2ENR_GPIOC | RCC_AHB2ENR_ADC12;
-  RCC_APB1ENR1 |= RCC_APB1ENR1_TIM2 | RCC_APB1ENR1_FDCAN;
-  RCC_APB2ENR |= RCC_APB2ENR_TIM1;
+  RCC_AHB2ENR |= RCC_AHB2ENR_GPIOA | RCC_AHB2ENR_GPIOB | RCC_AHB2ENR_GPIOC | RCC_AHB2ENR_ADC12;
+  RCC_APB1ENR1 |= RCC_APB1ENR1_FDCAN;
+  RCC_APB2ENR |= RCC_APB2ENR_TIM1 | RCC_APB2ENR_SPI1;
 }
 
 static void set_mode(uint32_t port, uint32_t pin, uint32_t mode) {
@@ -66,52 +56,40 @@ static void set_alternate(uint32_t port, uint32_t pin, uint32_t function) {
   set_mode(port, pin, GPIO_MODE_ALTERNATE);
 }
 
+static void pull(uint32_t port, uint32_t pin, uint32_t direction) {
+  GPIO_PUPDR(port) = (GPIO_PUPDR(port) & ~(3UL << (2UL * pin))) | (direction << (2UL * pin));
+}
+
 static void set_up_pins(void) {
-  set_alternate(GPIOA, 0UL, 1UL);   // TIM2_CH1
-  set_alternate(GPIOA, 1UL, 1UL);   // TIM2_CH2
-  set_alternate(GPIOA, 8UL, 6UL);   // TIM1_CH1
+  for (uint32_t pin = 0UL; pin < 4UL; pin++) {
+    set_mode(GPIOA, pin, GPIO_MODE_ANALOG);  // phase currents, supply, thermistor
+  }
+  GPIO_BSRR(GPIOA) = BIT(BOARD_PIN_MOTOR_ENCODER) | BIT(BOARD_PIN_COARSE_ENCODER);  // not selected
+  set_mode(GPIOA, BOARD_PIN_MOTOR_ENCODER, GPIO_MODE_OUTPUT);
+  set_mode(GPIOA, BOARD_PIN_COARSE_ENCODER, GPIO_MODE_OUTPUT);
+  for (uint32_t pin = 5UL; pin < 8UL; pin++) {
+    set_alternate(GPIOA, pin, 5UL);  // SPI1_SCK, MISO, MOSI
+  }
+  for (uint32_t pin = 8UL; pin < 11UL; pin++) {
+    set_alternate(GPIOA, pin, 6UL);  // TIM1_CH1..3
+  }
   set_alternate(GPIOA, 11UL, 9UL);  // FDCAN1_RX
   set_alternate(GPIOA, 12UL, 9UL);  // FDCAN1_TX
-  set_mode(GPIOA, 9UL, GPIO_MODE_OUTPUT);
+  pull(GPIOB, 12UL, GPIO_PULL_UP);
+  set_alternate(GPIOB, 12UL, 6UL);  // TIM1_BKIN
+  set_alternate(GPIOB, 13UL, 6UL);  // TIM1_CH1N
+  set_alternate(GPIOB, 14UL, 6UL);  // TIM1_CH2N
+  set_alternate(GPIOB, 15UL, 4UL);  // TIM1_CH3N
   for (uint32_t pin = 0UL; pin < 5UL; pin++) {
-    GPIO_PUPDR(GPIOC) |= 2UL << (2UL * pin);  // pulled down: an open strap reads 0
+    pull(GPIOC, pin, GPIO_PULL_DOWN);  // an open strap reads 0
     set_mode(GPIOC, pin, GPIO_MODE_INPUT);
-  }
-}
-
-static void set_up_timers(void) {
-  TIM_ARR(TIM1) = (BOARD_CORE_HZ / PWM_HZ) - 1UL;
-  TIM_CCMR1(TIM1) = TIM_CCMR1_PWM1_PRELOADED;
-  TIM_CCER(TIM1) = TIM_CCER_CC1E;
-  TIM_BDTR(TIM1) = TIM_BDTR_MOE;
-  TIM_EGR(TIM1) = TIM_EGR_UG;
-  TIM_CR1(TIM1) = TIM_CR1_CEN;
-  TIM_ARR(TIM2) = UINT32_MAX;
-  TIM_CCMR1(TIM2) = TIM_CCMR1_INPUTS;
-  TIM_SMCR(TIM2) = TIM_SMCR_ENCODER_BOTH;
-  TIM_CR1(TIM2) = TIM_CR1_CEN;
-}
-
-static void set_up_adc(void) {
-  ADC12_CCR = ADC12_CCR_CKMODE_HCLK_4 | ADC12_CCR_VSENSESEL;
-  ADC1_CR = ADC_CR_ADVREGEN;  // also leaves deep power-down
-  spend(ADC_REGULATOR_CYCLES);
-  ADC1_CR |= ADC_CR_ADCAL;
-  while ((ADC1_CR & ADC_CR_ADCAL) != 0U) {
-  }
-  ADC1_SMPR1 = ADC_SAMPLE_640_CYCLES << (3UL * ADC_CHANNEL_POTENTIOMETER);
-  ADC1_SMPR2 = ADC_SAMPLE_640_CYCLES << (3UL * (ADC_CHANNEL_TEMPERATURE - 10UL));
-  spend(ADC_CALIBRATION_CYCLES);
-  ADC1_CR |= ADC_CR_ADEN;
-  while ((ADC1_ISR & ADC_ISR_ADRDY) == 0U) {
   }
 }
 
 void board_init(void) {
   set_up_clocks();
   set_up_pins();
-  set_up_timers();
-  set_up_adc();
+  SCB_SHPR3 = SYSTICK_PRIORITY << 24;
   SYST_RVR = (BOARD_CORE_HZ / BOARD_TICK_HZ) - 1UL;
   SYST_CVR = 0UL;
   SYST_CSR = 7UL;  // core clock, interrupt, on
@@ -131,31 +109,4 @@ bool board_wait_for_tick(void) {
   const bool passed = ticks_passed != ticks_seen;
   ticks_seen += passed ? 1U : 0U;
   return passed;
-}
-
-float board_encoder_position_rad(void) { return (float)(int32_t)TIM_CNT(TIM2) * (TWO_PI / ENCODER_COUNTS_PER_TURN); }
-
-/// One conversion, some 15 us.
-static float convert(uint32_t channel) {
-  ADC1_SQR1 = channel << 6UL;
-  ADC1_CR |= ADC_CR_ADSTART;
-  while ((ADC1_ISR & ADC_ISR_EOC) == 0U) {
-  }
-  return (float)(ADC1_DR & 0xFFFFUL);  // reading it clears EOC
-}
-
-float board_potentiometer_share(void) { return convert(ADC_CHANNEL_POTENTIOMETER) / ADC_FULL_SCALE; }
-
-float board_temperature_degC(void) {
-  const float reading = convert(ADC_CHANNEL_TEMPERATURE) * (REFERENCE_V / CALIBRATION_REFERENCE_V);
-  const float low = (float)TS_CAL1;
-  const float high = (float)TS_CAL2;
-  return CALIBRATION_LOW_DEG_C + ((reading - low) * ((CALIBRATION_HIGH_DEG_C - CALIBRATION_LOW_DEG_C) / (high - low)));
-}
-
-void board_drive(float share) {
-  const float magnitude = (share < 0.0F) ? -share : share;
-  const float duty = (magnitude < 1.0F) ? magnitude : 1.0F;
-  GPIO_BSRR(GPIOA) = (share < 0.0F) ? BIT(9) : BIT(9U + 16U);
-  TIM_CCR1(TIM1) = (uint32_t)(duty * (float)(BOARD_CORE_HZ / PWM_HZ));
 }

@@ -1,10 +1,14 @@
-/// Board support of the node images: one STM32G474 with a 24 MHz crystal, a motor driver that takes PWM and direction,
-/// and the pins below. Values of the board, not of a robot.
-///   PA0, PA1    quadrature encoder on the joint's output (TIM2)
-///   PA3         potentiometer of the gripper's actuator (ADC1 input 4)
-///   PA8, PA9    PWM (TIM1 channel 1) and direction of the motor driver
-///   PA11, PA12  FDCAN1 receive, transmit
-///   PC0..PC2    straps: node number 1..6 of a joint; PC3, PC4: limb 0..3
+/// Board of a node: one STM32G474 with a 24 MHz crystal, a three-phase bridge with its gate driver, two magnetic
+/// encoders AS5047P on one SPI, and the pins below. Values of the board, not of a robot.
+///   PA0, PA1          currents of phases a and b by amplifiers of 0.1 V/A about 1.65 V (ADC1 input 1, ADC2 input 2)
+///   PA2, PA3          supply over 11, winding's thermistor (ADC1 inputs 3, 4)
+///   PA4, PA15         selects of the motor's encoder and of the coarse one behind gear or screw
+///   PA5, PA6, PA7     SPI1 clock, in, out
+///   PA8..PA10         bridge, upper switches of phases a, b, c (TIM1)
+///   PA11, PA12        FDCAN1 receive, transmit
+///   PB12              fault of the gate driver, low: overcurrent, undervoltage (TIM1 break)
+///   PB13..PB15        bridge, lower switches
+///   PC0..PC2          straps: node number 1..6 of a joint; PC3, PC4: limb 0..3
 #ifndef CRUX_STM32G474_BOARD_H
 #define CRUX_STM32G474_BOARD_H
 
@@ -15,8 +19,14 @@
 #define BOARD_TICK_HZ 1000UL
 #define BOARD_TICK_S (1.0F / (float)BOARD_TICK_HZ)
 
-/// Clocks, pins, timers, ADC, SysTick.
+#define BOARD_PIN_MOTOR_ENCODER 4UL
+#define BOARD_PIN_COARSE_ENCODER 15UL
+
+/// Clocks, pins, SysTick.
 void board_init(void);
+
+/// At least that many core cycles.
+void board_spend(uint32_t cycles);
 
 /// Node number and limb that the straps say.
 uint8_t board_strapped_node(void);
@@ -24,17 +34,5 @@ uint8_t board_strapped_limb(void);
 
 /// Waits for the next interrupt; true once for each tick that has passed.
 bool board_wait_for_tick(void);
-
-/// Position of the joint [rad], counted from where it stood at power-up.
-float board_encoder_position_rad(void);
-
-/// Stroke of the gripper's actuator as a share 0..1 of the potentiometer's travel.
-float board_potentiometer_share(void);
-
-/// Temperature of the microcontroller [degC].
-float board_temperature_degC(void);
-
-/// Share -1..1 of the greatest torque or force: direction pin and PWM duty of the driver's current reference.
-void board_drive(float share);
 
 #endif

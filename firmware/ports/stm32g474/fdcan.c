@@ -10,6 +10,9 @@
 /// Power of two, some cycles' worth of a node's two identifiers.
 #define RING_LENGTH 16U
 
+/// After the current loop, which must not wait; a frame waits in its FIFO, which holds three.
+#define PRIORITY 0x10UL
+
 // Time quanta are core clock periods (prescaler 1); the sample point stands at four fifths of a bit.
 #define NOMINAL_QUANTA (BOARD_CORE_HZ / NODE_BIT_RATE)
 #define NOMINAL_AFTER (NOMINAL_QUANTA / 5UL)
@@ -43,6 +46,7 @@ void fdcan_init(uint16_t sync_id, uint16_t command_id) {
   FDCAN_IE = FDCAN_IR_RF0N;
   FDCAN_ILS = 0UL;
   FDCAN_ILE = 1UL;
+  NVIC_IPR5 = PRIORITY << (8UL * (IRQ_FDCAN1_IT0 - 20UL));
   NVIC_ISER0 = BIT(IRQ_FDCAN1_IT0);
   FDCAN_CCCR &= ~FDCAN_CCCR_INIT;
   while ((FDCAN_CCCR & FDCAN_CCCR_INIT) != 0U) {

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import ctypes
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import crux_nodes
+import drive_parameters
 from crux_contracts.robot import Robot, load_robot
 from crux_contracts.yaml_document import DocumentError
 
@@ -16,24 +18,29 @@ def _number(value: float | int) -> str:
     return f"{value:.9g}F" if isinstance(value, float) and not value.is_integer() else f"{value:.1f}F"
 
 
-def _initialiser(parameters: ctypes.Structure) -> str:
-    members = []
-    for field in parameters._fields_:
-        value = getattr(parameters, field[0])
-        members.append(f".{field[0]} = {f'{value}U' if isinstance(value, int) else _number(value)}")
-    return "    {" + ", ".join(members) + "},\n"
+def _value(value: float | int | ctypes.Structure) -> str:
+    if isinstance(value, ctypes.Structure):
+        members = (f".{field[0]} = {_value(getattr(value, field[0]))}" for field in value._fields_)
+        return "{" + ", ".join(members) + "}"
+    return f"{value}U" if isinstance(value, int) else _number(value)
+
+
+def _table(kind: str, name: str, count: str, entries: Sequence[ctypes.Structure]) -> str:
+    lines = "".join(f"    {_value(entry)},\n" for entry in entries)
+    return f"const crux_{kind}_parameters node_table_{name}[{count}] = {{\n{lines}}};\n\n"
 
 
 def node_table(robot: Robot) -> str:
     """C source of the parameter tables."""
-    joints = "".join(_initialiser(joint) for joint in crux_nodes.joint_parameters(robot))
-    grippers = "".join(_initialiser(gripper) for gripper in crux_nodes.gripper_parameters(robot))
+    joints, limbs = "NODE_TABLE_LIMBS * CRUX_CAN_JOINTS", "NODE_TABLE_LIMBS"
     return (
         f"// Generated from the robot description {robot.name}. Do not edit.\n"
         '#include "node_table.h"\n\n'
-        f"const crux_joint_parameters node_table_joints[NODE_TABLE_LIMBS * CRUX_CAN_JOINTS] = {{\n{joints}}};\n\n"
-        f"const crux_gripper_parameters node_table_grippers[NODE_TABLE_LIMBS] = {{\n{grippers}}};\n\n"
-        f"const uint32_t node_table_hash = 0x{crux_nodes.parameter_hash(robot):08X}U;\n"
+        + _table("joint", "joints", joints, crux_nodes.joint_parameters(robot))
+        + _table("gripper", "grippers", limbs, crux_nodes.gripper_parameters(robot))
+        + _table("joint_drive", "joint_drives", joints, drive_parameters.joint_drive_parameters(robot))
+        + _table("gripper_drive", "gripper_drives", limbs, drive_parameters.gripper_drive_parameters(robot))
+        + f"const uint32_t node_table_hash = 0x{crux_nodes.parameter_hash(robot):08X}U;\n"
     )
 
 

@@ -1,27 +1,42 @@
 /// Image of a gripper node.
+#include <math.h>
+#include <stddef.h>
+
 #include "board.h"
+#include "drive/gripper_drive.h"
+#include "drive_port.h"
 #include "fdcan.h"
 #include "gripper_node.h"
 #include "node_table.h"
 
-/// Of the speed taken from the potentiometer [s].
-#define SPEED_TIME_CONSTANT_S 0.02F
-
 static crux_gripper_node node;
+static crux_gripper_drive drive;
 
-/// The potentiometer's travel is the fingers' travel.
-static float opening(const crux_gripper_parameters *parameters) {
-  return parameters->opening_min_m +
-         (board_potentiometer_share() * (parameters->opening_max_m - parameters->opening_min_m));
+/// Homes and starts the drive. Without a calibration there is none.
+static bool start(const crux_gripper_drive_parameters *parameters, const crux_gripper_parameters *limits) {
+  calibration mounted;
+  const bool known = calibration_read(&mounted);
+  if (known) {
+    uint32_t motor_raw = 0U;
+    uint32_t coarse_raw = 0U;
+    crux_gripper_drive_init(&drive, parameters, limits, &mounted.mounting, &drive_port_timing);
+    if (drive_port_read_encoders(&motor_raw, &coarse_raw)) {
+      crux_encoder_step(&drive.drive.encoder, motor_raw, true);
+      (void)crux_gripper_drive_home(&drive, coarse_raw);
+    }
+    drive_port_start(&drive.drive, &mounted);
+  }
+  return known;
 }
 
-static void measure(const crux_gripper_parameters *parameters, crux_gripper_inputs *inputs) {
-  const float opening_m = opening(parameters);
-  const float speed_m_s = (opening_m - inputs->opening_m) / BOARD_TICK_S;
-  const float share = BOARD_TICK_S / (SPEED_TIME_CONSTANT_S + BOARD_TICK_S);
-  inputs->speed_m_s += share * (speed_m_s - inputs->speed_m_s);
-  inputs->opening_m = opening_m;
-  inputs->temperature_degC = board_temperature_degC();
+static void measure(crux_gripper_inputs *inputs, bool driven) {
+  if (driven && drive_port_tick()) {
+    crux_gripper_drive_measure(&drive, inputs);
+  } else {
+    inputs->opening_m = NAN;
+    inputs->speed_m_s = NAN;
+  }
+  inputs->temperature_degC = drive_port_temperature_degC();
   inputs->bus_off = fdcan_recover();
 }
 
@@ -29,13 +44,17 @@ int main(void) {
   board_init();
   const uint8_t limb = board_strapped_limb();
   const crux_gripper_parameters *parameters = &node_table_grippers[limb];
-  if (crux_gripper_parameters_fault(parameters) != NULL) {
+  const crux_gripper_drive_parameters *motor = &node_table_gripper_drives[limb];
+  if ((crux_gripper_parameters_fault(parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
+      (crux_screw_parameters_fault(&motor->screw) != NULL)) {
     return 1;
   }
   crux_gripper_node_init(&node, limb, node_table_hash, parameters);
+  const bool driven = start(motor, parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND);
   // No force/torque sensor is read yet: its samples say "not ready".
-  crux_gripper_inputs inputs = {.opening_m = opening(parameters), .wrench_valid = false};
+  crux_gripper_inputs inputs = {.wrench_valid = false};
+  measure(&inputs, driven);
   crux_gripper_outputs outputs = {0};
   for (;;) {
     crux_frame frame;
@@ -44,13 +63,15 @@ int main(void) {
       crux_gripper_node_on_frame(&node, &frame);
     }
     if (tick) {
-      measure(parameters, &inputs);
+      measure(&inputs, driven);
       crux_gripper_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
-      board_drive(outputs.force_N / parameters->force_limit_N);
-      inputs.force_N = outputs.force_N;  // no current sensor read yet: the demand stands for the force
+      if (driven) {
+        const bool may_release = node.state == (uint8_t)CRUX_STATE_TRACK;
+        crux_gripper_drive_tick(&drive, BOARD_TICK_S, outputs.force_N, may_release, inputs.temperature_degC);
+      }
     }
     crux_gripper_node_publish(&node, &inputs);
-    while (fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    while ((node.link.queue_count > 0U) && fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
       fdcan_send(&frame);
     }
   }

@@ -12,7 +12,7 @@ from pathlib import Path
 _NODE = re.compile(r'node: \{ title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \((\w+)')
 _EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
 EXCEPTION_FRAME_BYTES = 108  # what the core pushes with the floating-point registers, and its alignment
-INTERRUPTS = ("board_on_systick", "fdcan_on_interrupt")
+INTERRUPTS = ("board_on_systick", "drive_port_on_sample", "fdcan_on_interrupt")
 
 
 class CallGraph:

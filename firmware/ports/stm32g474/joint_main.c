@@ -1,21 +1,42 @@
 /// Image of a joint node.
+#include <math.h>
+#include <stddef.h>
+
 #include "board.h"
+#include "drive/joint_drive.h"
+#include "drive_port.h"
 #include "fdcan.h"
 #include "joint_node.h"
 #include "node_table.h"
 
-/// Of the velocity taken from encoder counts [s]: a count a tick is far too coarse by itself.
-#define VELOCITY_TIME_CONSTANT_S 0.005F
-
 static crux_joint_node node;
+static crux_joint_drive drive;
 
-static void measure(crux_joint_inputs *inputs) {
-  const float position_rad = board_encoder_position_rad();
-  const float velocity_rad_s = (position_rad - inputs->position_rad) / BOARD_TICK_S;
-  const float share = BOARD_TICK_S / (VELOCITY_TIME_CONSTANT_S + BOARD_TICK_S);
-  inputs->velocity_rad_s += share * (velocity_rad_s - inputs->velocity_rad_s);
-  inputs->position_rad = position_rad;
-  inputs->temperature_degC = board_temperature_degC();
+/// Homes and starts the drive. Without a calibration there is none.
+static bool start(const crux_joint_drive_parameters *parameters, const crux_joint_parameters *limits) {
+  calibration mounted;
+  const bool known = calibration_read(&mounted);
+  if (known) {
+    uint32_t motor_raw = 0U;
+    uint32_t coarse_raw = 0U;
+    crux_joint_drive_init(&drive, parameters, &mounted.mounting, &drive_port_timing);
+    if (drive_port_read_encoders(&motor_raw, &coarse_raw)) {
+      crux_encoder_step(&drive.drive.encoder, motor_raw, true);
+      (void)crux_joint_drive_home(&drive, coarse_raw, 0.5F * (limits->position_min_rad + limits->position_max_rad));
+    }
+    drive_port_start(&drive.drive, &mounted);
+  }
+  return known;
+}
+
+static void measure(crux_joint_inputs *inputs, bool driven) {
+  if (driven && drive_port_tick()) {
+    crux_joint_drive_measure(&drive, inputs);
+  } else {
+    inputs->position_rad = NAN;
+    inputs->velocity_rad_s = NAN;
+  }
+  inputs->temperature_degC = drive_port_temperature_degC();
   inputs->bus_off = fdcan_recover();
 }
 
@@ -26,13 +47,18 @@ int main(void) {
   if ((number < 1U) || (number > CRUX_CAN_JOINTS)) {
     return 1;  // not strapped as a joint: stay off the bus
   }
-  const crux_joint_parameters *parameters = &node_table_joints[(limb * CRUX_CAN_JOINTS) + number - 1U];
-  if (crux_joint_parameters_fault(parameters) != NULL) {
+  const uint32_t index = (limb * CRUX_CAN_JOINTS) + number - 1U;
+  const crux_joint_parameters *parameters = &node_table_joints[index];
+  const crux_joint_drive_parameters *motor = &node_table_joint_drives[index];
+  if ((crux_joint_parameters_fault(parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
+      (crux_gear_parameters_fault(&motor->gear) != NULL)) {
     return 1;
   }
   crux_joint_node_init(&node, limb, number, node_table_hash, parameters);
+  const bool driven = start(motor, parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number));
-  crux_joint_inputs inputs = {.position_rad = board_encoder_position_rad()};
+  crux_joint_inputs inputs = {0};
+  measure(&inputs, driven);
   crux_joint_outputs outputs = {0};
   for (;;) {
     crux_frame frame;
@@ -41,13 +67,14 @@ int main(void) {
       crux_joint_node_on_frame(&node, &frame);
     }
     if (tick) {
-      measure(&inputs);
+      measure(&inputs, driven);
       crux_joint_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
-      board_drive(outputs.torque_Nm / parameters->torque_limit_Nm);
-      inputs.torque_Nm = outputs.torque_Nm;  // no current sensor read yet: the demand stands for the torque
+      if (driven) {
+        crux_joint_drive_tick(&drive, BOARD_TICK_S, outputs.torque_Nm, inputs.temperature_degC);
+      }
     }
     crux_joint_node_publish(&node, &inputs);
-    while (fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    while ((node.link.queue_count > 0U) && fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
       fdcan_send(&frame);
     }
   }

@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
+#define REGISTER16(address) (*(volatile uint16_t *)(address))
 #define BIT(n) (1UL << (n))
 
 // Cortex-M4: SysTick, NVIC, coprocessor access.
@@ -12,7 +13,11 @@
 #define SYST_RVR REGISTER(0xE000E014UL)
 #define SYST_CVR REGISTER(0xE000E018UL)
 #define NVIC_ISER0 REGISTER(0xE000E100UL)
+#define NVIC_IPR4 REGISTER(0xE000E410UL)  ///< priorities of interrupts 16..19, a byte each, upper four bits used
+#define NVIC_IPR5 REGISTER(0xE000E414UL)  ///< 20..23
+#define SCB_SHPR3 REGISTER(0xE000ED20UL)  ///< SysTick in the uppermost byte
 #define SCB_CPACR REGISTER(0xE000ED88UL)
+#define IRQ_ADC1_2 18U
 #define IRQ_FDCAN1_IT0 21U
 
 // Power, flash, clocks.
@@ -41,19 +46,21 @@
 #define RCC_PLLCFGR_REN BIT(24)  ///< output R, divisor 2
 #define RCC_AHB2ENR REGISTER(0x4002104CUL)
 #define RCC_AHB2ENR_GPIOA BIT(0)
+#define RCC_AHB2ENR_GPIOB BIT(1)
 #define RCC_AHB2ENR_GPIOC BIT(2)
 #define RCC_AHB2ENR_ADC12 BIT(13)
 #define RCC_APB1ENR1 REGISTER(0x40021058UL)
-#define RCC_APB1ENR1_TIM2 BIT(0)
 #define RCC_APB1ENR1_FDCAN BIT(25)
 #define RCC_APB1ENR1_PWR BIT(28)
 #define RCC_APB2ENR REGISTER(0x40021060UL)
 #define RCC_APB2ENR_TIM1 BIT(11)
+#define RCC_APB2ENR_SPI1 BIT(12)
 #define RCC_CCIPR REGISTER(0x40021088UL)
 #define RCC_CCIPR_FDCAN_PCLK1 (2UL << 24)
 
-// Ports A and C.
+// Ports A, B and C.
 #define GPIOA 0x48000000UL
+#define GPIOB 0x48000400UL
 #define GPIOC 0x48000800UL
 #define GPIO_MODER(port) REGISTER((port) + 0x00UL)
 #define GPIO_PUPDR(port) REGISTER((port) + 0x0CUL)
@@ -64,48 +71,91 @@
 #define GPIO_MODE_INPUT 0UL
 #define GPIO_MODE_OUTPUT 1UL
 #define GPIO_MODE_ALTERNATE 2UL
+#define GPIO_MODE_ANALOG 3UL
+#define GPIO_PULL_UP 1UL
+#define GPIO_PULL_DOWN 2UL
 
-// Timers.
-#define TIM1 0x40012C00UL
-#define TIM2 0x40000000UL
-#define TIM_CR1(timer) REGISTER((timer) + 0x00UL)
-#define TIM_SMCR(timer) REGISTER((timer) + 0x08UL)
-#define TIM_EGR(timer) REGISTER((timer) + 0x14UL)
-#define TIM_CCMR1(timer) REGISTER((timer) + 0x18UL)
-#define TIM_CCER(timer) REGISTER((timer) + 0x20UL)
-#define TIM_CNT(timer) REGISTER((timer) + 0x24UL)
-#define TIM_ARR(timer) REGISTER((timer) + 0x2CUL)
-#define TIM_CCR1(timer) REGISTER((timer) + 0x34UL)
-#define TIM_BDTR(timer) REGISTER((timer) + 0x44UL)
+// Timer 1.
+#define TIM1_CR1 REGISTER(0x40012C00UL)
+#define TIM1_CR2 REGISTER(0x40012C04UL)
+#define TIM1_EGR REGISTER(0x40012C14UL)
+#define TIM1_CCMR1 REGISTER(0x40012C18UL)
+#define TIM1_CCMR2 REGISTER(0x40012C1CUL)
+#define TIM1_CCER REGISTER(0x40012C20UL)
+#define TIM1_ARR REGISTER(0x40012C2CUL)
+#define TIM1_RCR REGISTER(0x40012C30UL)
+#define TIM1_CCR1 REGISTER(0x40012C34UL)
+#define TIM1_CCR2 REGISTER(0x40012C38UL)
+#define TIM1_CCR3 REGISTER(0x40012C3CUL)
+#define TIM1_BDTR REGISTER(0x40012C44UL)
 #define TIM_CR1_CEN BIT(0)
+#define TIM_CR1_CMS_BOTH (3UL << 5)  ///< centre-aligned
+#define TIM_CR2_OIS1N BIT(9)
+#define TIM_CR2_OIS2N BIT(11)
+#define TIM_CR2_OIS3N BIT(13)
+#define TIM_CR2_MMS2_UPDATE (2UL << 20)
 #define TIM_EGR_UG BIT(0)
-#define TIM_SMCR_ENCODER_BOTH 3UL
-#define TIM_CCMR1_INPUTS (BIT(0) | BIT(8))                   ///< CC1 on TI1, CC2 on TI2
-#define TIM_CCMR1_PWM1_PRELOADED (BIT(3) | BIT(5) | BIT(6))  ///< OC1PE, OC1M = 110
+#define TIM_CCMR1_OC1PE BIT(3)
+#define TIM_CCMR1_OC1M_PWM1 (6UL << 4)
+#define TIM_CCMR1_OC2PE BIT(11)
+#define TIM_CCMR1_OC2M_PWM1 (6UL << 12)
+#define TIM_CCMR2_OC3PE BIT(3)
+#define TIM_CCMR2_OC3M_PWM1 (6UL << 4)
 #define TIM_CCER_CC1E BIT(0)
+#define TIM_CCER_CC1NE BIT(2)
+#define TIM_CCER_CC2E BIT(4)
+#define TIM_CCER_CC2NE BIT(6)
+#define TIM_CCER_CC3E BIT(8)
+#define TIM_CCER_CC3NE BIT(10)
+#define TIM_BDTR_DTG(cycles) (cycles)
+#define TIM_BDTR_OSSI BIT(10)
+#define TIM_BDTR_OSSR BIT(11)
+#define TIM_BDTR_BKE BIT(12)
+#define TIM_BDTR_AOE BIT(14)
 #define TIM_BDTR_MOE BIT(15)
+#define TIM_BDTR_BKF(filter) ((filter) << 16)
 
-// ADC 1.
-#define ADC1_ISR REGISTER(0x50000000UL)
-#define ADC1_CR REGISTER(0x50000008UL)
-#define ADC1_SMPR1 REGISTER(0x50000014UL)
-#define ADC1_SMPR2 REGISTER(0x50000018UL)
-#define ADC1_SQR1 REGISTER(0x50000030UL)
-#define ADC1_DR REGISTER(0x50000040UL)
+// ADC 1 and 2.
+#define ADC1 0x50000000UL
+#define ADC2 0x50000100UL
+#define ADC_ISR(adc) REGISTER((adc) + 0x00UL)
+#define ADC_IER(adc) REGISTER((adc) + 0x04UL)
+#define ADC_CR(adc) REGISTER((adc) + 0x08UL)
+#define ADC_SMPR1(adc) REGISTER((adc) + 0x14UL)
+#define ADC_SQR1(adc) REGISTER((adc) + 0x30UL)
+#define ADC_DR(adc) REGISTER((adc) + 0x40UL)
+#define ADC_JSQR(adc) REGISTER((adc) + 0x4CUL)
+#define ADC_JDR1(adc) REGISTER((adc) + 0x80UL)
 #define ADC12_CCR REGISTER(0x50000308UL)
 #define ADC_ISR_ADRDY BIT(0)
-#define ADC_ISR_EOC BIT(2)
+#define ADC_IER_JEOCIE BIT(5)
 #define ADC_CR_ADEN BIT(0)
 #define ADC_CR_ADSTART BIT(2)
+#define ADC_CR_JADSTART BIT(3)
 #define ADC_CR_ADVREGEN BIT(28)
 #define ADC_CR_ADCAL BIT(31)
+#define ADC_SMPR1_SMP(channel, cycles) ((cycles) << (3UL * (channel)))
+#define ADC_SQR1_SQ1(channel) ((channel) << 6)
+#define ADC_JSQR_JEXTSEL_TIM1_TRGO2 (8UL << 2)
+#define ADC_JSQR_JEXTEN_RISING (1UL << 7)
+#define ADC_JSQR_JSQ1(channel) ((channel) << 9)
 #define ADC12_CCR_CKMODE_HCLK_4 (3UL << 16)
-#define ADC12_CCR_VSENSESEL BIT(23)
-#define ADC_SAMPLE_640_CYCLES 7UL
+#define ADC_SAMPLE_12_CYCLES 2UL
+#define ADC_SAMPLE_247_CYCLES 6UL
 
-// Factory calibration of the temperature sensor: raw 12-bit readings at 30 and 110 degC with 3.0 V reference.
-#define TS_CAL1 (*(const volatile uint16_t *)0x1FFF75A8UL)
-#define TS_CAL2 (*(const volatile uint16_t *)0x1FFF75CAUL)
+// SPI 1.
+#define SPI1_CR1 REGISTER(0x40013000UL)
+#define SPI1_CR2 REGISTER(0x40013004UL)
+#define SPI1_SR REGISTER(0x40013008UL)
+#define SPI1_DR REGISTER16(0x4001300CUL)
+#define SPI_CR1_CPHA BIT(0)
+#define SPI_CR1_MSTR BIT(2)
+#define SPI_CR1_BR_32 (4UL << 3)  ///< clock / 32
+#define SPI_CR1_SPE BIT(6)
+#define SPI_CR1_SSI BIT(8)
+#define SPI_CR1_SSM BIT(9)
+#define SPI_CR2_DS_16 (15UL << 8)
+#define SPI_SR_RXNE BIT(0)
 
 // FDCAN 1 and its message RAM (fixed layout: 28 + 8 filters, two FIFOs of 3, 3 transmit events, 3 transmit buffers).
 #define FDCAN1 0x40006400UL

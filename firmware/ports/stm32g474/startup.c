@@ -1,6 +1,7 @@
 /// Vector table and the way from reset to main.
 #include <stdint.h>
 
+#include "drive_port.h"
 #include "registers.h"
 
 extern uint32_t stack_top;
@@ -13,6 +14,7 @@ extern uint32_t bss_end;
 int main(void);
 void board_on_systick(void);
 void fdcan_on_interrupt(void);
+void drive_port_on_sample(void);
 void reset_handler(void);
 
 void reset_handler(void) {
@@ -31,9 +33,12 @@ void reset_handler(void) {
   }
 }
 
-/// A processor fault. The motor driver keeps its last current, so the joint keeps the torque that held it; the node
-/// falls silent and the host sees that. A restart would forget the incremental encoder's zero.
+/// A processor fault. The field stands from now on, at the strength the winding bears for good: the rotor's magnets
+/// lock to it and the joint stays, without the processor. The node falls silent and the host sees that. Neither an open
+/// bridge (limp) nor shorted phases (the joint creeps down) would do, nor the last duties as they are: they hold the
+/// load of that moment and no more. A restart would open the bridge, and again after every further fault.
 static void fault_handler(void) {
+  drive_port_stand();
   for (;;) {
   }
 }
@@ -52,5 +57,6 @@ __attribute__((section(".vectors"), used)) static const vector vectors[16 + 102]
     [12] = fault_handler,
     [14] = fault_handler,
     [15] = board_on_systick,
+    [16U + IRQ_ADC1_2] = drive_port_on_sample,
     [16U + IRQ_FDCAN1_IT0] = fdcan_on_interrupt,
 };

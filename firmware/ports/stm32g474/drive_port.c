@@ -1,0 +1,200 @@
+#include "drive_port.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#include "board.h"
+#include "drive/as5047p.h"
+#include "registers.h"
+
+#define PWM_HZ 20000UL
+#define PWM_TOP (BOARD_CORE_HZ / (2UL * PWM_HZ))  ///< counted up and down
+#define DEAD_TIME_CYCLES 85UL                     ///< 0.5 us, more than the switches take
+#define BREAK_FILTER 4UL
+#define PERIOD_S (1.0F / (float)PWM_HZ)
+
+#define ADC_REGULATOR_CYCLES 4000U  ///< more than the 20 us the ADC's regulator needs
+#define ADC_CALIBRATION_CYCLES 40U  ///< more than the 4 ADC clocks between calibration and start
+#define ADC_COUNTS 4096.0F
+#define ADC_REFERENCE_V 3.3F
+#define CHANNEL_PHASE_A 1UL  // of ADC1
+#define CHANNEL_PHASE_B 2UL  // of ADC2
+#define CHANNEL_SUPPLY 3UL
+#define CHANNEL_THERMISTOR 4UL
+#define AMPERE_PER_COUNT ((ADC_REFERENCE_V / ADC_COUNTS) / 0.1F)
+#define SUPPLY_V_PER_COUNT ((ADC_REFERENCE_V / ADC_COUNTS) * 11.0F)
+
+// Thermistor of 10 kOhm at 25 degC to ground, 10 kOhm to the reference: R / 10 kOhm = share / (1 - share).
+#define THERMISTOR_B_K 3435.0F
+#define THERMISTOR_NOMINAL_K 298.15F
+#define CELSIUS_K 273.15F
+
+#define ENCODER_SETTLE_CYCLES 60U  ///< more than the 350 ns between the select's edges and the clock
+#define ENCODER_TRIES 2000U        ///< more than the 10 ms the sensor needs after power-up
+
+/// The current loop comes first: its duties must be there before the next update.
+#define ADC_PRIORITY 0x00UL
+
+// A sample was latched at the start of the interrupt before.
+const crux_drive_timing drive_port_timing = {.period_s = PERIOD_S, .encoder_age_s = PERIOD_S};
+
+static crux_drive *controlled;
+static float phase_a_zero;
+static float phase_b_zero;
+static volatile float supply_V;
+static float temperature_degC = NAN;
+static volatile uint32_t periods;
+static uint32_t periods_seen;
+static bool supply_is_next;
+
+void drive_port_on_sample(void);
+
+static void select_encoder(uint32_t pin) { GPIO_BSRR(GPIOA) = BIT(pin + 16UL); }
+
+static void release_encoder(uint32_t pin) { GPIO_BSRR(GPIOA) = BIT(pin); }
+
+static uint16_t exchange(uint32_t pin, uint16_t command) {
+  select_encoder(pin);
+  board_spend(ENCODER_SETTLE_CYCLES);
+  SPI1_DR = command;
+  while ((SPI1_SR & SPI_SR_RXNE) == 0U) {
+  }
+  const uint16_t answer = SPI1_DR;
+  board_spend(ENCODER_SETTLE_CYCLES);
+  release_encoder(pin);
+  board_spend(ENCODER_SETTLE_CYCLES);
+  return answer;
+}
+
+/// Clears the error flag, asks, and takes the answer; a sensor that starts up is asked again.
+static bool read_encoder(uint32_t pin, uint32_t *raw) {
+  bool valid = false;
+  for (uint32_t i = 0U; (i < ENCODER_TRIES) && !valid; i++) {
+    (void)exchange(pin, CRUX_AS5047P_READ_ERRORS);
+    (void)exchange(pin, CRUX_AS5047P_READ_ANGLE);
+    const uint16_t answer = exchange(pin, CRUX_AS5047P_READ_ANGLE);
+    valid = crux_as5047p_valid(answer);
+    *raw = valid ? crux_as5047p_angle(answer) : 0U;
+  }
+  return valid;
+}
+
+bool drive_port_read_encoders(uint32_t *motor_raw, uint32_t *coarse_raw) {
+  SPI1_CR2 = SPI_CR2_DS_16;
+  SPI1_CR1 = SPI_CR1_CPHA | SPI_CR1_MSTR | SPI_CR1_BR_32 | SPI_CR1_SSM | SPI_CR1_SSI | SPI_CR1_SPE;
+  const bool motor = read_encoder(BOARD_PIN_MOTOR_ENCODER, motor_raw);
+  const bool coarse = read_encoder(BOARD_PIN_COARSE_ENCODER, coarse_raw);
+  return motor && coarse;
+}
+
+static void set_up_timer(void) {
+  TIM1_ARR = PWM_TOP;
+  TIM1_RCR = 1UL;  // one update in two turning points
+  TIM1_CCMR1 = TIM_CCMR1_OC1PE | TIM_CCMR1_OC1M_PWM1 | TIM_CCMR1_OC2PE | TIM_CCMR1_OC2M_PWM1;
+  TIM1_CCMR2 = TIM_CCMR2_OC3PE | TIM_CCMR2_OC3M_PWM1;
+  TIM1_CCER = TIM_CCER_CC1E | TIM_CCER_CC1NE | TIM_CCER_CC2E | TIM_CCER_CC2NE | TIM_CCER_CC3E | TIM_CCER_CC3NE;
+  // On a break the lower switches close: a motor with shorted phases brakes, an open one is limp. The outputs come back
+  // by themselves when the driver's fault has gone.
+  TIM1_CR2 = TIM_CR2_OIS1N | TIM_CR2_OIS2N | TIM_CR2_OIS3N | TIM_CR2_MMS2_UPDATE;
+  TIM1_CCR1 = PWM_TOP / 2UL;
+  TIM1_CCR2 = PWM_TOP / 2UL;
+  TIM1_CCR3 = PWM_TOP / 2UL;
+  TIM1_EGR = TIM_EGR_UG;
+  TIM1_BDTR = TIM_BDTR_DTG(DEAD_TIME_CYCLES) | TIM_BDTR_OSSI | TIM_BDTR_OSSR | TIM_BDTR_BKE | TIM_BDTR_AOE |
+              TIM_BDTR_MOE | TIM_BDTR_BKF(BREAK_FILTER);
+}
+
+static void set_up_adc(uint32_t adc, uint32_t channel) {
+  ADC_CR(adc) = ADC_CR_ADVREGEN;  // also leaves deep power-down
+  board_spend(ADC_REGULATOR_CYCLES);
+  ADC_CR(adc) = ADC_CR_ADVREGEN | ADC_CR_ADCAL;
+  while ((ADC_CR(adc) & ADC_CR_ADCAL) != 0U) {
+  }
+  board_spend(ADC_CALIBRATION_CYCLES);
+  ADC_CR(adc) = ADC_CR_ADVREGEN | ADC_CR_ADEN;
+  while ((ADC_ISR(adc) & ADC_ISR_ADRDY) == 0U) {
+  }
+  ADC_SMPR1(adc) = ADC_SMPR1_SMP(channel, ADC_SAMPLE_12_CYCLES) | ADC_SMPR1_SMP(CHANNEL_SUPPLY, ADC_SAMPLE_247_CYCLES) |
+                   ADC_SMPR1_SMP(CHANNEL_THERMISTOR, ADC_SAMPLE_247_CYCLES);
+  ADC_JSQR(adc) = ADC_JSQR_JEXTSEL_TIM1_TRGO2 | ADC_JSQR_JEXTEN_RISING | ADC_JSQR_JSQ1(channel);
+}
+
+/// A conversion of supply or thermistor in turn, read at the next tick; the currents' conversions go before it.
+static void start_slow_conversion(void) {
+  supply_is_next = !supply_is_next;
+  ADC_SQR1(ADC1) = ADC_SQR1_SQ1(supply_is_next ? CHANNEL_SUPPLY : CHANNEL_THERMISTOR);
+  ADC_CR(ADC1) = ADC_CR_ADVREGEN | ADC_CR_ADSTART;
+}
+
+void drive_port_start(crux_drive *drive, const calibration *zeros) {
+  controlled = drive;
+  phase_a_zero = zeros->phase_a_zero_counts;
+  phase_b_zero = zeros->phase_b_zero_counts;
+  supply_V = drive->motor.supply_V;
+  ADC12_CCR = ADC12_CCR_CKMODE_HCLK_4;
+  set_up_adc(ADC1, CHANNEL_PHASE_A);
+  set_up_adc(ADC2, CHANNEL_PHASE_B);
+  set_up_timer();
+  (void)exchange(BOARD_PIN_MOTOR_ENCODER, CRUX_AS5047P_READ_ANGLE);
+  select_encoder(BOARD_PIN_MOTOR_ENCODER);
+  board_spend(ENCODER_SETTLE_CYCLES);
+  SPI1_DR = CRUX_AS5047P_READ_ANGLE;
+  NVIC_IPR4 = ADC_PRIORITY << (8UL * (IRQ_ADC1_2 - 16UL));
+  ADC_IER(ADC1) = ADC_IER_JEOCIE;
+  ADC_CR(ADC2) = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
+  ADC_CR(ADC1) = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
+  NVIC_ISER0 = BIT(IRQ_ADC1_2);
+  TIM1_CR1 = TIM_CR1_CMS_BOTH | TIM_CR1_CEN;
+  start_slow_conversion();
+}
+
+static uint32_t compare(float duty) { return (uint32_t)(duty * (float)PWM_TOP); }
+
+void drive_port_on_sample(void) {
+  crux_drive *drive = controlled;
+  crux_drive_inputs inputs;
+  inputs.phase_a_A = ((float)ADC_JDR1(ADC1) - phase_a_zero) * AMPERE_PER_COUNT;  // reading it clears the request
+  inputs.phase_b_A = ((float)ADC_JDR1(ADC2) - phase_b_zero) * AMPERE_PER_COUNT;
+  const uint16_t answer = SPI1_DR;
+  release_encoder(BOARD_PIN_MOTOR_ENCODER);
+  inputs.encoder_valid = crux_as5047p_valid(answer);
+  inputs.encoder_raw = crux_as5047p_angle(answer);
+  inputs.supply_V = supply_V;
+  crux_drive_step(drive, &inputs);
+  select_encoder(BOARD_PIN_MOTOR_ENCODER);
+  TIM1_CCR1 = compare(drive->outputs.duty[0]);
+  TIM1_CCR2 = compare(drive->outputs.duty[1]);
+  TIM1_CCR3 = compare(drive->outputs.duty[2]);
+  periods++;
+  board_spend(ENCODER_SETTLE_CYCLES / 3U);  // a turn of the loop takes three cycles
+  SPI1_DR = CRUX_AS5047P_READ_ANGLE;
+}
+
+static float thermistor_degC(float counts) {
+  const float share = counts / ADC_COUNTS;
+  const float inverse_K = (1.0F / THERMISTOR_NOMINAL_K) + (logf(share / (1.0F - share)) / THERMISTOR_B_K);
+  return (1.0F / inverse_K) - CELSIUS_K;
+}
+
+bool drive_port_tick(void) {
+  const bool runs = periods != periods_seen;
+  periods_seen = periods;
+  const float counts = (float)(ADC_DR(ADC1) & 0xFFFFUL);
+  if (supply_is_next) {
+    supply_V = counts * SUPPLY_V_PER_COUNT;
+  } else {
+    temperature_degC = thermistor_degC(counts);
+  }
+  start_slow_conversion();
+  return runs;
+}
+
+float drive_port_temperature_degC(void) { return temperature_degC; }
+
+void drive_port_stand(void) {
+  if (controlled != NULL) {
+    TIM1_CCR1 = compare(controlled->standing_duty[0]);
+    TIM1_CCR2 = compare(controlled->standing_duty[1]);
+    TIM1_CCR3 = compare(controlled->standing_duty[2]);
+  }
+}
