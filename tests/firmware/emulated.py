@@ -21,7 +21,7 @@ def image(node: int) -> Path:
 @contextmanager
 def board(robot: Robot, limb: int, node: int, file: Path | None = None) -> Iterator[crux_emulated.Board]:
     """A board with its own image, or another file's."""
-    around = crux_emulated.world(robot, limb, node)
+    around = crux_emulated.world(robot, node)
     library = built("firmware/libcrux_emulated.so")
     with crux_emulated.Board(library, file or image(node), limb, node, around) as made:
         yield made

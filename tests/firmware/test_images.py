@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import re
 import struct
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import crux_nodes
@@ -75,7 +77,7 @@ def test_vectors_point_where_they_should(kind: str, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("report")
 def test_parameters_in_flash_are_those_of_the_robot(kind: str, tmp_path: Path) -> None:
     robot = load_robot("scaler")
-    tables = {
+    tables: dict[str, Sequence[ctypes.Structure]] = {
         "joints": crux_nodes.joint_parameters(robot),
         "grippers": crux_nodes.gripper_parameters(robot),
         "joint_drives": drive_parameters.joint_drive_parameters(robot),

@@ -7,7 +7,6 @@
 #include "cortex_internal.h"
 
 #define FLASH_START 0x08000000U
-#define SYSTEM_START 0x1FFF7000U
 #define CHIP_START 0x40000000U
 #define CHIP_BYTES 0x20000000U
 #define CONTROL_START 0xE000E000U
@@ -190,15 +189,13 @@ bool cortex_open(cortex_m4 *core, const cortex_chip *chip) {
   *core = (cortex_m4){.chip = *chip, .chip_at = CORTEX_NEVER, .systick_at = CORTEX_NEVER, .dead = true};
   core->flash = aligned_alloc(4096U, CORTEX_FLASH_BYTES);
   core->ram = aligned_alloc(4096U, CORTEX_RAM_BYTES);
-  core->system = aligned_alloc(CORTEX_SYSTEM_BYTES, CORTEX_SYSTEM_BYTES);
   core->blocks = calloc(CORTEX_FLASH_BYTES / 2U, sizeof(*core->blocks));
-  if ((core->flash == NULL) || (core->ram == NULL) || (core->system == NULL) || (core->blocks == NULL)) {
+  if ((core->flash == NULL) || (core->ram == NULL) || (core->blocks == NULL)) {
     (void)snprintf(core->fault, sizeof(core->fault), "out of memory");
     cortex_close(core);
     return false;
   }
   (void)memset(core->flash, 0xFF, CORTEX_FLASH_BYTES);
-  (void)memset(core->system, 0xFF, CORTEX_SYSTEM_BYTES);
   uc_err error = uc_open(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS, &core->engine);
   // Without a bound each engine takes a gigabyte.
   error = (error != UC_ERR_OK) ? error : uc_ctl_set_tcg_buffer_size(core->engine, TRANSLATION_BYTES);
@@ -209,9 +206,6 @@ bool cortex_open(cortex_m4 *core, const cortex_chip *chip) {
   error = (error != UC_ERR_OK) ? error
                                : uc_mem_map_ptr(core->engine, CORTEX_RAM_START, CORTEX_RAM_BYTES,
                                                 UC_PROT_READ | UC_PROT_WRITE, core->ram);
-  error = (error != UC_ERR_OK)
-              ? error
-              : uc_mem_map_ptr(core->engine, SYSTEM_START, CORTEX_SYSTEM_BYTES, UC_PROT_READ, core->system);
   error = (error != UC_ERR_OK) ? error
                                : uc_mmio_map(core->engine, CHIP_START, CHIP_BYTES, read_chip, core, write_chip, core);
   error = (error != UC_ERR_OK) ? error
@@ -233,12 +227,10 @@ void cortex_close(cortex_m4 *core) {
   }
   free(core->flash);
   free(core->ram);
-  free(core->system);
   free(core->blocks);
   core->engine = NULL;
   core->flash = NULL;
   core->ram = NULL;
-  core->system = NULL;
   core->blocks = NULL;
 }
 

@@ -12,7 +12,6 @@
 
 #define CORTEX_FLASH_BYTES (512U << 10U)
 #define CORTEX_RAM_BYTES (128U << 10U)
-#define CORTEX_SYSTEM_BYTES 4096U  ///< factory values at 0x1FFF7000
 #define CORTEX_INTERRUPTS 102U
 #define CORTEX_EXCEPTIONS (16U + CORTEX_INTERRUPTS)
 #define CORTEX_SYSTICK 15U
@@ -54,7 +53,6 @@ typedef struct cortex_m4 {
   cortex_chip chip;
   uint8_t *flash;
   uint8_t *ram;
-  uint8_t *system;
   cortex_block *blocks;   ///< by address in flash / 2
   uint64_t now;           ///< core cycles since power-on
   uint64_t instructions;  ///< executed since power-on

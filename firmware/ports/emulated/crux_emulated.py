@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,10 +22,15 @@ class World(ctypes.Structure):
     _fields_ = [
         ("bit_rate", ctypes.c_double),
         ("data_bit_rate", ctypes.c_double),
-        ("torque_limit_Nm", ctypes.c_double),
-        ("force_limit_N", ctypes.c_double),
-        ("opening_min_m", ctypes.c_double),
-        ("opening_max_m", ctypes.c_double),
+        ("pole_pairs", ctypes.c_double),
+        ("resistance_ohm", ctypes.c_double),
+        ("inductance_H", ctypes.c_double),
+        ("flux_Wb", ctypes.c_double),
+        ("supply_V", ctypes.c_double),
+        ("zero_position", ctypes.c_double),
+        ("rotor_turns_per_unit", ctypes.c_double),
+        ("coarse_turns_per_unit", ctypes.c_double),
+        ("effort_per_Nm", ctypes.c_double),
     ]
 
 
@@ -47,16 +53,33 @@ class BoardError(Exception):
     """An image that cannot be loaded, or an engine that refuses."""
 
 
-def world(robot: Robot, limb: int, node: int) -> World:
-    """What surrounds node 1..7 of limb 0..3, from the robot description."""
-    joint = robot.limbs[limb].joints[min(node, JOINTS) - 1]
+def world(robot: Robot, node: int) -> World:
+    """What surrounds node 1..7 of a limb, from the robot description."""
+    motor = robot.gripper_motor if node == GRIPPER else robot.motor
+    electrical = {
+        "bit_rate": robot.can.bit_rate,
+        "data_bit_rate": robot.can.data_bit_rate,
+        "pole_pairs": motor.pole_pairs,
+        "resistance_ohm": motor.resistance_ohm,
+        "inductance_H": motor.inductance_H,
+        "flux_Wb": motor.flux_Wb,
+        "supply_V": robot.drive.supply_V,
+    }
+    if node == GRIPPER:
+        lead_m = robot.gripper_motor.screw_lead_m
+        return World(
+            **electrical,
+            zero_position=robot.gripper.opening_m[1],  # the rotor turns forward to close
+            rotor_turns_per_unit=-1 / lead_m,
+            coarse_turns_per_unit=-1 / robot.gripper_motor.coarse_travel_m,
+            effort_per_Nm=2 * math.pi / (2 * lead_m),  # of two fingers, before the screw's friction
+        )
     return World(
-        bit_rate=robot.can.bit_rate,
-        data_bit_rate=robot.can.data_bit_rate,
-        torque_limit_Nm=joint.effort,
-        force_limit_N=robot.gripper.max_finger_force_N,
-        opening_min_m=robot.gripper.opening_m[0],
-        opening_max_m=robot.gripper.opening_m[1],
+        **electrical,
+        zero_position=0.0,
+        rotor_turns_per_unit=robot.motor.gear_ratio / (2 * math.pi),
+        coarse_turns_per_unit=1 / (2 * math.pi),
+        effort_per_Nm=robot.motor.gear_ratio * robot.motor.gear_efficiency,
     )
 
 

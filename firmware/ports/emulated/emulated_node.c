@@ -11,66 +11,89 @@
 #define FLASH_START 0x08000000U
 #define CORE_HZ 170000000U
 #define CRYSTAL_HZ 24000000U
-#define BOOT_S 0.005  ///< between power-on and the first frame
+#define BOOT_S 0.02  ///< between power-on and the first frame
 #define TWO_PI 6.283185307179586
-#define COUNTS_PER_TURN 16384.0
-#define FULL_SCALE 4095.0
-#define DIRECTION_PIN 9U
-#define POTENTIOMETER 4U
-#define THERMOMETER 16U
+#define TURN 16384U
 #define ROOM_DEG_C 25.0
 
-// Factory calibration of the temperature sensor: readings at 30 and 110 degC and 3.0 V; the board has 3.3 V.
-#define CALIBRATION_LOW 1035.0
-#define CALIBRATION_HIGH 1376.0
-#define CALIBRATION_V 3.0
-#define REFERENCE_V 3.3
+// Pins of port A and converter channels.
+#define ROTOR_SELECT 4U
+#define COARSE_SELECT 15U
+#define SUPPLY_CHANNEL 3U
+#define THERMISTOR_CHANNEL 4U
 
-static double position_now(const emulated_node *node) {
-  const uint64_t now = node->chip.core.now;
+// Calibration page, the last of the flash.
+#define CALIBRATION_OFFSET 0x7F800U
+#define CALIBRATION_MAGIC 0x43525543U
+
+static double position_at(const emulated_node *node, uint64_t time) {
   const double length = (double)(node->window_end - node->window_start);
-  const double past = (double)(now - node->window_start);
-  const double share = (length > 0.0) ? fmin(past / length, 1.0) : 1.0;
+  const double past = (double)(time - node->window_start);
+  const double share = (length > 0.0) ? fmin(fmax(past / length, 0.0), 1.0) : 1.0;
   return node->from + (share * (node->to - node->from));
 }
 
-static uint32_t quadrature(void *context) {
-  const emulated_node *node = context;
-  return (uint32_t)(int32_t)lrint(floor(position_now(node) * COUNTS_PER_TURN / TWO_PI));
+static double turned(const emulated_node *node, uint64_t time, double turns_per_unit) {
+  return (position_at(node, time) - node->world.zero_position) * turns_per_unit;
 }
 
-static uint32_t clip_reading(double reading) { return (uint32_t)lrint(fmin(fmax(reading, 0.0), FULL_SCALE)); }
+/// Of the magnets' axis; not wrapped, so that differences are speeds.
+static double electrical_rad(const emulated_node *node, uint64_t time) {
+  const emulated_mounting *mounting = &node->mounting;
+  const double mounted = ((double)mounting->rotor_zero_counts - (double)mounting->electrical_offset_counts) / TURN;
+  return TWO_PI * node->world.pole_pairs * (turned(node, time, node->world.rotor_turns_per_unit) + mounted);
+}
 
 static uint32_t analogue(void *context, unsigned converter, unsigned channel) {
   const emulated_node *node = context;
-  (void)converter;
-  if (channel == POTENTIOMETER) {
-    const emulated_world *world = &node->world;
-    return clip_reading(FULL_SCALE * (position_now(node) - world->opening_min_m) /
-                        (world->opening_max_m - world->opening_min_m));
+  const int phase = (int)converter - 1;
+  switch (channel) {
+    case SUPPLY_CHANNEL:
+      return reading_of_supply(node->world.supply_V);
+    case THERMISTOR_CHANNEL:
+      return reading_of_temperature(node->temperature_degC);
+    default:
+      return reading_of_current(motor_phase_A(&node->motor, phase), (double)node->mounting.phase_zero_counts[phase]);
   }
-  if (channel == THERMOMETER) {
-    const double slope = (CALIBRATION_HIGH - CALIBRATION_LOW) / (110.0 - 30.0);
-    return clip_reading((CALIBRATION_LOW + (slope * (node->temperature_degC - 30.0))) * CALIBRATION_V / REFERENCE_V);
-  }
-  return 0U;
 }
 
-static void pwm_period(void *context, const uint32_t compare[3]) {
-  (void)context;
-  (void)compare;
+/// The bridge has made `duty` since the last period began.
+static void pwm_period(void *context, uint64_t time, const double duty[3]) {
+  emulated_node *node = context;
+  const double angle_rad = electrical_rad(node, time);
+  const double passed = (double)(time - node->stepped_at);
+  if (passed > 0.0) {
+    const motor_vector voltage_V = motor_voltage_V(&node->motor.parameters, duty);
+    node->torque_time += passed * motor_step(&node->motor, voltage_V, passed / CORE_HZ, node->angle_rad, angle_rad);
+  }
+  node->angle_rad = angle_rad;
+  node->stepped_at = time;
 }
 
 static void pins(void *context, uint32_t before, uint32_t after) {
-  (void)context;
-  (void)before;
-  (void)after;
+  emulated_node *node = context;
+  const uint32_t rising = after & ~before;
+  const uint64_t now = node->chip.core.now;
+  if (((rising >> ROTOR_SELECT) & 1U) != 0U) {
+    const double turns = turned(node, now, node->world.rotor_turns_per_unit);
+    magnetic_encoder_latch(&node->rotor_encoder, encoder_counts(turns, node->mounting.rotor_zero_counts));
+  }
+  if (((rising >> COARSE_SELECT) & 1U) != 0U) {
+    const double turns = turned(node, now, node->world.coarse_turns_per_unit);
+    magnetic_encoder_latch(&node->coarse_encoder, encoder_counts(turns, node->mounting.coarse_zero_counts));
+  }
 }
 
 static uint16_t transfer(void *context, uint16_t out) {
-  (void)context;
-  (void)out;
-  return 0xFFFFU;
+  emulated_node *node = context;
+  uint16_t answer = 0xFFFFU;  // nobody pulls the line
+  if (!stm32g4_pin(&node->chip, ROTOR_SELECT)) {
+    answer &= magnetic_encoder_exchange(&node->rotor_encoder, out);
+  }
+  if (!stm32g4_pin(&node->chip, COARSE_SELECT)) {
+    answer &= magnetic_encoder_exchange(&node->coarse_encoder, out);
+  }
+  return answer;
 }
 
 static uint64_t cycles(double seconds) { return (uint64_t)llround(seconds * (double)CORE_HZ); }
@@ -83,13 +106,11 @@ static void run(emulated_node *node, double seconds) {
 
 static void power_on(emulated_node *node) {
   node->powered = true;
+  node->wrench_asked = false;
+  node->stepped_at = node->chip.core.now;
+  node->angle_rad = electrical_rad(node, node->stepped_at);
+  node->motor.current_A = (motor_vector){0.0, 0.0};
   stm32g4_power_on(&node->chip);
-}
-
-static double effort(const emulated_node *node) {
-  const double full = (node->node == EMULATED_GRIPPER) ? node->world.force_limit_N : node->world.torque_limit_Nm;
-  const double share = fmin(stm32g4_duty(&node->chip, 0U), 1.0);
-  return stm32g4_pin(&node->chip, DIRECTION_PIN) ? -full * share : full * share;
 }
 
 static double control(void *context, double dt, const crux_measured *measured) {
@@ -106,8 +127,9 @@ static double control(void *context, double dt, const crux_measured *measured) {
   }
   node->heard_count = 0U;
   stm32g4_settle(&node->chip);
+  node->torque_time = 0.0;
   run(node, dt);
-  return effort(node);
+  return node->world.effort_per_Nm * node->torque_time / (double)cycles(dt);
 }
 
 static void hear(void *context, const crux_frame *frame) {
@@ -163,9 +185,34 @@ static void state(void *context, uint8_t *last_state, uint8_t *last_faults) {
   *last_faults = node->faults;
 }
 
+/// No board is mounted like another: zeros that look random and are the same in every run.
+static emulated_mounting mount(int limb, int number) {
+  const uint32_t seed = (uint32_t)((limb * EMULATED_GRIPPER) + number);
+  return (emulated_mounting){.electrical_offset_counts = (seed * 7919U) % TURN,
+                             .rotor_zero_counts = (seed * 6101U) % TURN,
+                             .coarse_zero_counts = (seed * 3571U) % TURN,
+                             .phase_zero_counts = {2040U + (seed % 16U), 2056U - (seed % 13U)}};
+}
+
+static void write_calibration(emulated_node *node) {
+  const emulated_mounting *mounting = &node->mounting;
+  uint32_t page[7] = {CALIBRATION_MAGIC,
+                      mounting->electrical_offset_counts,
+                      mounting->rotor_zero_counts,
+                      mounting->coarse_zero_counts,
+                      mounting->phase_zero_counts[0],
+                      mounting->phase_zero_counts[1],
+                      0U};
+  uint32_t sum = 0U;
+  for (int i = 0; i < 6; i++) {
+    sum += page[i];
+  }
+  page[6] = ~sum;
+  (void)memcpy(node->chip.core.flash + CALIBRATION_OFFSET, page, sizeof(page));
+}
+
 emulated_node *emulated_node_new(const char *image, int limb, int number, const emulated_world *world, char *error,
                                  size_t error_bytes) {
-  const uint16_t calibration[2] = {(uint16_t)CALIBRATION_LOW, (uint16_t)CALIBRATION_HIGH};
   emulated_node *node = calloc(1U, sizeof(*node));
   if (node == NULL) {
     (void)snprintf(error, error_bytes, "out of memory");
@@ -175,7 +222,6 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
                                .crystal_hz = CRYSTAL_HZ,
                                .straps = ((uint32_t)limb << 3U) | (uint32_t)number,
                                .analogue = analogue,
-                               .quadrature = quadrature,
                                .pwm_period = pwm_period,
                                .pins = pins,
                                .transfer = transfer};
@@ -187,6 +233,12 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
                                    .set_temperature = set_temperature,
                                    .state = state};
   node->world = *world;
+  node->mounting = mount(limb, number);
+  node->motor.parameters = (motor_parameters){.pole_pairs = world->pole_pairs,
+                                              .resistance_ohm = world->resistance_ohm,
+                                              .inductance_H = world->inductance_H,
+                                              .flux_Wb = world->flux_Wb,
+                                              .supply_V = world->supply_V};
   node->limb = limb;
   node->node = number;
   node->temperature_degC = ROOM_DEG_C;
@@ -195,13 +247,11 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
     free(node);
     return NULL;
   }
-  (void)memcpy(node->chip.core.system + 0x5A8U, &calibration[0], sizeof(calibration[0]));
-  (void)memcpy(node->chip.core.system + 0x5CAU, &calibration[1], sizeof(calibration[1]));
   if (!elf_image_load(image, FLASH_START, node->chip.core.flash, CORTEX_FLASH_BYTES, error, error_bytes)) {
     emulated_node_delete(node);
     return NULL;
   }
-  fdcan_model_reset(&node->chip.can[0], node->chip.bit_rate, node->chip.data_bit_rate);
+  write_calibration(node);
   return node;
 }
 

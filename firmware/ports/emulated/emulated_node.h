@@ -1,33 +1,53 @@
-/// A node board with its microcontroller: chip, image, straps, sensors, motor driver. Joint (node 1..6) or gripper (7).
+/// A node board: chip, image, straps, bridge, motor, sensors. Joint (node 1..6) or gripper (7).
 ///
 /// Time. Each control period of the bench is a window of as many core cycles. In it the frames heard since the last
 /// window arrive one after another, each taking its time on the bus. The shaft goes from where the bench last saw it to
 /// where it sees it now, at constant speed: this is how a semi-implicit integrator has moved it in that period, so the
-/// sensors never jump; they are one period behind at the window's start and up to date at its end.
+/// sensors never jump; they are one period behind at the window's start and up to date at its end. The mean of the
+/// motor's torque over the window goes to the bench.
 #ifndef CRUX_EMULATED_NODE_H
 #define CRUX_EMULATED_NODE_H
 
+#include "board_sensors.h"
+#include "motor_model.h"
 #include "outside_node.h"
-#include "parameters.h"
 #include "stm32g4.h"
 
 #define EMULATED_GRIPPER 7
 #define EMULATED_INBOX 64U
 
-/// Numbers of the robot that the world around the chip has.
+/// Numbers of the robot that surround the chip. The shaft's position is the joint's angle [rad] or the fingers'
+/// opening [m].
 typedef struct emulated_world {
   double bit_rate;
   double data_bit_rate;
-  double torque_limit_Nm;  ///< joints: of the driver at full duty
-  double force_limit_N;    ///< grippers: as above, a finger
-  double opening_min_m;    ///< grippers: ends of the potentiometer's travel
-  double opening_max_m;
+  double pole_pairs;
+  double resistance_ohm;
+  double inductance_H;
+  double flux_Wb;
+  double supply_V;
+  double zero_position;          ///< where rotor and coarse encoder count from
+  double rotor_turns_per_unit;   ///< of the motor a unit of the position
+  double coarse_turns_per_unit;  ///< of the coarse encoder
+  double effort_per_Nm;          ///< joint torque [Nm], drive force of a finger [N] by rotor torque
 } emulated_world;
+
+/// How the board was mounted, as its calibration page says.
+typedef struct emulated_mounting {
+  uint32_t electrical_offset_counts;
+  uint32_t rotor_zero_counts;
+  uint32_t coarse_zero_counts;
+  uint32_t phase_zero_counts[2];
+} emulated_mounting;
 
 typedef struct emulated_node {
   stm32g4 chip;
   crux_outside_node port;  ///< the node's functions for the bench; the context is the node
   emulated_world world;
+  emulated_mounting mounting;
+  motor_model motor;
+  magnetic_encoder rotor_encoder;
+  magnetic_encoder coarse_encoder;
   int limb;
   int node;
   bool powered;
@@ -35,9 +55,14 @@ typedef struct emulated_node {
   uint32_t heard_count;
   uint64_t window_start;
   uint64_t window_end;
-  double from;  ///< position at the window's start [rad, m]
+  double from;  ///< position at the window's start
   double to;
+  uint64_t stepped_at;  ///< until when the motor's current is known
+  double angle_rad;     ///< electrical, then
+  double torque_time;   ///< integral of the rotor's torque over the window [Nm cycles]
   double temperature_degC;
+  double wrench[6];
+  bool wrench_asked;
   uint8_t state;  ///< of the last status
   uint8_t faults;
 } emulated_node;

@@ -31,7 +31,7 @@ enum { SPI_SR = 0x08 / 4, SPI_DR = 0x0C / 4 };
 #define SPI_RXNE (1U << 0U)
 #define SPI_TXE (1U << 1U)
 
-typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, TIMER2, RCC, PWR, FLASH } unit;
+typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, RCC, PWR, FLASH } unit;
 
 typedef struct place {
   uint32_t start;  ///< from 0x40000000
@@ -43,13 +43,13 @@ typedef struct place {
 
 /// Often used ones first.
 static const place places[] = {
-    {0x10000000U, 0x400U, ADC, RCC_AHB2ENR, 13U},    {0x00012C00U, 0x100U, TIMER1, RCC_APB2ENR, 11U},
-    {0x08000000U, 0x400U, GPIO, RCC_AHB2ENR, 0U},    {0x08000400U, 0x400U, GPIO, RCC_AHB2ENR, 1U},
-    {0x08000800U, 0x400U, GPIO, RCC_AHB2ENR, 2U},    {0x00013000U, 0x100U, SPI1, RCC_APB2ENR, 12U},
-    {0x00006400U, 0x100U, CAN1, RCC_APB1ENR1, 25U},  {0x0000A400U, 0x350U, RAM1, RCC_APB1ENR1, 25U},
-    {0x00006800U, 0x100U, CAN2, RCC_APB1ENR1, 25U},  {0x0000A750U, 0x350U, RAM2, RCC_APB1ENR1, 25U},
-    {0x00000000U, 0x100U, TIMER2, RCC_APB1ENR1, 0U}, {0x00021000U, 0x100U, RCC, RCC_AHB1ENR, 31U},
-    {0x00007000U, 0x100U, PWR, RCC_APB1ENR1, 28U},   {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},
+    {0x10000000U, 0x400U, ADC, RCC_AHB2ENR, 13U},   {0x00012C00U, 0x100U, TIMER1, RCC_APB2ENR, 11U},
+    {0x08000000U, 0x400U, GPIO, RCC_AHB2ENR, 0U},   {0x08000400U, 0x400U, GPIO, RCC_AHB2ENR, 1U},
+    {0x08000800U, 0x400U, GPIO, RCC_AHB2ENR, 2U},   {0x00013000U, 0x100U, SPI1, RCC_APB2ENR, 12U},
+    {0x00006400U, 0x100U, CAN1, RCC_APB1ENR1, 25U}, {0x0000A400U, 0x350U, RAM1, RCC_APB1ENR1, 25U},
+    {0x00006800U, 0x100U, CAN2, RCC_APB1ENR1, 25U}, {0x0000A750U, 0x350U, RAM2, RCC_APB1ENR1, 25U},
+    {0x00021000U, 0x100U, RCC, RCC_AHB1ENR, 31U},   {0x00007000U, 0x100U, PWR, RCC_APB1ENR1, 28U},
+    {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},
 };
 
 static const place *find(const stm32g4 *chip, uint32_t offset, bool *gated) {
@@ -193,9 +193,6 @@ static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
     case RAM2:
       *value = chip->can[(at->what == RAM1) ? 0 : 1].ram[word];
       break;
-    case TIMER2:
-      *value = stm32g4_read_timer2(chip, word);
-      break;
     case RCC:
       *value = chip->rcc[word];
       break;
@@ -246,9 +243,6 @@ static bool write_chip(void *context, uint32_t offset, uint32_t value) {
     case RAM2:
       chip->can[(at->what == RAM1) ? 0 : 1].ram[word] = value;
       break;
-    case TIMER2:
-      chip->timer2[word] = value;
-      break;
     case RCC:
       write_clocks(chip, word, value);
       break;
@@ -283,7 +277,6 @@ void stm32g4_power_on(stm32g4 *chip) {
   (void)memset(chip->flash_control, 0, sizeof(chip->flash_control));
   (void)memset(chip->gpio, 0, sizeof(chip->gpio));
   (void)memset(chip->timer1, 0, sizeof(chip->timer1));
-  (void)memset(chip->timer2, 0, sizeof(chip->timer2));
   (void)memset(chip->spi1, 0, sizeof(chip->spi1));
   (void)memset(chip->adc, 0, sizeof(chip->adc));
   (void)memset(chip->adc_common, 0, sizeof(chip->adc_common));

@@ -17,10 +17,8 @@ typedef struct stm32g4_board {
   uint32_t straps;  ///< levels of port C
   /// Reading 0..4095 of a converter's channel, now.
   uint32_t (*analogue)(void *context, unsigned converter, unsigned channel);
-  /// Count of the quadrature encoder at TIM2, now.
-  uint32_t (*quadrature)(void *context);
-  /// A PWM period begins, with these compare values; before the converters sample.
-  void (*pwm_period)(void *context, const uint32_t compare[3]);
+  /// A PWM period is over, its duties 0..1 were these; before the converters sample.
+  void (*pwm_period)(void *context, uint64_t time, const double duty[3]);
   /// Port A's outputs have changed.
   void (*pins)(void *context, uint32_t before, uint32_t after);
   /// One 16-bit SPI frame.
@@ -40,7 +38,6 @@ typedef struct stm32g4 {
   uint32_t flash_control[64];
   uint32_t gpio[3][64];
   uint32_t timer1[64];
-  uint32_t timer2[64];
   uint32_t spi1[64];
   stm32g4_adc adc[2];
   uint32_t adc_common[64];
@@ -62,8 +59,5 @@ void stm32g4_settle(stm32g4 *chip);
 
 /// Level that the image drives a pin of port A to.
 bool stm32g4_pin(const stm32g4 *chip, unsigned pin);
-
-/// Share 0..1 of a TIM1 channel's PWM; 0 while outputs are off. Channels 0..2.
-double stm32g4_duty(const stm32g4 *chip, unsigned channel);
 
 #endif

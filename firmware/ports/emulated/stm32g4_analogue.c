@@ -8,7 +8,7 @@ enum {
   TIM_SR = 0x10 / 4,
   TIM_EGR = 0x14 / 4,
   TIM_CCER = 0x20 / 4,
-  TIM_CNT = 0x24 / 4,
+
   TIM_PSC = 0x28 / 4,
   TIM_ARR = 0x2C / 4,
   TIM_RCR = 0x30 / 4,
@@ -66,8 +66,18 @@ static bool triggers(const stm32g4 *chip) {
          (update_period(chip) > 0U);
 }
 
+/// Share of the acting period in which a phase's upper switch is on; while the outputs are off all lower ones are.
+static double duty(const stm32g4 *chip, unsigned channel) {
+  const uint32_t *timer = chip->timer1;
+  const bool on = ((timer[TIM_BDTR] & TIM_BDTR_MOE) != 0U) && (((timer[TIM_CCER] >> (4U * channel)) & 1U) != 0U);
+  const double top = (double)(timer[TIM_ARR] & 0xFFFFU) + (((timer[TIM_CR1] & TIM_CR1_CMS) != 0U) ? 0.0 : 1.0);
+  const double share = (double)chip->compare[channel] / top;
+  return on ? ((share < 1.0) ? share : 1.0) : 0.0;
+}
+
 void stm32g4_update_timer(stm32g4 *chip) {
-  chip->board.pwm_period(chip->board.context, chip->compare);
+  const double duties[3] = {duty(chip, 0U), duty(chip, 1U), duty(chip, 2U)};
+  chip->board.pwm_period(chip->board.context, chip->update_at, duties);
   for (unsigned i = 0U; i < 3U; i++) {
     chip->compare[i] = chip->timer1[TIM_CCR1 + i];
   }
@@ -140,16 +150,4 @@ bool stm32g4_converted(const stm32g4 *chip) {
   const uint32_t *first = chip->adc[0].registers;
   const uint32_t *second = chip->adc[1].registers;
   return ((first[ADC_ISR] & first[ADC_IER]) | (second[ADC_ISR] & second[ADC_IER])) != 0U;
-}
-
-uint32_t stm32g4_read_timer2(stm32g4 *chip, uint32_t word) {
-  return (word == TIM_CNT) ? chip->board.quadrature(chip->board.context) : chip->timer2[word];
-}
-
-double stm32g4_duty(const stm32g4 *chip, unsigned channel) {
-  const uint32_t *timer = chip->timer1;
-  const bool on = ((timer[TIM_CR1] & TIM_CR1_CEN) != 0U) && ((timer[TIM_BDTR] & TIM_BDTR_MOE) != 0U) &&
-                  (((timer[TIM_CCER] >> (4U * channel)) & 1U) != 0U);
-  const double period = (double)(timer[TIM_ARR] & 0xFFFFU) + (((timer[TIM_CR1] & TIM_CR1_CMS) != 0U) ? 0.0 : 1.0);
-  return on ? (double)chip->compare[channel] / period : 0.0;
 }

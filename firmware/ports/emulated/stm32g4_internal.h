@@ -16,7 +16,4 @@ void stm32g4_write_adc(stm32g4 *chip, uint32_t word, uint32_t value);
 /// Level of the converters' interrupt.
 bool stm32g4_converted(const stm32g4 *chip);
 
-/// Count of TIM2.
-uint32_t stm32g4_read_timer2(stm32g4 *chip, uint32_t word);
-
 #endif

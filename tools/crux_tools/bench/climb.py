@@ -164,6 +164,10 @@ def climb(
         link.send(command_t.START, plan.plan_id, START_CYCLE)
         boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
         nodes = stack.enter_context(FirmwareNodes(buses, robot, boards))
+        plant.drive(
+            [place.joint for place in options.emulated if place.joint is not None],
+            [place.limb for place in options.emulated if place.joint is None],
+        )
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = None

@@ -28,6 +28,11 @@ class Place:
     limb: int
     node: int
 
+    @property
+    def joint(self) -> int | None:
+        """Of 24, limb-major; None: a gripper."""
+        return self.limb * (GRIPPER - 1) + self.node - 1 if self.node < GRIPPER else None
+
     def __str__(self) -> str:
         return f"{LIMB_NAMES[self.limb]}.{self.node}"
 
@@ -58,7 +63,7 @@ class EmulatedBoards:
         try:
             for place in places:
                 image = images["gripper" if place.node == GRIPPER else "joint"]
-                around = emulated.world(robot, place.limb, place.node)
+                around = emulated.world(robot, place.node)
                 board = emulated.Board(built(LIBRARY), image, place.limb, place.node, around)
                 self._boards[place] = self._held.enter_context(board)
         except emulated.BoardError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crux_tools.bench.robot_model import RobotModel
+from crux_tools.bench.screw_friction import ScrewFriction
 from crux_tools.bench.start_pose import rotation_from_rpy, take_start_pose
 
 # Steps between two looks at the contacts, and the first one: in lockstep the runtime's cycles 1, 6, 11 …, among which
@@ -46,7 +48,8 @@ class Plant:
         self._random = np.random.default_rng(seed)
         servo, ft = robot.robot.servo, robot.robot.force_torque
         self.dt_s = float(self.model.opt.timestep)
-        self._torque_share = 1 - np.exp(-self.dt_s / servo.torque_time_constant_s)
+        self._torque_share = np.full(24, 1 - np.exp(-self.dt_s / servo.torque_time_constant_s))
+        self._screws: ScrewFriction | None = None
         self._ft_noise = np.tile(np.repeat([ft.noise_N, ft.noise_Nm], 3), 4)
         self._ft_bias = self._random.normal(size=24) * np.tile(np.repeat([ft.bias_N, ft.bias_Nm], 3), 4)
         self.cycle = 0
@@ -73,17 +76,27 @@ class Plant:
         """Physics time since the robot was set on the wall."""
         return self.cycle * self.dt_s
 
+    def drive(self, joints: Sequence[int], limbs: Sequence[int]) -> None:
+        """From now on the torque of these joints (of 24) is that of a motor, without the lag that stands for one, and
+        the finger force of these limbs is that of a motor before its screw's friction."""
+        self._torque_share[list(joints)] = 1.0
+        self._screws = ScrewFriction(self.robot, limbs, self.robot.robot.gripper_motor) if limbs else None
+
     def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
         """One control cycle: motor torques (24,) in joint direction, squeeze a finger (4,), positive closes."""
         control = self.data.ctrl
         self.joint_torque_nm += self._torque_share * (joint_torque_nm - self.joint_torque_nm)
         control[self.robot.joint_actuators] = self.joint_torque_nm
-        control[self.robot.finger_actuators] = -finger_force_n[:, None]
+        push_n = np.repeat(finger_force_n[:, None], 2, axis=1)
+        if self._screws is not None:
+            limbs = self._screws.limbs
+            push_n[limbs] += self._screws.set(self.pad_force_n.reshape(4, 2)[limbs])
+        control[self.robot.finger_actuators] = -push_n
         self.finger_force_n[:] = finger_force_n
         self._carry()
         mujoco.mj_step(self.model, self.data)
         self.cycle += 1
-        if self.cycle % CONTACT_PERIOD == FIRST_CONTACT_STEP:
+        if self._screws is not None or self.cycle % CONTACT_PERIOD == FIRST_CONTACT_STEP:
             self._look_at_contacts()
         self._read_sensors()
 

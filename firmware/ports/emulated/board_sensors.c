@@ -1,0 +1,40 @@
+#include "board_sensors.h"
+
+#include <math.h>
+
+#define TURN 16384.0
+#define READ_ANGLE 0x3FFFU
+#define COUNTS 4096.0
+#define REFERENCE_V 3.3
+#define AMPLIFIER_V_A 0.1
+#define SUPPLY_DIVIDER 11.0
+// 10 kOhm at 25 degC to ground, 10 kOhm to the reference.
+#define THERMISTOR_B_K 3435.0
+#define NOMINAL_K 298.15
+#define CELSIUS_K 273.15
+
+void magnetic_encoder_latch(magnetic_encoder *encoder, uint32_t counts) { encoder->latched = counts; }
+
+uint16_t magnetic_encoder_exchange(magnetic_encoder *encoder, uint16_t command) {
+  // Any register but the angle reads zero: no errors.
+  const uint32_t content = ((encoder->command & READ_ANGLE) == READ_ANGLE) ? encoder->latched : 0U;
+  encoder->command = command;
+  return (uint16_t)(content | (((uint32_t)__builtin_parity(content)) << 15U));
+}
+
+uint32_t encoder_counts(double turns, uint32_t zero_counts) {
+  return ((uint32_t)((turns - floor(turns)) * TURN) + zero_counts) % (uint32_t)TURN;
+}
+
+static uint32_t reading(double counts) { return (uint32_t)lrint(fmin(fmax(counts, 0.0), COUNTS - 1.0)); }
+
+uint32_t reading_of_current(double current_A, double zero_counts) {
+  return reading(zero_counts + (current_A * AMPLIFIER_V_A * COUNTS / REFERENCE_V));
+}
+
+uint32_t reading_of_supply(double supply_V) { return reading(supply_V / SUPPLY_DIVIDER * COUNTS / REFERENCE_V); }
+
+uint32_t reading_of_temperature(double temperature_degC) {
+  const double share_to_ground = exp(THERMISTOR_B_K * ((1.0 / (temperature_degC + CELSIUS_K)) - (1.0 / NOMINAL_K)));
+  return reading(COUNTS * share_to_ground / (1.0 + share_to_ground));
+}
