@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.arrays import Array
-from crux_planner.walk.gait import LEAST_SHARE, Gait, longest_step
+from crux_planner.walk.gait import Gait, Step, longest_step
 from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
 
+BODY_STATES = 12  # r, theta, dr/dt, omega, as terms.dynamics has them
 FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
-_LEAST_SHARE = 0.85  # of the gait search's least load of a foot in stance that the exact problem keeps
-MAX_ACCELERATION_M_S2, MAX_ACCELERATION_RAD_S2 = 1.0, 0.35  # of the body: it is to move smoothly between the knots
+_CORNERS = 8  # of that polygon
 _SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
-_GOAL_SHARE = 0.3  # of the goal's room that the last pose may use up: the rest is the robot's
+GOAL_SHARE = 0.3  # of the goal's room that the last pose may use up: the rest is the robot's
 
 
 def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
@@ -28,7 +28,7 @@ def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
         high[:, 5] = yaws.min(axis=1) - problem.foot_yaw_rad[0]
     low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
-    room = _GOAL_SHARE * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
+    room = GOAL_SHARE * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
     low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
     high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
     return low, high
@@ -36,7 +36,7 @@ def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
 
 def rate_steps(problem: WalkProblem) -> Array:
     """(6,): by how much dr/dt and omega may change from knot to knot."""
-    return problem.dt_s * np.repeat([MAX_ACCELERATION_M_S2, MAX_ACCELERATION_RAD_S2], 3)
+    return problem.dt_s * np.repeat(problem.care.acceleration, 3)
 
 
 def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | None:
@@ -57,7 +57,17 @@ def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | N
 
 def least_load_N(problem: WalkProblem) -> float:
     """Normal force of a foot in stance."""
-    return -_LEAST_SHARE * LEAST_SHARE * problem.mass_kg * float(problem.gravity_w[2])
+    return -problem.care.least_share * problem.mass_kg * float(problem.gravity_w[2])
+
+
+def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> tuple[Array, Array]:
+    """Normals (C, 2) and largest way along each (C,) of the polygon inside the circle of a step's longest way, with a
+    corner in the direction in which it leads.
+    """
+    ahead = float(np.arctan2(*(end - begin)[::-1]))
+    angles = ahead + (2 * np.arange(_CORNERS) + 1) * np.pi / _CORNERS
+    most = np.cos(np.pi / _CORNERS) * longest_step(problem, step)
+    return np.column_stack([np.cos(angles), np.sin(angles)]), np.full(_CORNERS, most)
 
 
 def longest_steps(problem: WalkProblem, gait: Gait) -> list[float]:

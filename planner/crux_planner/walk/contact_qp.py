@@ -1,27 +1,40 @@
 """P2a of a walk with its gait fixed: body, foot forces and footholds by one sparse QP.
 
-(8b) and (9a) are linearised about a given motion; the cone is the polygon inside it with a corner straight uphill.
+(8), (9a) and the cone are linear about a given motion and exact where the answer is that motion: solved about its own
+answer, again and again, the QP solves P1 of the gait.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import piqp
 import scipy.sparse as sp
 
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.arrays import Array, Indices
-from crux_planner.terms.dynamics import BODY_STATES
-from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps, rate_steps
-from crux_planner.walk.cost import FORCE_SHARE, walk_cost
-from crux_planner.walk.gait import TRUE_SHARE, Gait, nominal_footholds
-from crux_planner.walk.nlp import FOOTHOLD_WEIGHT
+from crux_planner.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.walk.blocks import Entries, skews
+from crux_planner.walk.bounds import (
+    BODY_STATES,
+    FEET_APART_M,
+    body_bounds,
+    foothold_bounds,
+    least_load_N,
+    rate_steps,
+    step_polygon,
+)
+from crux_planner.walk.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
+from crux_planner.walk.gait import Gait, nominal_footholds, progress
 from crux_planner.walk.problem import WalkProblem
+from crux_planner.walk.rigid_body import euler_rates
 
-_CORNERS = 8  # of the polygon inside the cone
-_REACH_RESERVE_M = 0.001  # for what linearising (9a) leaves out
+if TYPE_CHECKING:
+    from crux_planner.admm.consensus import Eta, Scales
+
+_SIDES = 8  # of the polygon about the cone, one of them where the force points
+_CONE_RESERVE_N = 0.02
 _FREE = 1e3  # a bound beyond what matters keeps the QP compact
 _MOMENT_OF_FORCE = slice(9, 12)
 _INFINITE = 1e30  # as PIQP has it
@@ -58,12 +71,17 @@ class Reference:
     @classmethod
     def straight(cls, problem: WalkProblem, gait: Gait) -> Reference:
         """Straight to the goal in the time of the steps, the weight shared by the feet in stance."""
-        way = np.interp(np.arange(problem.steps + 1), *_progress(problem, gait))
+        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
         pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
         there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
         body = np.zeros((problem.steps + 1, BODY_STATES))
         body[:, :6] = pose + way[:, None] * (there - pose)
         return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
+
+    def halfway(self, knots: WalkKnots) -> Reference:
+        """Between this one and an answer."""
+        body, forces = (self.body + knots.body) / 2, (self.forces + knots.forces) / 2
+        return Reference(body, forces, (self.footholds + knots.footholds) / 2)
 
     @classmethod
     def of(cls, problem: WalkProblem, gait: Gait, body: Array) -> Reference:
@@ -74,7 +92,7 @@ class Reference:
 class ContactQp:
     """The QP of one problem for any gait; what gaits have in common is built once."""
 
-    def __init__(self, problem: WalkProblem, scales: Scales, *, moments: bool = True) -> None:
+    def __init__(self, problem: WalkProblem, scales: Scales | None, *, moments: bool = True) -> None:
         self.problem, self.scales, self.moments = problem, scales, moments
         n, dt = problem.steps, problem.dt_s
         one = sp.eye(BODY_STATES)
@@ -83,12 +101,10 @@ class ContactQp:
             sp.kron(sp.hstack([sp.csr_matrix((n, 1)), sp.eye(n)]), one)
             - sp.kron(sp.hstack([sp.eye(n), sp.csr_matrix((n, 1))]), rate)
         ).tocoo()
-        uphill = np.arctan2(*-problem.gravity_w[1::-1]) if np.hypot(*problem.gravity_w[:2]) > 0 else 0.0
-        angles = uphill + (2 * np.arange(_CORNERS) + 1) * np.pi / _CORNERS
-        inner = problem.friction * np.cos(np.pi / _CORNERS)
-        self._cone = np.column_stack([np.cos(angles), np.sin(angles), np.full(_CORNERS, -inner)])
 
-    def solve(self, gait: Gait, reference: Reference, rho: float, target: Eta | None) -> WalkKnots | None:
+    def solve(
+        self, gait: Gait, reference: Reference, rho: float, target: Eta | None, accuracy: float = 1e-5
+    ) -> WalkKnots | None:
         """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         bounds = body_bounds(problem, gait)
@@ -105,27 +121,31 @@ class ContactQp:
         )
         # (8)
         arms = feet[:n] - reference.body[:n, None, :3]
-        turn = np.linalg.inv(problem.inertia_b) @ _rotations(-reference.body[:n, 5])
-        lever = np.einsum("kab,kibc->kiac", turn, _skews(arms))  # (N, 4, 3, 3): angular acceleration per newton
+        theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
+        easier = np.linalg.inv(problem.inertia_b)
+        turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
+        lever = np.einsum("kab,kibc->kiac", turn, skews(arms))  # (N, 4, 3, 3): angular acceleration per newton
         total = reference.forces.sum(axis=1)
-        moved = np.einsum("kab,kibc->kiac", turn, _skews(reference.forces))
-        rows = _Coo()
+        moved = np.einsum("kab,kibc->kiac", turn, skews(reference.forces))
+        rows = Entries()
         k, i = places.T
         rows.blocks(
             12 * k + 6, at_f + 3 * np.arange(len(k)), np.tile(-dt / problem.mass_kg * np.eye(3), (len(k), 1, 1))
         )
         right = np.zeros((n, BODY_STATES))
+        right[:, 3:6] = dt * (euler_rates(theta, omega) - omega)
         right[:, 6:9] = dt * problem.gravity_w
         if self.moments:
             knots = np.arange(n)
             rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
-            rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, _skews(total)))
+            rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, skews(total)))
             about = np.einsum("kiab,kij->kjab", moved[..., :2], blend[:n])
             for j in range(len(gait.steps)):
                 rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
             off = fixed[:n] - feet[:n, :, :2]
             constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
-            constant -= np.einsum("kab,kbc,kc->ka", turn, _skews(total), reference.body[:n, :3])
+            constant -= np.einsum("kab,kbc,kc->ka", turn, skews(total), reference.body[:n, :3])
+            constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
             right[:, _MOMENT_OF_FORCE] = dt * constant
         equal = rows.matrix((BODY_STATES * n, size), self._euler).tocsr()
         keep = np.ones(BODY_STATES * n, dtype=bool)
@@ -138,7 +158,7 @@ class ContactQp:
         high_f = np.tile([_FREE, _FREE, problem.max_normal_N], len(places))
         solver = piqp.SparseSolver()
         settings = solver.settings
-        settings.verbose, settings.eps_abs, settings.eps_rel, settings.max_iter = False, 1e-5, 1e-6, 60
+        settings.verbose, settings.eps_abs, settings.eps_rel, settings.max_iter = False, accuracy, accuracy / 10, 60
         solver.setup(
             hessian,
             linear,
@@ -181,11 +201,14 @@ class ContactQp:
     ) -> tuple[sp.csc_matrix, Array, Array]:
         """The cone, (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
         problem, n, count = self.problem, self.problem.steps, len(places)
-        rows, low, high = _Coo(), [], []
-        rows.blocks(_CORNERS * np.arange(count), at_f + 3 * np.arange(count), np.tile(self._cone, (count, 1, 1)))
-        low.append(np.full(_CORNERS * count, -np.inf))
-        high.append(np.zeros(_CORNERS * count))
-        start = _CORNERS * count
+        rows, low, high = Entries(), [], []
+        lateral = reference.forces[places[:, 0], places[:, 1], :2]
+        angles = np.arctan2(lateral[:, 1], lateral[:, 0])[:, None] + 2 * np.pi * np.arange(_SIDES) / _SIDES
+        cone = np.stack([np.cos(angles), np.sin(angles), np.full_like(angles, -problem.friction)], axis=2)
+        rows.blocks(_SIDES * np.arange(count), at_f + 3 * np.arange(count), cone)
+        low.append(np.full(_SIDES * count, -np.inf))
+        high.append(np.full(_SIDES * count, -_CONE_RESERVE_N))
+        start = _SIDES * count
         one = np.tile(np.eye(6), (n, 1, 1))
         every = np.arange(n)
         rows.blocks(start + 6 * every, 12 * every + 18, one)
@@ -196,11 +219,10 @@ class ContactQp:
         start += 6 * n
         # (9a), offsets of the feet in the body frame
         knots = np.arange(1, n + 1)
-        unturn = _rotations(-reference.body[1:, 5])
+        unturn = rotation_from_rpy(reference.body[1:, 3:6]).swapaxes(1, 2)
         away = np.einsum("kab,kib->kia", unturn, feet[1:] - reference.body[1:, None, :3])
-        tilted = _skews(away)
-        tilted_from = np.zeros((n, 3))
-        tilted_from[:, 2] = reference.body[1:, 5]
+        tilted = skews(away)
+        tilted_from = reference.body[1:, 3:6]
         ground = np.concatenate([fixed[1:], feet[1:, :, 2:]], axis=2)
         for limb in range(4):
             begin = start + 3 * (knots - 1)
@@ -217,7 +239,7 @@ class ContactQp:
             known = np.einsum("kab,kb->ka", unturn, ground[:, limb]) - np.einsum(
                 "kab,kb->ka", tilted[:, limb], tilted_from
             )
-            room = problem.boxes.half_m - _REACH_RESERVE_M
+            room = problem.boxes.half_m
             low.append((problem.boxes.centre_b_m[limb] - room - known).ravel())
             high.append((problem.boxes.centre_b_m[limb] + room - known).ravel())
             start += 3 * n
@@ -237,25 +259,39 @@ class ContactQp:
         all_feet = blend[three].sum(axis=1)
         for j in range(len(gait.steps)):
             rows.blocks(begin, np.full(len(three), at_h + 2 * j), pull * all_feet[:, j, None, None])
-        neutral = _rotations(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        low.append((TRUE_SHARE - np.einsum("kab,kb->ka", pull, fixed[three].sum(axis=1) - neutral)).ravel())
+        neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
+        known = np.einsum("kab,kb->ka", pull, fixed[three].sum(axis=1) - neutral)
+        low.append((problem.care.true_share - known).ravel())
         high.append(np.full(3 * len(three), np.inf))
         start += 3 * len(three)
+        # between the knots: the cone of three feet that balance the body where it is, here and at the next knot
+        level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
+        for ahead in (0, 1):
+            lean = problem.wall_friction * weight[:, None, None] * spread
+            height = problem.wall_friction * reference.body[three + ahead, 2, None, None] * spread
+            begin = start + 3 * np.arange(len(three))
+            for corner in range(3):
+                place = number[three, on[:, corner]]
+                rows.blocks(begin + corner, at_f + 3 * place, cone[place, 0, None, :2])
+                rows.blocks(begin, at_f + 3 * place, height)
+            rows.blocks(begin, 12 * (three + ahead), -lean)
+            low.append(np.full(3 * len(three), -np.inf))
+            high.append((problem.wall_friction * weight[:, None] * level).ravel() - _CONE_RESERVE_N)
+            start += 3 * len(three)
         # lengths of steps
-        angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-        normals = np.column_stack([np.cos(angles), np.sin(angles)])
         last = list(range(4))
-        for j, (step, longest) in enumerate(zip(gait.steps, longest_steps(problem, gait), strict=True)):
+        for j, step in enumerate(gait.steps):
+            before = last[step.limb]
+            normals, most = step_polygon(problem, step, reference.footholds[before], reference.footholds[4 + j])
             rows.dense(start, at_h + 2 * j + np.arange(2), normals)
-            most = np.full(_CORNERS, np.cos(np.pi / _CORNERS) * longest)
-            if last[step.limb] < 4:
-                most += normals @ problem.start_feet_w_m[last[step.limb]]
+            if before < 4:
+                most = most + normals @ problem.start_feet_w_m[before]
             else:
-                rows.dense(start, at_h + 2 * (last[step.limb] - 4) + np.arange(2), -normals)
+                rows.dense(start, at_h + 2 * (before - 4) + np.arange(2), -normals)
             last[step.limb] = 4 + j
-            low.append(np.full(_CORNERS, -np.inf))
+            low.append(np.full(len(most), -np.inf))
             high.append(most)
-            start += _CORNERS
+            start += len(most)
         # feet of a side apart
         for front, rear in ((0, 2), (1, 3)):
             difference = blend[:, front] - blend[:, rear]
@@ -301,7 +337,7 @@ class ContactQp:
         nominal = nominal_footholds(problem, gait)[4:]
         squares(spots, FOOTHOLD_WEIGHT, nominal)
         steps = np.zeros((len(gait.steps), len(gait.steps)))
-        if target is not None:
+        if target is not None and scales is not None:
             unit = np.array([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
             squares(states, rho / 2 * unit**2, target.body)
             k, i = places.T
@@ -330,61 +366,8 @@ class ContactQp:
         return total, linear, constant
 
 
-class _Coo:
-    """Entries of a sparse matrix, gathered block by block."""
-
-    def __init__(self) -> None:
-        self._parts: list[tuple[Indices, Indices, Array]] = []
-
-    def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
-        self._parts.append((rows, columns, values))
-
-    def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
-        """Blocks (n, a, b) with their first rows and columns (n,)."""
-        a, b = values.shape[1:]
-        shape = (len(rows), a, b)
-        row = np.broadcast_to(rows[:, None, None] + np.arange(a)[:, None], shape)
-        column = np.broadcast_to(columns[:, None, None] + np.arange(b), shape)
-        self._parts.append((row.ravel(), column.ravel(), values.ravel()))
-
-    def dense(self, row: int, columns: Indices, values: Array) -> None:
-        """One block from `row` on, its columns anywhere."""
-        a, b = values.shape
-        rows = np.repeat(row + np.arange(a), b)
-        self._parts.append((rows, np.tile(columns, a), values.ravel()))
-
-    def matrix(self, shape: tuple[int, int], more: sp.coo_matrix | None = None) -> sp.coo_matrix:
-        parts = [*self._parts, *([] if more is None else [(more.row, more.col, more.data)])]
-        rows, columns, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
-        solid = values != 0.0
-        return sp.coo_matrix((values[solid], (rows[solid], columns[solid])), shape)
-
-
-def _skews(v: Array) -> Array:
-    """(..., 3, 3) of (..., 3)."""
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return flat.reshape(*v.shape, 3)
-
-
-def _rotations(yaws: Array) -> Array:
-    """(n, 3, 3) about z."""
-    c, s, zero = np.cos(yaws), np.sin(yaws), np.zeros(len(yaws))
-    flat = np.stack([c, -s, zero, s, c, zero, zero, zero, zero + 1], axis=-1)
-    return flat.reshape(-1, 3, 3)
-
-
 def _standing_forces(problem: WalkProblem, gait: Gait) -> Array:
     stance = gait.stance[: problem.steps]
     shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
     forces: Array = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
     return forces
-
-
-def _progress(problem: WalkProblem, gait: Gait) -> tuple[Array, Array]:
-    """Knots and the share of the way at each: straight from the first lift-off to the last touch-down."""
-    if not gait.steps:
-        return np.array([0.0, problem.steps]), np.array([0.0, 1.0])
-    first, end = min(s.lift for s in gait.steps), max(s.land for s in gait.steps)
-    return np.array([0.0, first, end, problem.steps + 1.0]), np.array([0.0, 0.0, 1.0, 1.0])

@@ -8,6 +8,7 @@ from crux_planner.arrays import Array
 from crux_planner.walk.gait import Gait
 from crux_planner.walk.problem import WalkProblem
 
+FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where J does not
 FORCE_SHARE = 0.5  # two pads share a foot's force, so that |u|^2 is half of it
 
 

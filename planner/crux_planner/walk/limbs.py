@@ -12,7 +12,7 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.walk.contact_block import WalkPlan, eta_of
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.cost import walk_cost
-from crux_planner.walk.gait import candidates
+from crux_planner.walk.flat_search import FlatSearch
 from crux_planner.walk.limb_block import FootPlan, ParallelFeet
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import LEAST_GAP, Slots
@@ -104,8 +104,7 @@ class WalkLimbs:
 def _right_of_way(problem: WalkProblem) -> list[int]:
     """The order of the feet in the cheapest regular gait, which is one that leaves the body in balance."""
     try:
-        regular = candidates(problem, 1)
+        gait = FlatSearch(problem).begin(np.inf).gait
     except InfeasibleError:
-        regular = []
-    order = [step.limb for step in regular[0].gait.steps] if regular else _USUAL_ORDER
-    return list(dict.fromkeys(order)) or _USUAL_ORDER
+        return _USUAL_ORDER
+    return list(dict.fromkeys(step.limb for step in gait.steps)) or _USUAL_ORDER

@@ -12,8 +12,8 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.kinematics import rotation_z
 from crux_planner.result import plan_header
+from crux_planner.walk.exact import WalkSolution
 from crux_planner.walk.gait import Gait
-from crux_planner.walk.nlp import WalkSolution
 from crux_planner.walk.problem import WalkProblem
 
 

@@ -10,13 +10,11 @@ from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.relaxation import RELAXATIONS
 from crux_planner.walk.benchmark import WalkBenchmark
-from crux_planner.walk.contact_block import WalkContacts, WalkPlan, as_candidate
+from crux_planner.walk.contact_block import WalkContacts, WalkPlan
 from crux_planner.walk.contact_qp import WalkKnots
-from crux_planner.walk.gait import Candidate
 from crux_planner.walk.limb_block import ParallelFeet
 from crux_planner.walk.limbs import WalkLimbs
 from crux_planner.walk.motion_block import WalkMotion
-from crux_planner.walk.nlp import WalkSolution
 from crux_planner.walk.problem import WalkProblem
 
 RHO, ITERATIONS = 1.5, 10
@@ -47,17 +45,6 @@ class WalkDecided:
     residuals: list[dict[str, float]] = field(default_factory=list)
     gaits: list[list[str]] = field(default_factory=list)
     relaxations: dict[float, int] = field(default_factory=dict)  # the benchmark's, and ipopt's iterations for each
-
-    @property
-    def candidate(self) -> Candidate:
-        """What the exact NLP starts from."""
-        return as_candidate(self.knots)
-
-    @property
-    def solution(self) -> WalkSolution:
-        """For the check of what the method reached alone."""
-        knots = self.knots
-        return WalkSolution(knots.body, knots.forces, knots.footholds, knots.cost, 0, "", self.converged, 0.0, 0.0)
 
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` says of the method alone."""

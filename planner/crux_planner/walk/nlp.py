@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from crux_planner.arrays import Array, Indices
+from crux_planner.arrays import Indices
 from crux_planner.errors import InfeasibleError
 from crux_planner.nlp import IPOPT
 from crux_planner.stage_functions import FORCE_SCALE_N
@@ -17,31 +16,15 @@ from crux_planner.terms.dynamics import BODY_STATES, euler_step, rotation
 from crux_planner.terms.limit_surface import SMOOTHING_N
 from crux_planner.terms.reach import offset_in_body
 from crux_planner.walk.bounds import FEET_APART_M, body_bounds, foothold_bounds, least_load_N, longest_steps, rate_steps
-from crux_planner.walk.cost import FORCE_SHARE, walk_cost
-from crux_planner.walk.gait import TRUE_SHARE, Candidate
+from crux_planner.walk.contact_qp import WalkKnots
+from crux_planner.walk.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
+from crux_planner.walk.exact import WalkSolution
 from crux_planner.walk.problem import WalkProblem
 
-FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where the cost does not
 
-
-@dataclass(frozen=True)
-class WalkSolution:
-    """Body states (N + 1, 12), foot forces (N, 4, 3) [N], footholds (4 + S, 2) and how it went."""
-
-    body: Array
-    forces: Array
-    footholds: Array
-    cost: float
-    iterations: int
-    status: str
-    solved: bool
-    position_residual_m: float
-    force_residual_N: float
-
-
-def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> WalkSolution:
-    """P1 of one gait, started from its QP."""
-    n, gait = problem.steps, candidate.gait
+def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSolution:
+    """P1 of one gait, from a walk near its solution."""
+    n, gait = problem.steps, knots.gait
     stance = gait.stance[:n]
     places = np.argwhere(stance)  # (P, 2) knot and limb
     x = ca.MX.sym("x", BODY_STATES, n + 1)
@@ -67,13 +50,13 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
     for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
         rows = np.flatnonzero(places[:, 0] == k).tolist()
         shares = true_shares(f[2, rows], here[:2, rows], feet[:2, 4 * k : 4 * k + 4], x[:, k])
-        parts.append((shares, TRUE_SHARE, np.inf))
-    parts += _step_lengths(problem, candidate, holds)
+        parts.append((shares, problem.care.true_share, np.inf))
+    parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
     for front, rear in ((0, 2), (1, 3)):
         parts.append((of_limb[front] - of_limb[rear], FEET_APART_M, np.inf))
 
-    nominal = candidate.footholds[4:].T
+    nominal = knots.footholds[4:].T
     objective = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     objective += FORCE_SHARE * problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f)
     objective += FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
@@ -94,42 +77,27 @@ def solve(problem: WalkProblem, candidate: Candidate, time_limit_s: float) -> Wa
         },
         {**IPOPT, "ipopt.max_wall_time": time_limit_s},
     )
-    body, forces = _start(problem, candidate)
     result = solver(
-        x0=np.concatenate([body.ravel(), forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),
+        x0=np.concatenate([knots.body.ravel(), knots.forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),
         lbx=np.concatenate([body_low.ravel(), force_low, spots[0].ravel()]),
         ubx=np.concatenate([body_high.ravel(), force_high, spots[1].ravel()]),
         lbg=np.concatenate([np.tile(np.broadcast_to(low, e.shape[0]), e.shape[1]) for e, low, _ in parts]),
         ubg=np.concatenate([np.tile(np.broadcast_to(high, e.shape[0]), e.shape[1]) for e, _, high in parts]),
     )
-    return _solution(problem, candidate, solver.stats(), result, places)
+    return _solution(problem, knots, solver.stats(), result, places)
 
 
-def _step_lengths(problem: WalkProblem, candidate: Candidate, holds: Any) -> list[tuple[Any, Any, Any]]:
+def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tuple[Any, Any, Any]]:
     """Mean speed of a foot over every interval of its steps, as one bound of each step's length."""
     rows = []
     last = list(range(4))
-    for i, (step, longest) in enumerate(zip(candidate.gait.steps, longest_steps(problem, candidate.gait), strict=True)):
+    for i, (step, longest) in enumerate(zip(knots.gait.steps, longest_steps(problem, knots.gait), strict=True)):
         rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest**2))
         last[step.limb] = 4 + i
     return rows
 
 
-def _start(problem: WalkProblem, candidate: Candidate) -> tuple[Array, Array]:
-    """Body states and foot forces (N, 4, 3) of the QP: lateral forces go with the loads."""
-    n, dt = problem.steps, problem.dt_s
-    body = np.zeros((n + 1, BODY_STATES))
-    body[:, 0:2] = candidate.body
-    body[:, 2] = np.linspace(problem.start.position_m[2], problem.goal.body.position_m[2], n + 1)
-    body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
-    body[:-1, 6:9] = np.diff(body[:, 0:3], axis=0) / dt
-    lateral = problem.mass_kg * (np.diff(body[:, 6:8], axis=0) / dt - problem.gravity_w[:2])
-    shares = candidate.loads / candidate.loads.sum(axis=1, keepdims=True)
-    forces = np.concatenate([shares[:, :, None] * lateral[:, None, :], candidate.loads[:, :, None]], axis=2)
-    return body, forces
-
-
-def _solution(problem: WalkProblem, candidate: Candidate, stats: Any, result: Any, places: Indices) -> WalkSolution:
+def _solution(problem: WalkProblem, knots: WalkKnots, stats: Any, result: Any, places: Indices) -> WalkSolution:
     n, values = problem.steps, np.array(result["x"]).ravel()
     size, count = BODY_STATES * (n + 1), 3 * len(places)
     forces = np.zeros((n, 4, 3))
@@ -141,7 +109,7 @@ def _solution(problem: WalkProblem, candidate: Candidate, stats: Any, result: An
         body=body,
         forces=forces,
         footholds=footholds,
-        cost=walk_cost(problem, candidate.gait, body, forces),
+        cost=walk_cost(problem, knots.gait, body, forces),
         iterations=int(stats["iter_count"]),
         status=str(stats["return_status"]),
         solved=bool(stats["success"]),

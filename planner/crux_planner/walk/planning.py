@@ -1,4 +1,4 @@
-"""Planning a walk: gaits by local search on J, or decided by one of the paper's methods; the exact NLP; the check."""
+"""Planning a walk: gaits by local search on J or by one of the paper's methods; the exact problem; the check."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ from typing import Protocol
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.admm.consensus import Scales
 from crux_planner.bound.gap import gap
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.result import PlanResult
-from crux_planner.walk.contact_block import WalkContacts, as_candidate
-from crux_planner.walk.gait import Candidate, Gait, candidates
+from crux_planner.walk.contact_block import WalkContacts
+from crux_planner.walk.contact_qp import WalkKnots
+from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
-from crux_planner.walk.nlp import solve
-from crux_planner.walk.problem import WalkProblem, build_walk
+from crux_planner.walk.problem import BOLD, USUAL, WalkProblem, build_walk
 
-CAUTION = ((1.0, 1.0), (0.7, 1.0), (0.85, 0.85))  # of friction and of speeds, in turn where the check refuses a walk
-ORACLES = 40  # asked by the local search over gaits
-ATTEMPTS = 2  # regular gaits of each kind that get an NLP
+FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
+GENTLER = 2  # times
+ATTEMPTS = 3  # gaits of a search that get an exact solution
+_SPEEDS = ("joint_speed", "swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
+_FRICTION = ("limit_surface", "limit_surface_between_knots")
 
 
 class Work(Protocol):
@@ -44,83 +45,102 @@ def plan_walk(scenario: Scenario, robot: Robot, work: Work, deadline: float, met
         problem = build_walk(scenario, robot)
     if method != "auto":
         return _plan_by_method(scenario, robot, problem, work, deadline, method)
-    failure: InfeasibleError | None = None
-    for walk, candidate in _candidates(problem, work, deadline):
-        attempt = _finish(scenario, robot, walk, problem, candidate, work, deadline, method)
-        if isinstance(attempt, PlanResult):
-            return attempt
-        failure = failure or attempt
-        if time.monotonic() > deadline:
+    failures: list[InfeasibleError] = []
+    for walk in _walks(problem, failures):
+        found = WalkContacts(walk).search(deadline)
+        result = _first_good(scenario, robot, walk, problem, found, work, deadline, method)
+        if isinstance(result, PlanResult):
+            return result
+        failures.append(result)
+        if result.constraint == "horizon" or time.monotonic() > deadline:
             break
-    raise failure or InfeasibleError(
-        "equilibrium",
-        "no gait keeps the body in balance and the feet within reach on the straight way to the goal in time",
-    )
+    raise failures[0]
 
 
-def _candidates(problem: WalkProblem, work: Work, deadline: float) -> Iterator[tuple[WalkProblem, Candidate]]:
-    """The local search's gait, a gentler one should the exact problem or the check refuse it, then regular ones."""
-    for caution in CAUTION:
-        walk = gentler(problem, *caution)
-        with work.part("contacts", 0.1):
-            try:
-                found = WalkContacts(walk, Scales(), oracles=ORACLES).minimise(0.0, None, deadline)
-            except InfeasibleError:
-                if walk.friction == problem.friction and walk.foot_speed_m_s == problem.foot_speed_m_s:
-                    raise
-                continue
-        yield walk, as_candidate(found.knots)
-    for at_once in (1, 2):  # two feet at a time only where one at a time does not do
-        try:
-            with work.part("contacts", 0.1):
-                regular = candidates(problem, at_once)
-        except InfeasibleError:  # too short a horizon
-            continue
-        yield from ((problem, candidate) for candidate in regular[:ATTEMPTS])
+def _walks(problem: WalkProblem, failures: list[InfeasibleError]) -> Iterator[WalkProblem]:
+    """The walk with the usual care, gentler where the check refused what was found, bolder where nothing was."""
+    for care in (USUAL, BOLD):
+        friction = speed = 1.0
+        for _ in range(1 + GENTLER):
+            yield gentler(replace(problem, care=care), friction, speed)
+            if failures[-1].constraint in _SPEEDS:
+                speed *= SPEED_SHARE
+            elif failures[-1].constraint in _FRICTION:
+                friction *= FRICTION_SHARE
+            else:
+                break
 
 
 def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
     """The walk with a share of its friction and of its speeds."""
     body = replace(problem.body, max_speed_m_s=speed * problem.body.max_speed_m_s)
     return replace(
-        problem, friction=friction * problem.friction, foot_speed_m_s=speed * problem.foot_speed_m_s, body=body
+        problem,
+        friction=friction * problem.friction,
+        foot_speed_m_s=speed * problem.foot_speed_m_s,
+        foot_yaw_rate_rad_s=speed * problem.foot_yaw_rate_rad_s,
+        body=body,
     )
 
 
 def _plan_by_method(
     scenario: Scenario, robot: Robot, problem: WalkProblem, work: Work, deadline: float, method: str
 ) -> PlanResult:
-    """One of the paper's methods decides the gait; the exact NLP and the check are the same for all."""
+    """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
     from crux_planner.walk.methods import METHODS, WalkTask
 
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
-    options, failure = scenario.planner, None
-    for caution in CAUTION:
-        walk = gentler(problem, *caution)
-        with work.part("contacts", 0.1):
-            decided = METHODS[method](WalkTask(walk, deadline, options.rho, options.iterations, report=work.log))
-        candidate = _mended(walk, decided.knots.gait, deadline) or decided.candidate
-        alone = walk_message(scenario, robot, problem, decided.knots.gait, decided.solution, method)
+    options, failures = scenario.planner, list[InfeasibleError]()
+    for walk in _walks(problem, failures):
+        try:
+            with work.part("contacts", 0.1):
+                decided = METHODS[method](WalkTask(walk, deadline, options.rho, options.iterations, report=work.log))
+        except InfeasibleError as none:
+            failures.append(none)
+            continue
+        alone = walk_message(scenario, robot, problem, decided.knots.gait, of_knots(walk, decided.knots, 0), method)
         with work.part("check", 0.4):
             alone_report = check_plan(alone, robot)
-        attempt = _finish(scenario, robot, walk, problem, candidate, work, deadline, method)
-        if isinstance(attempt, PlanResult):
-            attempt.iterations, attempt.history = decided.iterations, decided.residuals
+        near = WalkContacts(walk).near(decided.knots.gait, deadline)
+        result = _first_good(scenario, robot, walk, problem, near, work, deadline, method)
+        if isinstance(result, PlanResult):
+            result.iterations, result.history = decided.iterations, decided.residuals
             worst = alone_report.to_json()["worst"][:1]
-            attempt.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
-            return attempt
-        failure = failure or attempt
+            result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+            return result
+        failures.append(result)
         if time.monotonic() > deadline:
             break
+    raise failures[0]
+
+
+def _first_good(
+    scenario: Scenario,
+    robot: Robot,
+    problem: WalkProblem,
+    asked: WalkProblem,
+    found: Iterator[WalkKnots],
+    work: Work,
+    deadline: float,
+    method: str,
+) -> PlanResult | InfeasibleError:
+    """The first of the walks found that is exact and passes the check, or why none is."""
+    failure: InfeasibleError | None = None
+    for _ in range(ATTEMPTS):
+        try:
+            with work.part("contacts", 0.1):
+                knots = next(found, None)
+        except InfeasibleError as none:
+            return failure or none
+        if knots is None:
+            break
+        attempt = _finish(scenario, robot, problem, asked, knots, work, deadline, method)
+        if isinstance(attempt, PlanResult):
+            return attempt
+        failure = failure or attempt
     assert failure is not None
-    raise failure
-
-
-def _mended(problem: WalkProblem, gait: Gait, deadline: float) -> Candidate | None:
-    """The gait, or where feet that decided each for itself leave no body path in balance, the best near it."""
-    knots = WalkContacts(problem, Scales()).near(gait, deadline)
-    return None if knots is None else as_candidate(knots)
+    return failure
 
 
 def _finish(
@@ -128,15 +148,15 @@ def _finish(
     robot: Robot,
     problem: WalkProblem,
     asked: WalkProblem,
-    candidate: Candidate,
+    knots: WalkKnots,
     work: Work,
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    """The exact NLP and the check for a gait, whatever found it."""
-    gait = candidate.gait
+    """The exact problem and the check for a gait, whatever found it."""
+    gait = knots.gait
     with work.part("nlp", 0.5):
-        solution = solve(problem, candidate, max(deadline - time.monotonic(), 1.0))
+        solution = solve(problem, knots, deadline)
     if not solution.solved:
         text = f"the exact problem has no solution for the gait {', '.join(gait.names)} ({solution.status})"
         return InfeasibleError("dynamics", text)

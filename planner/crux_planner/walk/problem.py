@@ -22,6 +22,19 @@ from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_b
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
 _FOOT_MOVE_M = 0.05  # over which the limbs' pull on the centre of mass is measured
 FINAL_FOOT_M = 0.02  # of a foot at the end off its place under the body, along x and along y
+
+
+@dataclass(frozen=True)
+class Care:
+    """What a walk keeps clear of beyond (7) and (8): room for what the robot does not do as planned."""
+
+    least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
+    true_share: float  # the same for the centre of mass as it is with the limbs' own mass, while three feet stand
+    acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
+
+
+USUAL = Care(0.1275, 0.12, (1.0, 0.35))
+BOLD = Care(0.075, 0.06, (2.0, 0.7))  # where strides are too long for the usual
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
@@ -45,10 +58,12 @@ class WalkProblem:
     body: BodyBounds
     foot_speed_m_s: float
     foot_yaw_rad: tuple[float, float]  # relative to the body
+    foot_yaw_rate_rad_s: float
     step_height_m: float
     limbs_share: float  # of a foot's way over the body, how far it moves the centre of mass: limbs have mass too
     neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
     weights: Weights
+    care: Care
     opening_m: float  # of the fingers, all the time
     heading_rad: float  # of this frame in W
 
@@ -106,10 +121,12 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         body=body,
         foot_speed_m_s=walking.foot_speed_m_s,
         foot_yaw_rad=walking.foot_yaw_rad,
+        foot_yaw_rate_rad_s=walking.foot_yaw_rate_rad_s,
         step_height_m=walking.step_height_m,
         limbs_share=share,
         neutral_feet_b_m=neutral,
         weights=weights_of(scenario, WEIGHTS),
+        care=USUAL,
         opening_m=robot.gripper.opening_m[0],
         heading_rad=heading,
     )

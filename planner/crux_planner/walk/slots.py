@@ -53,8 +53,8 @@ class Slots:
                 on[lift:land, limb] = False
         return on
 
-    def possible(self, problem: WalkProblem, at_once: int) -> bool:
-        """Long enough steps, and no more than `at_once` feet in the air from lift to land."""
+    def possible(self, problem: WalkProblem, at_once: int = 1) -> bool:
+        """Steps of some knots, and no more than `at_once` feet in the air from lift to land."""
         busy = np.zeros(problem.steps + 1, dtype=int)
         for slots in self.of_limb:
             before = -1

@@ -12,8 +12,9 @@ from crux_planner import InfeasibleError, PlanResult, plan
 from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.mass import centre_of_mass
 from crux_planner.problem import Pose
-from crux_planner.walk.gait import Gait, Step, candidates, lay_out
-from crux_planner.walk.problem import build_walk, posture
+from crux_planner.walk.gait import LEAST_AIR, Gait, Step, longest_step
+from crux_planner.walk.problem import FINAL_FOOT_M, build_walk, posture
+from crux_planner.walk.strides import Strides
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 ROBOT = load_robot("scaler")
@@ -57,6 +58,8 @@ def test_the_flat_walk_by_hand() -> None:
         ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.05, 0.04, 0.19], rpy_deg: [0, 0, 8]"),
         ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.0, 0.0, 0.185]"),
         ("slope_deg: 0", "slope_deg: 10"),
+        ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.05, 0.0, 0.185], rpy_deg: [0, 0, 15]"),
+        ("position_m: [0.1, 0.0, 0.185]", "position_m: [0.18, 0.0, 0.185], rpy_deg: [0, 0, 5]"),
     ],
 )
 def test_other_walks_pass_the_check(change: str, to: str) -> None:
@@ -97,15 +100,28 @@ def test_a_step_begins_and_ends_at_rest_and_is_highest_in_the_middle() -> None:
     assert gait.stance[:, 0].tolist() == [True] * 4 + [False] * 6 + [True] * 2 + [False] * 6 + [True] * 3
 
 
-def test_the_cheapest_gait_comes_first_and_all_share_the_time() -> None:
+def test_a_search_begins_with_every_order_of_the_feet_and_steps_as_long_as_they_must_be() -> None:
     problem = build_walk(parse_scenario(FLAT), ROBOT)
-    found = candidates(problem, 1)
-    assert len(found) >= 4
-    assert [c.cost for c in found] == sorted(c.cost for c in found)
-    for candidate in found:
-        np.testing.assert_allclose(candidate.loads.sum(axis=1), 9.81 * ROBOT.total_mass_kg, rtol=1e-4)
+    strides = Strides(problem)
+    starts = strides.starts(1)
+    assert len(set(starts)) == 24
+    assert all(slots.possible(problem) and strides.long_enough(slots) for slots in starts)
+    ways = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1)
+    for limb, ((lift, land),) in enumerate(starts[0].of_limb):
+        shorter = Step(limb, lift, land - 1)
+        assert longest_step(problem, Step(limb, lift, land)) >= ways[limb] - FINAL_FOOT_M
+        assert land - lift == LEAST_AIR or longest_step(problem, shorter) < ways[limb]
     with pytest.raises(InfeasibleError, match="need at least"):
-        lay_out(problem, [(0,), (1,), (2,), (3,)], 4)
+        strides.starts(4)
+
+
+def test_a_foot_that_turns_far_is_in_the_air_for_longer() -> None:
+    """15 degrees: (7) bounds the foot's rate of yaw, too."""
+    problem = build_walk(parse_scenario(FLAT.replace("0.185], tol", "0.185], rpy_deg: [0, 0, 15], tol")), ROBOT)
+    slots = Strides(problem).starts(1)[0]
+    for ((lift, land),) in slots.of_limb:
+        rates = np.abs(np.diff(Step(0, lift, land).shares()[0])) * np.radians(15) / problem.dt_s
+        assert rates.max() <= problem.foot_yaw_rate_rad_s
 
 
 @pytest.mark.parametrize(

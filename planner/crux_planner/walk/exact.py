@@ -1,0 +1,65 @@
+"""The exact walk of a gait: contact_qp solved about its own answer until (8) holds; ipopt where that does not end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.arrays import Array
+from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
+from crux_planner.walk.problem import WalkProblem
+from crux_planner.walk.rigid_body import defects
+
+_ROUNDS, _WHOLE_STEPS = 10, 3
+_ACCURACY = 1e-7  # of the QP
+_MOMENT_NM, _FORCE_N, _PLACE = 1e-4, 1e-3, 1e-6  # left open by (8) at most
+_COST = 1e-5  # of J, as a share, from one answer to the next
+
+
+@dataclass(frozen=True)
+class WalkSolution:
+    """Body states (N + 1, 12), foot forces (N, 4, 3) [N], footholds (4 + S, 2) and how it went."""
+
+    body: Array
+    forces: Array
+    footholds: Array
+    cost: float
+    iterations: int
+    status: str
+    solved: bool
+    position_residual_m: float
+    force_residual_N: float
+
+
+def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSolution:
+    """P1 of one gait, from a walk near its solution."""
+    qp, cost = ContactQp(problem, None), np.inf
+    about = Reference(knots.body, knots.forces, knots.footholds)
+    for count in range(1, _ROUNDS + 1):
+        # later halfway: two answers may else follow one another for ever
+        whole = count <= _WHOLE_STEPS
+        about = Reference(knots.body, knots.forces, knots.footholds) if whole else about.halfway(knots)
+        again = qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
+        if again is None or time.monotonic() > deadline:
+            break
+        settled = abs(again.cost - cost) < _COST * abs(again.cost)
+        knots, cost = again, again.cost
+        solution = of_knots(problem, knots, count)
+        if settled and solution.solved:
+            return solution
+    from crux_planner.walk import nlp
+
+    return nlp.solve(problem, knots, max(deadline - time.monotonic(), 1.0))
+
+
+def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:
+    """A walk as it is; `solved` where (8) holds."""
+    left = np.abs(defects(problem, knots.body, knots.feet(problem.step_height_m), knots.forces))
+    moment = float((left[:, 9:12] @ np.abs(problem.inertia_b).T).max()) / problem.dt_s
+    force = float(left[:, 6:9].max()) * problem.mass_kg / problem.dt_s
+    place = float(left[:, :6].max())
+    solved = moment < _MOMENT_NM and force < _FORCE_N and place < _PLACE
+    status = "solved" if solved else "(8) does not hold"
+    return WalkSolution(knots.body, knots.forces, knots.footholds, knots.cost, iterations, status, solved, place, force)
