@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crux_planner.arrays import Array
+from crux_planner.arrays import Array, Indices
 from crux_planner.problem import Problem
 from crux_planner.terms.bounds import wrench_bounds
 from crux_planner.terms.dynamics import static_map
@@ -47,12 +47,20 @@ class Carriers:
             problem.weights.wrench,
         )
 
-    def least(self, prices: Array) -> Array:
-        """(..., C): the least of R |q|^2 + prices . map q for prices (..., 6) about the origin."""
-        w, mu, low, high = self.weight, self.friction, self.least_N, self.most_N
-        g = np.einsum("cij,...i->...cj", self.maps, prices)
+    def least(self, prices: Array, contacts: Indices | None = None) -> Array:
+        """The least of R |q|^2 + prices . map q for prices about the origin.
+
+        (..., C) for prices (..., 6) and every contact, or (n,) for prices (n, 6) of one contact each.
+        """
+        w, high = self.weight, self.most_N
+        if contacts is None:
+            mu, low, spines = self.friction, self.least_N, self.spines
+            g = np.einsum("cij,...i->...cj", self.maps, prices)
+        else:
+            mu, low, spines = self.friction[contacts], self.least_N[contacts], self.spines[contacts]
+            g = np.einsum("cij,ci->cj", self.maps[contacts], prices)
         wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
-        over = np.linalg.norm(np.maximum(np.abs(wanted) - self.spines, 0.0), axis=-1)
+        over = np.linalg.norm(np.maximum(np.abs(wanted) - spines, 0.0), axis=-1)
         pull = np.abs(g[..., 3])
         pressed = np.clip(pull / (2 * w), low, high)  # the cheapest normal force on the finger that pays
         # n: smaller normal force. Below `pressed`, the other finger has `pressed`; above, both have n.

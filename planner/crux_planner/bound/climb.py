@@ -8,9 +8,10 @@ The relaxation, step by step; each only allows more or asks less:
 3. (8) asks for balance up to the largest accelerations that speeds within (7) allow.
 4. Height and opening of limbs in the air earn what they can at most; speeds cost nothing.
 5. A dynamic programme over all sets of grasps and knots (bound.timeline) adds up the cheapest way.
-Sets of grasps are priced only where the cheapest way goes. On walls with many holds all that a hold offers is taken as
-one, of which the cheapest counts: the bound is weaker there. Plans that stray so far that they cost more than the J
-asked about are left out: the bound is never above that J.
+Sets of grasps are priced only where the cheapest way goes, and others by prices of those they are most like
+(bound.likeness). On walls with very many sets all that a hold offers is taken as one, of which the cheapest counts, and
+where that is too much still, what is left is `floor` and the body's way at full speed: weak, but a bound. Plans that
+stray so far that they cost more than the J asked about are left out: the bound is never above that J.
 
 Work is counted, not timed, so that the bound of a wall is the same number every time.
 """
@@ -26,21 +27,22 @@ import numpy as np
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.bound.grasps import Grasps, Groups, by_hold, grasps, one_each
 from crux_planner.bound.knot_qp import KnotQp
+from crux_planner.bound.likeness import Likeness
 from crux_planner.bound.places import orientations
 from crux_planner.bound.prices import Prices
-from crux_planner.bound.room import body_room, excursion_cost, yaw_room
-from crux_planner.bound.swings import detours, distinct, earned, ends, floor, knot_floor, quickest_to
+from crux_planner.bound.room import body_room, excursion_cost, quickest_way, yaw_room
+from crux_planner.bound.swings import detours, earned, ends, floor, knot_floor, quickest_to
 from crux_planner.bound.timeline import Timeline
 from crux_planner.problem import Problem
 
 TIME_LIMIT_S = 20.0
-EFFORT = 1.0  # of the default: about seconds of an idle core
+EFFORT = 1.0  # of the default on a small wall: about seconds of an idle core
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 2e-7, 1e-3  # effort of a state at a knot, of a priced pair, of a QP
-MANY = 24  # contacts of a limb, from which on a hold's are taken as one
-LARGEST = 1_000_000  # states of the dynamic programme
+_SMALL = 1750  # knots times contacts of a limb, up to which a wall is small
+LARGEST = 150_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
-_ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways
-_SHARED = 2  # times as many learn from their prices
+_ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways; more where a round takes long
+_SHARED = 50  # times as many learn from their prices
 
 
 def lower_bound(
@@ -57,13 +59,20 @@ def lower_bound(
     if problem.limit_surface == "paper":  # it lets pass what (2) does not
         return None
     limits = _Limits(time.monotonic() + time_limit_s, effort)
-    bound = floor(problem)
+    bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
-    many = max(len(distinct(problem, limb)) for limb in range(4)) > MANY
-    search = _Search.begin(problem, cost, by_hold(problem) if many else one_each(problem), limits)
+    search = _Search.begin(problem, cost, one_each(problem), limits) or _Search.begin(
+        problem, cost, by_hold(problem), limits
+    )
     if search is not None:
         bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
     return float(min(bound, cost))
+
+
+def usual_effort(problem: Problem) -> float:
+    """More for longer climbs on walls with more grasps, for which planning takes longer too."""
+    size = problem.steps * max(len(own) for own in problem.limb_contacts)
+    return EFFORT * min(max(size / _SMALL, 1.0), 3.0)
 
 
 @dataclass
@@ -95,6 +104,7 @@ class _Search:
     limits: _Limits
     value: Array  # (n,) of each node, at any knot
     known: Flags  # (n,) priced by prices of its own
+    likeness: Likeness
     windows: dict[int, Array] = field(default_factory=dict)  # knot -> (n,)
     known_at: set[tuple[int, int]] = field(default_factory=set)  # (knot, node)
     _tables: dict[int, Array] = field(default_factory=dict)
@@ -105,7 +115,9 @@ class _Search:
         spare = cost - floor(problem)
         room = body_room(problem, spare)
         about = orientations(problem, *yaw_room(problem, spare))
-        nodes = grasps(problem, about, *room, groups)
+        nodes = grasps(problem, about, *room, groups, LARGEST)
+        if nodes is None:
+            return None
         prices = Prices(problem, about, nodes)
         qp = KnotQp(problem, prices.carriers)
         everything = np.arange(len(nodes.options))
@@ -123,11 +135,11 @@ class _Search:
         kept = excess + excursion_cost(problem, about, nodes) <= spare
         nodes = nodes.reduced(kept)
         timeline = _timeline(problem, nodes)
-        if timeline.states > LARGEST:
-            return None
         known = np.zeros(len(nodes.options), dtype=bool)
         prices = Prices(problem, about, nodes)
-        return _Search(problem, cost, nodes, prices, qp, room, timeline, limits, value[kept], known)
+        return _Search(
+            problem, cost, nodes, prices, qp, room, timeline, limits, value[kept], known, Likeness(problem, nodes)
+        )
 
     def run(self, report: Callable[[float], None]) -> float:
         """The bound when all that the cheapest way meets is priced, or when the limits are reached."""
@@ -140,11 +152,12 @@ class _Search:
             way = self.timeline.forward(start, last, problem.steps, self._stage)
             bound = max(bound, way.least)
             report(bound)
-            self.limits.spend(2.5 * _STATE_S * self.timeline.states * problem.steps)
+            sweeps = 2.5 * _STATE_S * self.timeline.states * problem.steps
+            self.limits.spend(sweeps)
             if bound >= self.cost or self.limits.reached:
                 return bound
             through = self._drop(self.timeline.through(way, last, self._stage))
-            if not self._price(through, bound):
+            if not self._price(through, bound, max(_ROUND, int(sweeps / (2 * _QP_S)))):
                 return bound
 
     def _drop(self, through: Array) -> Array:
@@ -160,6 +173,7 @@ class _Search:
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}
         self.timeline = _timeline(self.problem, self.nodes)
+        self.likeness = Likeness(self.problem, self.nodes)
         return through[:, kept]
 
     def _stage(self, knot: int) -> Array:
@@ -169,7 +183,7 @@ class _Search:
             self._tables[key] = value + earned(self.problem) * self.nodes.in_air
         return self._tables[key]
 
-    def _price(self, through: Array, bound: float) -> bool:
+    def _price(self, through: Array, bound: float, many: int) -> bool:
         """Find prices for the nodes on the cheapest ways; False where those of the cheapest have theirs already."""
         on_way = through <= bound + 1e-9
         found = False
@@ -188,14 +202,16 @@ class _Search:
         if not found:
             return False
         order = np.argsort(least, kind="stable")
-        wanted = order[~self.known[order] & (least[order] <= self.cost)][:_ROUND]
-        others = order[: _SHARED * _ROUND]
-        for node in wanted:
-            if self.limits.reached:
-                break
-            which = np.union1d(others, [node])
-            self._raise(which, self._values(self.qp.prices(self.nodes.held(int(node)), self.room), which))
-            self.known[node] = True
+        wanted = order[~self.known[order] & (least[order] <= self.cost)][:many]
+        if not len(wanted):
+            return True
+        proposed = np.array([self.qp.prices(self.nodes.held(int(node)), self.room) for node in wanted])
+        self.limits.spend(_QP_S * len(wanted))
+        self.known[wanted] = True
+        self._raise(wanted, self._values(proposed, wanted))
+        others = order[least[order] <= self.cost][: _SHARED * many]
+        near = self.likeness.nearest(others, wanted)
+        self._raise(others, self._values(self.likeness.taken_to(proposed[near], wanted[near], others), others))
         return True
 
     def _values(self, prices: Array, which: Indices, room: tuple[Array, Array] | None = None) -> Array:

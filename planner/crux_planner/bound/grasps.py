@@ -102,8 +102,13 @@ def by_hold(problem: Problem) -> Groups:
     return groups
 
 
-def grasps(problem: Problem, about: Orientations, low: Array, high: Array, groups: Groups) -> Grasps:
-    """All nodes whose limbs' boxes meet within [low, high], with at most MOST_IN_AIR limbs in the air."""
+def grasps(
+    problem: Problem, about: Orientations, low: Array, high: Array, groups: Groups, most: int = 2**31
+) -> Grasps | None:
+    """All nodes whose limbs' boxes meet within [low, high], with at most MOST_IN_AIR limbs in the air.
+
+    None where that seem to be more than `most`.
+    """
     box_low, box_high = body_boxes(problem, about)
     shift = np.array([about.shift_m[-1], about.shift_m[-1], 0.0])
     box_low, box_high = np.maximum(box_low, low - shift), np.minimum(box_high, high + shift)
@@ -125,7 +130,12 @@ def grasps(problem: Problem, about: Orientations, low: Array, high: Array, group
         kept = aloft <= MOST_IN_AIR
         for other in range(limb):
             kept &= holds[other][options[old, other]] != holds[limb][own]
+        union_low = np.maximum(node_low.min(axis=1)[old], lows.min(axis=1)[own])
+        union_high = np.minimum(node_high.max(axis=1)[old], highs.max(axis=1)[own])
+        kept &= (union_low <= union_high + 2 * shift).all(axis=1)
         old, own, aloft = old[kept], own[kept], aloft[kept]
+        if len(old) > most:
+            return None
         low_kept, high_kept = np.maximum(node_low[old], lows[own]), np.minimum(node_high[old], highs[own])
         meet = (low_kept <= high_kept + 2 * shift).all(axis=2)
         kept = meet.any(axis=1)

@@ -31,27 +31,48 @@ class Prices:
         self._spin = inertia * (2 * 3**0.5 * rate / dt + 3 * rate**2)  # largest |I alpha + omega x I omega|
 
     def values(self, prices: Array, which: Indices, room: tuple[Array, Array] | None = None) -> Array:
-        """Lower bounds (len(which),) of a knot's cost on nodes, the body within `room` too; inf if it cannot."""
+        """Lower bounds (len(which),) of a knot's cost on nodes, the body within `room` too; inf if it cannot.
+
+        Prices (6,) are for all of them, (len(which), 6) for one each.
+        """
         nodes = self.nodes
-        least = self.carriers.least(prices)
-        held = np.zeros(len(which))
-        for limb in range(4):
-            held += nodes.cheapest(limb, least)[nodes.options[which, limb]]
         counts = self._ends[which + 1] - self._ends[which]
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         pairs = np.repeat(self._ends[which] - first, counts) + np.arange(counts.sum())
         low, high = nodes.low[pairs], nodes.high[pairs]
-        value: Array = held + np.minimum.reduceat(self._body(prices, low, high, nodes.cell[pairs], room), first)
+        if prices.ndim == 2:
+            prices_of_pairs, held = np.repeat(prices, counts, axis=0), self._held_each(prices, which)
+        else:
+            prices_of_pairs, held = prices, self._held(prices, which)
+        body = self._body(prices_of_pairs, low, high, nodes.cell[pairs], room)
+        value: Array = held + np.minimum.reduceat(body, first)
         return value
 
+    def _held(self, prices: Array, which: Indices) -> Array:
+        least, held = self.carriers.least(prices), np.zeros(len(which))
+        for limb in range(4):
+            held += self.nodes.cheapest(limb, least)[self.nodes.options[which, limb]]
+        return held
+
+    def _held_each(self, prices: Array, which: Indices) -> Array:
+        held = np.zeros(len(which))
+        for limb, groups in enumerate(self.nodes.groups):
+            options = self.nodes.options[which, limb]
+            standing = np.flatnonzero(options < len(groups))
+            own = [groups[i] for i in options[standing]]
+            many = np.array([len(group) for group in own], dtype=int)
+            if own:
+                least = self.carriers.least(np.repeat(prices[standing], many, axis=0), np.concatenate(own))
+                held[standing] += np.minimum.reduceat(least, np.cumsum(many) - many)
+        return held
+
     def _body(self, prices: Array, low: Array, high: Array, cell: Indices, room: tuple[Array, Array] | None) -> Array:
-        """Least of the body's part for boxes (P, 3), less the largest help of accelerations."""
+        """Least of the body's part for boxes (P, 3), less the largest help of accelerations; prices (6,) or (P, 6)."""
         problem, about = self.problem, self.about
-        force, moment = prices[:3], prices[3:]
+        force, moment = prices[..., :3], prices[..., 3:]
         weight = problem.weight_N
         slope = np.cross(weight, moment)  # of  pi_M . (r x M g)  in r
         total = about.yaw_cost[cell] + force @ weight
-        help_ = np.zeros(len(low))
         arm_low, arm_high = low.copy(), high.copy()
         for axis in range(3):
             options = []
@@ -60,7 +81,7 @@ class Prices:
                 near, far = low[:, axis] - shift, high[:, axis] + shift
                 if room is not None:
                     near, far = np.maximum(near, room[0][axis]), np.minimum(far, room[1][axis])
-                cost = self._axis(axis, slope[axis], near, far)
+                cost = self._axis(axis, slope[..., axis], near, far)
                 cost[near > far] = np.inf
                 options.append(cost + (about.tilt_cost[t, axis] if axis < 2 else 0.0))
             total = total + np.minimum.reduce(options)
@@ -68,10 +89,10 @@ class Prices:
         middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
         help_ = np.abs(force + np.cross(moment, middle)).sum(axis=1)
         size = np.abs(moment)
-        help_ += (half[:, [1, 2, 0]] * size[[2, 0, 1]] + half[:, [2, 0, 1]] * size[[1, 2, 0]]).sum(axis=1)
-        return np.asarray(total - self._push * help_ - self._spin * np.linalg.norm(moment))
+        help_ += (half[:, [1, 2, 0]] * size[..., [2, 0, 1]] + half[:, [2, 0, 1]] * size[..., [1, 2, 0]]).sum(axis=1)
+        return np.asarray(total - self._push * help_ - self._spin * np.linalg.norm(moment, axis=-1))
 
-    def _axis(self, axis: int, slope: float, near: Array, far: Array) -> Array:
+    def _axis(self, axis: int, slope: Array, near: Array, far: Array) -> Array:
         """Least of Q (r - g)^2 + slope r for r in [near, far]."""
         weight, goal = self.problem.weights.position, self.problem.goal.body.position_m[axis]
         r = (

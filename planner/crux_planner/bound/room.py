@@ -68,6 +68,14 @@ def yaw_room(problem: Problem, spare: float) -> tuple[float, float]:
     return least, min(max(start, goal) + way, goal + far, float(yaws.max()) - low)
 
 
+def quickest_way(problem: Problem) -> float:
+    """Least of Q on the body's position for the way from start to goal: at full speed from the second knot on."""
+    step = problem.body.max_speed_m_s * problem.dt_s
+    away = np.abs(problem.start.position_m - problem.goal.body.position_m)
+    left = away - step * np.maximum(np.arange(problem.steps) - 1, 0)[:, None]
+    return float(problem.weights.position * (np.maximum(left, 0.0) ** 2).sum())
+
+
 def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Array:
     """Least that J asks (n,) at all other knots for having been where a node's bodies are at one."""
     start, goal = problem.start, problem.goal

@@ -6,13 +6,14 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.knot_qp import solve_knots
-from crux_planner.admm.stages import Stages
+from crux_planner.admm.stages import Stages, Swinging
 from crux_planner.bound.beside import Beside
 from crux_planner.bound.climb import lower_bound
 from crux_planner.bound.gap import gap
@@ -58,6 +59,61 @@ def test_no_plan_costs_less(goal_m: float, slope: float, shift: float) -> None:
         assert bound <= min(costs)
 
 
+def test_it_meets_the_best_of_all_plans_with_one_swing() -> None:
+    """A wall where one limb has one hold to go to: every lift-off and touch-down there is, each at its cheapest."""
+    lines = [line for line in wall(10, goal_m=0.01).splitlines() if "-high" not in line or "LF-high" in line]
+    text = "\n".join(lines).replace("[0.29, 0.36]", "[0.22, 0.36]")
+    text = text.replace("goal: {body", "goal: {grasps: {LF: {hold: LF-high, faces: x}}, body")
+    problem = build_problem(parse_scenario(text), load_robot("scaler"))
+    balance, stages = Balance(problem, problem.friction_share), Stages(problem, Reach(problem), Ways(problem))
+    before = problem.start_contacts[0]
+    after = next(c for c in stages.goals[0] if problem.contacts[c].pair == 0)
+    path = np.linspace(problem.start.position_m, problem.goal.body.position_m, problem.steps + 1)
+    costs = []
+    for first in range(1, problem.steps):
+        for end in range(first + stages.ways.intervals(before, after), problem.steps):
+            schedule = stages.schedule([Swinging(0, first, end, before, after)])
+            plan = solve_knots(problem, balance, schedule, 0.0, None, Scales(), path, True)
+            costs += [plan.cost] if plan is not None else []
+    assert len(costs) > 5
+    bound = lower_bound(problem, 1.2 * min(costs))
+    assert bound is not None
+    assert 0.92 * min(costs) <= bound <= min(costs)
+
+
+@pytest.mark.parametrize("seed", [3, 11])
+def test_no_plan_that_auto_finds_costs_less(seed: int) -> None:
+    """Holds and goal of the four-hold wall moved about, planned, and bounded with nothing left out below 1.1 J."""
+    random = np.random.default_rng(seed)
+    text = wall(30, goal_m=0.1).replace("slope_deg: 45", f"slope_deg: {random.uniform(20, 90):.1f}")
+    for name, (x, y) in {"LF-high": (0.29, 0.36), "RR-high": (0.01, -0.36), "RF-high": (0.29, -0.36)}.items():
+        moved = f"{name}, position_m: [{x + random.uniform(-0.03, 0.0):.3f}, {y + random.uniform(-0.02, 0.02):.3f}]"
+        text = text.replace(f"{name}, position_m: [{x}, {y}]", moved + f", yaw_deg: {random.uniform(-15, 15):.1f}")
+    scenario, robot = parse_scenario(text), load_robot("scaler")
+    result = crux_planner.plan(scenario, robot)
+    assert result.cost is not None
+    bound = lower_bound(build_problem(scenario, robot), 1.1 * result.cost)
+    assert bound is not None
+    assert 0.8 * result.cost <= bound <= result.cost
+
+
+def test_every_wall_has_one_the_same_every_time() -> None:
+    """A wall of 40 holds, too many for sets of single grasps; little work."""
+    lines = wall(60, goal_m=0.6).splitlines()
+    at = lines.index("holds:") + 9
+    more = [
+        f"  - {{name: more-{i}-{j}, position_m: [{0.45 + 0.16 * i}, {y}], size_m: [0.06, 0.06, 0.06], friction: 2.2}}"
+        for i in range(8)
+        for j, y in enumerate((0.44, 0.28, -0.28, -0.44))
+    ]
+    problem = build_problem(parse_scenario("\n".join(lines[:at] + more + lines[at:])), load_robot("scaler"))
+    bounds = {lower_bound(problem, 60.0, effort=0.1) for _ in range(2)}
+    assert len(bounds) == 1
+    bound = bounds.pop()
+    assert bound is not None
+    assert bound > 0.11 * 60 + 0.3  # the weight shared evenly, and the way from 0.6 m off at full speed
+
+
 def test_it_is_tight_where_nothing_moves() -> None:
     """Nothing to do for 20 knots but to stand: all that is left of J is where the body stands and how it is held."""
     problem = scene(20, goal_m=0.0).problem
@@ -73,6 +129,7 @@ def test_prices_never_ask_more_than_a_plan_pays() -> None:
     room = body_room(problem, 5.0)
     about = orientations(problem, *yaw_room(problem, 5.0))
     nodes = grasps(problem, about, *room, one_each(problem))
+    assert nodes is not None
     prices, start = Prices(problem, about, nodes), [0, 0, 0, 0]
     node = np.flatnonzero((nodes.options == start).all(axis=1))
     qp = KnotQp(problem, prices.carriers)
