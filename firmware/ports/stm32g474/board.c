@@ -60,6 +60,25 @@ static void pull(uint32_t port, uint32_t pin, uint32_t direction) {
   GPIO_PUPDR(port) = (GPIO_PUPDR(port) & ~(3UL << (2UL * pin))) | (direction << (2UL * pin));
 }
 
+static const struct {
+  uint32_t port;
+  uint32_t pin;
+  uint32_t function;
+} alternates[] = {
+    {GPIOA, 5UL, 5UL},   // SPI1_SCK
+    {GPIOA, 6UL, 5UL},   // SPI1_MISO
+    {GPIOA, 7UL, 5UL},   // SPI1_MOSI
+    {GPIOA, 8UL, 6UL},   // TIM1_CH1
+    {GPIOA, 9UL, 6UL},   // TIM1_CH2
+    {GPIOA, 10UL, 6UL},  // TIM1_CH3
+    {GPIOA, 11UL, 9UL},  // FDCAN1_RX
+    {GPIOA, 12UL, 9UL},  // FDCAN1_TX
+    {GPIOB, 12UL, 6UL},  // TIM1_BKIN
+    {GPIOB, 13UL, 6UL},  // TIM1_CH1N
+    {GPIOB, 14UL, 6UL},  // TIM1_CH2N
+    {GPIOB, 15UL, 4UL},  // TIM1_CH3N
+};
+
 static void set_up_pins(void) {
   for (uint32_t pin = 0UL; pin < 4UL; pin++) {
     set_mode(GPIOA, pin, GPIO_MODE_ANALOG);  // phase currents, supply, thermistor
@@ -67,19 +86,10 @@ static void set_up_pins(void) {
   GPIO_BSRR(GPIOA) = BIT(BOARD_PIN_MOTOR_ENCODER) | BIT(BOARD_PIN_COARSE_ENCODER);  // not selected
   set_mode(GPIOA, BOARD_PIN_MOTOR_ENCODER, GPIO_MODE_OUTPUT);
   set_mode(GPIOA, BOARD_PIN_COARSE_ENCODER, GPIO_MODE_OUTPUT);
-  for (uint32_t pin = 5UL; pin < 8UL; pin++) {
-    set_alternate(GPIOA, pin, 5UL);  // SPI1_SCK, MISO, MOSI
+  pull(GPIOB, 12UL, GPIO_PULL_UP);  // the gate driver's fault: open drain
+  for (uint32_t i = 0UL; i < (sizeof(alternates) / sizeof(alternates[0])); i++) {
+    set_alternate(alternates[i].port, alternates[i].pin, alternates[i].function);
   }
-  for (uint32_t pin = 8UL; pin < 11UL; pin++) {
-    set_alternate(GPIOA, pin, 6UL);  // TIM1_CH1..3
-  }
-  set_alternate(GPIOA, 11UL, 9UL);  // FDCAN1_RX
-  set_alternate(GPIOA, 12UL, 9UL);  // FDCAN1_TX
-  pull(GPIOB, 12UL, GPIO_PULL_UP);
-  set_alternate(GPIOB, 12UL, 6UL);  // TIM1_BKIN
-  set_alternate(GPIOB, 13UL, 6UL);  // TIM1_CH1N
-  set_alternate(GPIOB, 14UL, 6UL);  // TIM1_CH2N
-  set_alternate(GPIOB, 15UL, 4UL);  // TIM1_CH3N
   for (uint32_t pin = 0UL; pin < 5UL; pin++) {
     pull(GPIOC, pin, GPIO_PULL_DOWN);  // an open strap reads 0
     set_mode(GPIOC, pin, GPIO_MODE_INPUT);
