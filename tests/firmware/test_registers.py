@@ -30,6 +30,7 @@ CORE = {
     "SCB_SHPR3": ("scb", "shpr", 8),
     "SCB_CPACR": ("scb", "cpacr", 0),
 }
+BASES = {"(adc)": ("ADC1", "ADC2"), "(port)": ("GPIOA", "GPIOB", "GPIOC"), "(can)": ("FDCAN1", "FDCAN2")}
 # Registers that are made from a base: C expression, where it must lie.
 OF_A_BASE = {
     "GPIOA": "GPIOA",
@@ -38,14 +39,17 @@ OF_A_BASE = {
     "ADC1": "ADC1",
     "ADC2": "ADC2",
     "FDCAN1": "FDCAN1",
+    "FDCAN2": "FDCAN2",
+    "FDCAN1_RAM": "FDCANRAM1",
+    "FDCAN2_RAM": "FDCANRAM2",
 }
 RAM_REGISTERS = {
-    "FDCAN_FILTER(0)": "flssa[0]",
-    "FDCAN_FILTER(27)": "flssa[27]",
-    "*FDCAN_RX_FIFO0(0)": "rxfifo0[0]",
-    "*FDCAN_RX_FIFO0(2)": "rxfifo0[36]",
-    "*FDCAN_TX_BUFFER(0)": "txbuf[0]",
-    "*FDCAN_TX_BUFFER(2)": "txbuf[36]",
+    "FDCAN_FILTER(FDCAN{n}_RAM, 0)": "flssa[0]",
+    "FDCAN_FILTER(FDCAN{n}_RAM, 27)": "flssa[27]",
+    "*FDCAN_RX_FIFO0(FDCAN{n}_RAM, 0)": "rxfifo0[0]",
+    "*FDCAN_RX_FIFO0(FDCAN{n}_RAM, 2)": "rxfifo0[36]",
+    "*FDCAN_TX_BUFFER(FDCAN{n}_RAM, 0)": "txbuf[0]",
+    "*FDCAN_TX_BUFFER(FDCAN{n}_RAM, 2)": "txbuf[36]",
 }
 # Bits and values: C expression, register, field, value (a number, a name of the crate, None: all bits of the field).
 FIELDS = [
@@ -135,7 +139,7 @@ FIELDS = [
     ("FDCAN_RXGFC_STANDARD_FILTERS(1)", "FDCAN1.rxgfc", "lss", 1),
     ("FDCAN_TXFQS_FULL", "FDCAN1.txfqs", "tfqf", 1),
 ]
-# Where the crate errs (it repeats ST's SVD file): the reference manual RM0440 and ST's own headers have R1MODE in bit 8.
+# Where the crate errs: the reference manual RM0440 and ST's own headers have R1MODE in bit 8.
 CRATE_ERRS = {"PWR_CR5_R1MODE": (1 << 8, "PWR.cr5", "r1mode")}
 # Values that span two fields: each must be the sum.
 SUMS = [
@@ -174,11 +178,13 @@ def addresses() -> dict[str, int]:
     for name, arguments, body in DEFINED:
         if name in OTHERS | HELPERS or not is_register(body):
             continue
-        bases = {"(adc)": ("ADC1", "ADC2"), "(port)": ("GPIOA", "GPIOB", "GPIOC")}.get(arguments, (None,))
+        bases = BASES.get(arguments, (None,))
         for base in bases:
             found[f"{name}({base})" if base else name] = expected_address(name, base)
     return found | {
-        expression: metapac.registers("FDCANRAM1")[name].address for expression, name in RAM_REGISTERS.items()
+        expression.format(n=n): metapac.registers(f"FDCANRAM{n}")[name].address
+        for expression, name in RAM_REGISTERS.items()
+        for n in (1, 2)
     }
 
 

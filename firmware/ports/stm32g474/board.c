@@ -73,6 +73,8 @@ static const struct {
     {GPIOA, 10UL, 6UL},  // TIM1_CH3
     {GPIOA, 11UL, 9UL},  // FDCAN1_RX
     {GPIOA, 12UL, 9UL},  // FDCAN1_TX
+    {GPIOB, 5UL, 9UL},   // FDCAN2_RX
+    {GPIOB, 6UL, 9UL},   // FDCAN2_TX
     {GPIOB, 12UL, 6UL},  // TIM1_BKIN
     {GPIOB, 13UL, 6UL},  // TIM1_CH1N
     {GPIOB, 14UL, 6UL},  // TIM1_CH2N

@@ -6,6 +6,7 @@
 ///   PA5, PA6, PA7     SPI1 clock, in, out
 ///   PA8..PA10         bridge, upper switches of phases a, b, c (TIM1)
 ///   PA11, PA12        FDCAN1 receive, transmit
+///   PB5, PB6          FDCAN2 receive, transmit: force/torque sensor of a gripper
 ///   PB12              fault of the gate driver, low: overcurrent, undervoltage (TIM1 break)
 ///   PB13..PB15        bridge, lower switches
 ///   PC0..PC2          straps: node number 1..6 of a joint; PC3, PC4: limb 0..3
@@ -17,6 +18,7 @@
 
 #define BOARD_CORE_HZ 170000000UL
 #define BOARD_TICK_HZ 1000UL
+#define BOARD_TICK_US (1000000UL / BOARD_TICK_HZ)
 #define BOARD_TICK_S (1.0F / (float)BOARD_TICK_HZ)
 
 #define BOARD_PIN_MOTOR_ENCODER 4UL

@@ -14,16 +14,17 @@
 #define PRIORITY 0x10UL
 
 // Time quanta are core clock periods (prescaler 1); the sample point stands at four fifths of a bit.
-#define NOMINAL_QUANTA (BOARD_CORE_HZ / NODE_BIT_RATE)
-#define NOMINAL_AFTER (NOMINAL_QUANTA / 5UL)
-#define NOMINAL_BEFORE (NOMINAL_QUANTA - NOMINAL_AFTER - 1UL)
-#define DATA_QUANTA (BOARD_CORE_HZ / NODE_DATA_BIT_RATE)
-#define DATA_AFTER (DATA_QUANTA / 5UL)
-#define DATA_BEFORE (DATA_QUANTA - DATA_AFTER - 1UL)
+#define QUANTA(rate) (BOARD_CORE_HZ / (rate))
+#define AFTER(rate) (QUANTA(rate) / 5UL)
+#define BEFORE(rate) (QUANTA(rate) - AFTER(rate) - 1UL)
+#define SENSOR_BIT_RATE 1000000UL  ///< of the force/torque sensor
 _Static_assert((BOARD_CORE_HZ % NODE_BIT_RATE) == 0U, "the nominal bit must be a whole number of clock periods");
 _Static_assert((BOARD_CORE_HZ % NODE_DATA_BIT_RATE) == 0U, "the data bit must be a whole number of clock periods");
-_Static_assert((NOMINAL_BEFORE <= 256U) && (NOMINAL_AFTER <= 128U), "the nominal bit does not fit into NBTP");
-_Static_assert((DATA_BEFORE <= 32U) && (DATA_AFTER <= 16U), "the data bit does not fit into DBTP");
+_Static_assert((BEFORE(NODE_BIT_RATE) <= 256U) && (AFTER(NODE_BIT_RATE) <= 128U), "the bit does not fit into NBTP");
+_Static_assert((BEFORE(SENSOR_BIT_RATE) <= 256U) && (AFTER(SENSOR_BIT_RATE) <= 128U), "the bit does not fit into NBTP");
+_Static_assert((BEFORE(NODE_DATA_BIT_RATE) <= 32U) && (AFTER(NODE_DATA_BIT_RATE) <= 16U), "no fit into DBTP");
+#define NOMINAL_TIMING(rate) (((AFTER(rate) - 1UL) << 25) | ((BEFORE(rate) - 1UL) << 8) | (AFTER(rate) - 1UL))
+#define DATA_TIMING(rate) (((BEFORE(rate) - 1UL) << 8) | ((AFTER(rate) - 1UL) << 4) | (AFTER(rate) - 1UL))
 
 static crux_frame ring[RING_LENGTH];
 static volatile uint32_t ring_put;
@@ -33,24 +34,45 @@ static const uint8_t lengths[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 3
 
 void fdcan_on_interrupt(void);
 
-void fdcan_init(uint16_t sync_id, uint16_t command_id) {
-  FDCAN_CCCR |= FDCAN_CCCR_INIT;
-  while ((FDCAN_CCCR & FDCAN_CCCR_INIT) == 0U) {
+static void leave_bus(uint32_t can) {
+  FDCAN_CCCR(can) |= FDCAN_CCCR_INIT;
+  while ((FDCAN_CCCR(can) & FDCAN_CCCR_INIT) == 0U) {
   }
-  FDCAN_CCCR |= FDCAN_CCCR_CCE | FDCAN_CCCR_FDOE | FDCAN_CCCR_BRSE;
-  FDCAN_NBTP = ((NOMINAL_AFTER - 1UL) << 25) | ((NOMINAL_BEFORE - 1UL) << 8) | (NOMINAL_AFTER - 1UL);
-  FDCAN_DBTP = FDCAN_DBTP_TDC | ((DATA_BEFORE - 1UL) << 8) | ((DATA_AFTER - 1UL) << 4) | (DATA_AFTER - 1UL);
-  FDCAN_TDCR = (DATA_BEFORE + 1UL) << 8;  // secondary sample point at the sample point
-  FDCAN_FILTER(0U) = FDCAN_FILTER_TWO_IDS_TO_FIFO0((uint32_t)sync_id, (uint32_t)command_id);
-  FDCAN_RXGFC = FDCAN_RXGFC_REJECT_REMOTE | FDCAN_RXGFC_REJECT_OTHERS | FDCAN_RXGFC_STANDARD_FILTERS(1UL);
-  FDCAN_IE = FDCAN_IR_RF0N;
-  FDCAN_ILS = 0UL;
-  FDCAN_ILE = 1UL;
+  FDCAN_CCCR(can) |= FDCAN_CCCR_CCE;
+}
+
+/// Hears two identifiers and nothing else.
+static void set_filter(uint32_t can, uint32_t ram, uint16_t id, uint16_t other_id) {
+  FDCAN_FILTER(ram, 0U) = FDCAN_FILTER_TWO_IDS_TO_FIFO0((uint32_t)id, (uint32_t)other_id);
+  FDCAN_RXGFC(can) = FDCAN_RXGFC_REJECT_REMOTE | FDCAN_RXGFC_REJECT_OTHERS | FDCAN_RXGFC_STANDARD_FILTERS(1UL);
+}
+
+static void join_bus(uint32_t can) {
+  FDCAN_CCCR(can) &= ~FDCAN_CCCR_INIT;
+  while ((FDCAN_CCCR(can) & FDCAN_CCCR_INIT) != 0U) {
+  }
+}
+
+void fdcan_init(uint16_t sync_id, uint16_t command_id) {
+  leave_bus(FDCAN1);
+  FDCAN_CCCR(FDCAN1) |= FDCAN_CCCR_FDOE | FDCAN_CCCR_BRSE;
+  FDCAN_NBTP(FDCAN1) = NOMINAL_TIMING(NODE_BIT_RATE);
+  FDCAN_DBTP(FDCAN1) = FDCAN_DBTP_TDC | DATA_TIMING(NODE_DATA_BIT_RATE);
+  FDCAN_TDCR(FDCAN1) = (BEFORE(NODE_DATA_BIT_RATE) + 1UL) << 8;  // secondary sample point at the sample point
+  set_filter(FDCAN1, FDCAN1_RAM, sync_id, command_id);
+  FDCAN_IE(FDCAN1) = FDCAN_IR_RF0N;
+  FDCAN_ILS(FDCAN1) = 0UL;
+  FDCAN_ILE(FDCAN1) = 1UL;
   NVIC_IPR5 = PRIORITY << (8UL * (IRQ_FDCAN1_IT0 - 20UL));
   NVIC_ISER0 = BIT(IRQ_FDCAN1_IT0);
-  FDCAN_CCCR &= ~FDCAN_CCCR_INIT;
-  while ((FDCAN_CCCR & FDCAN_CCCR_INIT) != 0U) {
-  }
+  join_bus(FDCAN1);
+}
+
+void fdcan_sensor_init(uint16_t first_id, uint16_t second_id) {
+  leave_bus(FDCAN2);
+  FDCAN_NBTP(FDCAN2) = NOMINAL_TIMING(SENSOR_BIT_RATE);
+  set_filter(FDCAN2, FDCAN2_RAM, first_id, second_id);
+  join_bus(FDCAN2);
 }
 
 static void copy_element(crux_frame *frame, const volatile uint32_t *element) {
@@ -62,16 +84,27 @@ static void copy_element(crux_frame *frame, const volatile uint32_t *element) {
   }
 }
 
+/// Takes the oldest frame out of a controller's FIFO; false when there is none.
+static bool take_element(uint32_t can, uint32_t ram, crux_frame *frame) {
+  const uint32_t state = FDCAN_RXF0S(can);
+  const bool found = (state & 0xFUL) != 0U;
+  if (found) {
+    const uint32_t index = (state >> 8) & 3UL;
+    copy_element(frame, FDCAN_RX_FIFO0(ram, index));
+    FDCAN_RXF0A(can) = index;
+  }
+  return found;
+}
+
 void fdcan_on_interrupt(void) {
-  FDCAN_IR = FDCAN_IR_RF0N;  // cleared before emptying: a frame that comes now raises it again
-  while ((FDCAN_RXF0S & 0xFUL) != 0U) {
-    const uint32_t index = (FDCAN_RXF0S >> 8) & 3UL;
+  FDCAN_IR(FDCAN1) = FDCAN_IR_RF0N;  // cleared before emptying: a frame that comes now raises it again
+  crux_frame frame;
+  while (take_element(FDCAN1, FDCAN1_RAM, &frame)) {
     // A full ring loses the frame: to the core that is a lost frame, which counters and watchdog see.
     if ((ring_put - ring_get) < RING_LENGTH) {
-      copy_element(&ring[ring_put % RING_LENGTH], FDCAN_RX_FIFO0(index));
+      ring[ring_put % RING_LENGTH] = frame;
       ring_put++;
     }
-    FDCAN_RXF0A = index;
   }
 }
 
@@ -86,29 +119,48 @@ bool fdcan_receive(crux_frame *frame) {
   return found;
 }
 
-bool fdcan_can_send(void) { return (FDCAN_TXFQS & FDCAN_TXFQS_FULL) == 0U; }
+static bool can_send(uint32_t can) { return (FDCAN_TXFQS(can) & FDCAN_TXFQS_FULL) == 0U; }
 
-void fdcan_send(const crux_frame *frame) {
-  const uint32_t index = (FDCAN_TXFQS >> 16) & 3UL;
-  volatile uint32_t *element = FDCAN_TX_BUFFER(index);
+/// `format`: bits of the element's second word beside the length.
+static void put_element(uint32_t can, uint32_t ram, const crux_frame *frame, uint32_t format) {
+  const uint32_t index = (FDCAN_TXFQS(can) >> 16) & 3UL;
+  volatile uint32_t *element = FDCAN_TX_BUFFER(ram, index);
   uint32_t code = 0U;
   while (lengths[code] < frame->length) {
     code++;
   }
   element[0] = (uint32_t)frame->id << 18;
-  element[1] = (code << 16) | BIT(20) | BIT(21);  // bit-rate switch, FD format
+  element[1] = (code << 16) | format;
   for (uint32_t i = 0U; i < (((uint32_t)lengths[code] + 3U) / 4U); i++) {
     uint32_t word = 0U;
     (void)memcpy(&word, &frame->data[4U * i], sizeof(word));
     element[2U + i] = word;
   }
-  FDCAN_TXBAR = BIT(index);
+  FDCAN_TXBAR(can) = BIT(index);
 }
 
-bool fdcan_recover(void) {
-  const bool off = (FDCAN_PSR & FDCAN_PSR_BO) != 0U;
+bool fdcan_can_send(void) { return can_send(FDCAN1); }
+
+void fdcan_send(const crux_frame *frame) {
+  put_element(FDCAN1, FDCAN1_RAM, frame, BIT(20) | BIT(21));  // bit-rate switch, FD format
+}
+
+bool fdcan_sensor_receive(crux_frame *frame) { return take_element(FDCAN2, FDCAN2_RAM, frame); }
+
+void fdcan_sensor_send(const crux_frame *frame) {
+  if (can_send(FDCAN2)) {
+    put_element(FDCAN2, FDCAN2_RAM, frame, 0U);
+  }
+}
+
+static bool recover(uint32_t can) {
+  const bool off = (FDCAN_PSR(can) & FDCAN_PSR_BO) != 0U;
   if (off) {
-    FDCAN_CCCR &= ~FDCAN_CCCR_INIT;  // the controller then waits for 128 idle sequences by itself
+    FDCAN_CCCR(can) &= ~FDCAN_CCCR_INIT;  // the controller then waits for 128 idle sequences by itself
   }
   return off;
 }
+
+bool fdcan_recover(void) { return recover(FDCAN1); }
+
+void fdcan_sensor_recover(void) { (void)recover(FDCAN2); }

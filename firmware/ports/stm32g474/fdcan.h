@@ -1,4 +1,5 @@
-/// FDCAN1 for one node: hears the Sync and the node's command, sends what the node queues.
+/// FDCAN1 for one node: hears the Sync and the node's command, sends what the node queues. FDCAN2 for a gripper's
+/// force/torque sensor, classic CAN at 1 Mbit/s: looked at once a tick, without an interrupt.
 #ifndef CRUX_STM32G474_FDCAN_H
 #define CRUX_STM32G474_FDCAN_H
 
@@ -21,5 +22,17 @@ void fdcan_send(const crux_frame *frame);
 
 /// True while the controller is off the bus; asks it to come back.
 bool fdcan_recover(void);
+
+/// Joins the sensor's bus, to hear these two identifiers.
+void fdcan_sensor_init(uint16_t first_id, uint16_t second_id);
+
+/// Takes a frame from the sensor; false when there is none.
+bool fdcan_sensor_receive(crux_frame *frame);
+
+/// Hands a frame to the sensor's bus, if there is room for it.
+void fdcan_sensor_send(const crux_frame *frame);
+
+/// Comes back to the sensor's bus after the controller has left it.
+void fdcan_sensor_recover(void);
 
 #endif

@@ -1,6 +1,7 @@
 /// Image of a gripper node.
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "board.h"
 #include "drive/gripper_drive.h"
@@ -8,9 +9,11 @@
 #include "fdcan.h"
 #include "gripper_node.h"
 #include "node_table.h"
+#include "wrench_sensor.h"
 
 static crux_gripper_node node;
 static crux_gripper_drive drive;
+static crux_wrench_sensor sensor;
 
 /// Homes and starts the drive. Without a calibration there is none.
 static bool start(const crux_gripper_drive_parameters *parameters, const crux_gripper_parameters *limits) {
@@ -40,6 +43,20 @@ static void measure(crux_gripper_inputs *inputs, bool driven) {
   inputs->bus_off = fdcan_recover();
 }
 
+static void read_sensor(crux_gripper_inputs *inputs) {
+  crux_frame frame;
+  fdcan_sensor_recover();
+  while (fdcan_sensor_receive(&frame)) {
+    crux_wrench_sensor_on_frame(&sensor, &frame);
+  }
+  if (crux_wrench_sensor_tick(&sensor, BOARD_TICK_US, &frame)) {
+    fdcan_sensor_send(&frame);
+  }
+  (void)memcpy(inputs->wrench, sensor.wrench, sizeof(inputs->wrench));
+  inputs->wrench_valid = crux_wrench_sensor_valid(&sensor);
+  inputs->wrench_overloaded = sensor.overloaded;
+}
+
 int main(void) {
   board_init();
   const uint8_t limb = board_strapped_limb();
@@ -52,8 +69,9 @@ int main(void) {
   crux_gripper_node_init(&node, limb, node_table_hash, parameters);
   const bool driven = start(motor, parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND);
-  // No force/torque sensor is read yet: its samples say "not ready".
-  crux_gripper_inputs inputs = {.wrench_valid = false};
+  crux_wrench_sensor_init(&sensor);
+  fdcan_sensor_init((uint16_t)CRUX_WRENCH_SENSOR_FIRST_ID, (uint16_t)CRUX_WRENCH_SENSOR_SECOND_ID);
+  crux_gripper_inputs inputs = {0};
   measure(&inputs, driven);
   crux_gripper_outputs outputs = {0};
   for (;;) {
@@ -64,6 +82,7 @@ int main(void) {
     }
     if (tick) {
       measure(&inputs, driven);
+      read_sensor(&inputs);
       crux_gripper_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
       if (driven) {
         const bool may_release = node.state == (uint8_t)CRUX_STATE_TRACK;

@@ -157,22 +157,26 @@
 #define SPI_CR2_DS_16 (15UL << 8)
 #define SPI_SR_RXNE BIT(0)
 
-// FDCAN 1 and its message RAM (fixed layout: 28 + 8 filters, two FIFOs of 3, 3 transmit events, 3 transmit buffers).
+// FDCAN 1 and 2 and their message RAMs (fixed layout: 28 + 8 filters, two FIFOs of 3, 3 transmit events, 3 transmit
+// buffers).
 #define FDCAN1 0x40006400UL
-#define FDCAN_DBTP REGISTER(FDCAN1 + 0x0CUL)
-#define FDCAN_CCCR REGISTER(FDCAN1 + 0x18UL)
-#define FDCAN_NBTP REGISTER(FDCAN1 + 0x1CUL)
-#define FDCAN_PSR REGISTER(FDCAN1 + 0x44UL)
-#define FDCAN_TDCR REGISTER(FDCAN1 + 0x48UL)
-#define FDCAN_IR REGISTER(FDCAN1 + 0x50UL)
-#define FDCAN_IE REGISTER(FDCAN1 + 0x54UL)
-#define FDCAN_ILS REGISTER(FDCAN1 + 0x58UL)
-#define FDCAN_ILE REGISTER(FDCAN1 + 0x5CUL)
-#define FDCAN_RXGFC REGISTER(FDCAN1 + 0x80UL)
-#define FDCAN_RXF0S REGISTER(FDCAN1 + 0x90UL)
-#define FDCAN_RXF0A REGISTER(FDCAN1 + 0x94UL)
-#define FDCAN_TXFQS REGISTER(FDCAN1 + 0xC4UL)
-#define FDCAN_TXBAR REGISTER(FDCAN1 + 0xCCUL)
+#define FDCAN2 0x40006800UL
+#define FDCAN1_RAM 0x4000A400UL
+#define FDCAN2_RAM 0x4000A750UL
+#define FDCAN_DBTP(can) REGISTER((can) + 0x0CUL)
+#define FDCAN_CCCR(can) REGISTER((can) + 0x18UL)
+#define FDCAN_NBTP(can) REGISTER((can) + 0x1CUL)
+#define FDCAN_PSR(can) REGISTER((can) + 0x44UL)
+#define FDCAN_TDCR(can) REGISTER((can) + 0x48UL)
+#define FDCAN_IR(can) REGISTER((can) + 0x50UL)
+#define FDCAN_IE(can) REGISTER((can) + 0x54UL)
+#define FDCAN_ILS(can) REGISTER((can) + 0x58UL)
+#define FDCAN_ILE(can) REGISTER((can) + 0x5CUL)
+#define FDCAN_RXGFC(can) REGISTER((can) + 0x80UL)
+#define FDCAN_RXF0S(can) REGISTER((can) + 0x90UL)
+#define FDCAN_RXF0A(can) REGISTER((can) + 0x94UL)
+#define FDCAN_TXFQS(can) REGISTER((can) + 0xC4UL)
+#define FDCAN_TXBAR(can) REGISTER((can) + 0xCCUL)
 #define FDCAN_CCCR_INIT BIT(0)
 #define FDCAN_CCCR_CCE BIT(1)
 #define FDCAN_CCCR_FDOE BIT(8)
@@ -184,10 +188,10 @@
 #define FDCAN_RXGFC_REJECT_OTHERS ((2UL << 2) | (2UL << 4))
 #define FDCAN_RXGFC_STANDARD_FILTERS(count) ((count) << 16)
 #define FDCAN_TXFQS_FULL BIT(21)
-#define FDCAN_FILTER(index) REGISTER(0x4000A400UL + (4UL * (index)))
+#define FDCAN_FILTER(ram, index) REGISTER((ram) + (4UL * (index)))
 #define FDCAN_FILTER_TWO_IDS_TO_FIFO0(a, b) ((1UL << 30) | (1UL << 27) | ((a) << 16) | (b))
 #define FDCAN_ELEMENT_WORDS 18U
-#define FDCAN_RX_FIFO0(index) ((volatile uint32_t *)(0x4000A4B0UL + (4UL * FDCAN_ELEMENT_WORDS * (index))))
-#define FDCAN_TX_BUFFER(index) ((volatile uint32_t *)(0x4000A678UL + (4UL * FDCAN_ELEMENT_WORDS * (index))))
+#define FDCAN_RX_FIFO0(ram, index) ((volatile uint32_t *)((ram) + 0x0B0UL + (4UL * FDCAN_ELEMENT_WORDS * (index))))
+#define FDCAN_TX_BUFFER(ram, index) ((volatile uint32_t *)((ram) + 0x278UL + (4UL * FDCAN_ELEMENT_WORDS * (index))))
 
 #endif
