@@ -2,6 +2,9 @@
 // bandwidth w behind 1.5 periods of delay, open loop w / s exp(-1.5 T s).
 #include <gtest/gtest.h>
 
+#include <utility>
+#include <vector>
+
 #include <random>
 
 #include "motor_models.hpp"
@@ -141,20 +144,65 @@ TEST(CurrentControl, CurrentStaysNearWhatIsWantedInAnyProfile) {
 TEST(Motor, ParametersThatMakeNoSenseAreNamed) {
   const crux_motor_parameters good = test_motor();
   EXPECT_EQ(crux_motor_parameters_fault(&good), nullptr);
-  crux_motor_parameters bad = good;
-  bad.inductance_H = NAN;
-  EXPECT_STREQ(crux_motor_parameters_fault(&bad), "inductance_H");
-  bad = good;
-  bad.continuous_current_A = 11.0F;
+  using Motor = crux_motor_parameters;
+  const std::vector<std::pair<float Motor::*, const char*>> members{
+      {&Motor::resistance_ohm, "resistance_ohm"},
+      {&Motor::inductance_H, "inductance_H"},
+      {&Motor::flux_Wb, "flux_Wb"},
+      {&Motor::peak_current_A, "peak_current_A"},
+      {&Motor::continuous_current_A, "continuous_current_A"},
+      {&Motor::heating_time_s, "heating_time_s"},
+      {&Motor::bandwidth_rad_s, "bandwidth_rad_s"},
+      {&Motor::max_speed_rad_s, "max_speed_rad_s"},
+      {&Motor::supply_V, "supply_V"},
+      {&Motor::temperature_limit_degC, "temperature_limit_degC"}};
+  for (const auto& [member, name] : members) {
+    for (const float wrong : {NAN, 0.0F, -1.0F, INFINITY}) {
+      Motor bad = good;
+      bad.*member = wrong;
+      EXPECT_STREQ(crux_motor_parameters_fault(&bad), name) << wrong;
+    }
+  }
+  Motor bad = good;
+  bad.continuous_current_A = 11.0F;  // above the peak
   EXPECT_STREQ(crux_motor_parameters_fault(&bad), "continuous_current_A");
-  bad = good;
-  bad.pole_pairs = 0;
-  EXPECT_STREQ(crux_motor_parameters_fault(&bad), "pole_pairs");
-  const crux_gear_parameters gear{.ratio = 36.0F, .efficiency = 1.2F};
-  EXPECT_STREQ(crux_gear_parameters_fault(&gear), "efficiency");
-  const crux_screw_parameters screw{
-      .lead_m = 0.0F, .efficiency = 0.3F, .release_torque = 0.4F, .inertia_kg_m2 = 1e-7F, .drag_Nms_rad = 0.0F};
-  EXPECT_STREQ(crux_screw_parameters_fault(&screw), "lead_m");
+  for (const std::uint32_t wrong : {0U, 51U}) {
+    bad = good;
+    bad.pole_pairs = wrong;
+    EXPECT_STREQ(crux_motor_parameters_fault(&bad), "pole_pairs");
+  }
+  for (const std::uint32_t wrong : {63U, 65537U}) {
+    bad = good;
+    bad.encoder_counts = wrong;
+    EXPECT_STREQ(crux_motor_parameters_fault(&bad), "encoder_counts");
+  }
+}
+
+TEST(Motor, GearsAndScrewsThatMakeNoSenseAreNamed) {
+  const crux_gear_parameters gear{.ratio = 36.0F, .efficiency = 0.9F};
+  EXPECT_EQ(crux_gear_parameters_fault(&gear), nullptr);
+  crux_gear_parameters bad_gear = gear;
+  bad_gear.ratio = 0.0F;
+  EXPECT_STREQ(crux_gear_parameters_fault(&bad_gear), "ratio");
+  bad_gear = gear;
+  bad_gear.efficiency = 1.2F;
+  EXPECT_STREQ(crux_gear_parameters_fault(&bad_gear), "efficiency");
+  using Screw = crux_screw_parameters;
+  const Screw screw{
+      .lead_m = 1e-3F, .efficiency = 0.3F, .release_torque = 0.4F, .inertia_kg_m2 = 1e-7F, .drag_Nms_rad = 0.0F};
+  EXPECT_EQ(crux_screw_parameters_fault(&screw), nullptr);
+  const std::vector<std::pair<float Screw::*, const char*>> members{{&Screw::lead_m, "lead_m"},
+                                                                    {&Screw::efficiency, "efficiency"},
+                                                                    {&Screw::release_torque, "release_torque"},
+                                                                    {&Screw::inertia_kg_m2, "inertia_kg_m2"},
+                                                                    {&Screw::drag_Nms_rad, "drag_Nms_rad"}};
+  for (const auto& [member, name] : members) {
+    for (const float wrong : {NAN, -1.0F, INFINITY}) {
+      Screw bad = screw;
+      bad.*member = wrong;
+      EXPECT_STREQ(crux_screw_parameters_fault(&bad), name) << wrong;
+    }
+  }
 }
 
 }  // namespace

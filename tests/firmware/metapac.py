@@ -5,7 +5,9 @@ once."""
 from __future__ import annotations
 
 import json
+import os
 import re
+import shutil
 import subprocess
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +22,9 @@ _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[A-Za-z_][\w:]*|0x[0-9a-fA-F_]+|\d[\d_]*
 @cache
 def crate(name: str) -> Path:
     """Folder of a locked crate's sources."""
-    command = ["cargo", "metadata", "--locked", "--format-version", "1", "--manifest-path", str(MANIFEST)]
+    cargo = shutil.which("cargo", path=f"{os.environ['PATH']}:{Path.home()}/.cargo/bin")
+    assert cargo is not None, "no cargo: run `make setup`"
+    command = [cargo, "metadata", "--locked", "--format-version", "1", "--manifest-path", str(MANIFEST)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, f"cargo does not give {name}: {run.stderr}"
     packages = json.loads(run.stdout)["packages"]
