@@ -2,10 +2,9 @@
 // bandwidth w behind 1.5 periods of delay, open loop w / s exp(-1.5 T s).
 #include <gtest/gtest.h>
 
+#include <random>
 #include <utility>
 #include <vector>
-
-#include <random>
 
 #include "motor_models.hpp"
 
