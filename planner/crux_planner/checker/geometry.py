@@ -73,7 +73,8 @@ def body_rate_matrix(rpy: Array) -> Array:
 
 def signed_distance_to_box(points: Array, half_extents: Array) -> Array:
     """Signed distance (negative inside) of points (..., 3), given in the box's own centred frame, to the box."""
-    x, y, z = np.moveaxis(np.abs(points) - half_extents, -1, 0)
+    beyond = np.abs(points) - half_extents
+    x, y, z = beyond[..., 0], beyond[..., 1], beyond[..., 2]
     deepest = np.maximum(np.maximum(x, y), z)
     x, y, z = np.maximum(x, 0.0), np.maximum(y, 0.0), np.maximum(z, 0.0)
     return np.asarray(np.sqrt(x * x + y * y + z * z) + np.minimum(deepest, 0.0))
@@ -117,7 +118,7 @@ def box_to_box(centre: Array, rotation: Array, half_a: Array, half_b: Array) -> 
     edges = edges / np.where(length > 1e-6, length, 1.0)
     axes = np.concatenate([axes_a, axes_b, edges], axis=-2)
     reach_a = np.abs(axes @ rotation) @ half_a
-    reach_b = np.abs(axes) @ half_b
+    reach_b = (np.abs(axes) @ np.broadcast_to(half_b, centre.shape)[..., None])[..., 0]
     gap = np.abs((axes @ centre[..., None])[..., 0]) - reach_a - reach_b
     gap[..., 6:] = np.where(usable, gap[..., 6:], -np.inf)
     return np.asarray(gap.max(axis=-1))

@@ -1,7 +1,8 @@
 """Numeric inverse kinematics of a limb for many gripper poses at once: damped Gauss-Newton on the pose error.
 
-A first pose is reached from the nearest of many postures spread over the joint ranges; from its solution the others
-start; those that fail, or end outside the joint limits, start again from the nearest sample in time that did not.
+A first pose is reached from the nearest of many postures spread over the joint ranges; from its solution a few others
+start, and from between these all others; those that fail, or end outside the joint limits, start again from the
+nearest sample in time that did not.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from crux_planner.checker.geometry import Array, rotation_vector
 from crux_planner.checker.limb_model import Limb
 
 SEED_POSTURES = 1024
+STRIDE = 8  # samples of which one is solved from the first pose, the others from what lies between two such
 ITERATIONS = 30
 MAX_STEP_RAD = 0.4
 CONVERGED_M = 1e-7
@@ -34,8 +36,10 @@ class Solution:
 def solve(limb: Limb, position_b_m: Array, rotation_b: Array) -> Solution:
     """Joint angles for gripper poses (n, 3), (n, 3, 3) in B that follow each other in time."""
     n = len(position_b_m)
-    start = np.zeros((n, len(limb.joints)))
-    start[:] = _first(limb, position_b_m[0], rotation_b[0])
+    some = np.unique(np.append(np.arange(0, n, STRIDE), n - 1))
+    first = np.tile(_first(limb, position_b_m[0], rotation_b[0]), (len(some), 1))
+    found, _ = _descend(limb, first, position_b_m[some], rotation_b[some])
+    start = np.stack([np.interp(np.arange(n), some, angles) for angles in found.T], axis=1)
     q, error = _descend(limb, start, position_b_m, rotation_b)
     for _ in range(3):
         good = _good(limb, q, error)

@@ -25,12 +25,15 @@ def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Fi
             near = np.flatnonzero(apart < NEAR_M)
             gap, closest = apart.copy(), np.full(len(apart), -1)
             gap[near] = np.inf
-            for i, a in enumerate(parts[first]):
-                for j, b in enumerate(parts[second]):
-                    found = _gap(a, b, near)
-                    closer = near[found < gap[near]]
-                    gap[near] = np.fmin(gap[near], found)
-                    closest[closer] = i * len(parts[second]) + j
+            for of_first in _alike(parts[first]):
+                for of_second in _alike(parts[second]):
+                    found = _gaps([parts[first][i] for i in of_first], [parts[second][j] for j in of_second], near)
+                    found = np.where(np.isnan(found), np.inf, found)  # nowhere: reported as out of reach already
+                    for a, i in enumerate(of_first):
+                        for b, j in enumerate(of_second):
+                            closer = near[found[a, b] < gap[near]]
+                            gap[near] = np.minimum(gap[near], found[a, b])
+                            closest[closer] = i * len(parts[second]) + j
             need = np.where(np.isfinite(gap), tolerances.MOVING_CLEARANCE_M - gap, -np.inf)
             worst = closest[int(np.argmax(need))]
             what = ""
@@ -58,17 +61,30 @@ def _extent(parts: list[Part]) -> tuple[Array, Array]:
     return np.fmin.reduce(low), np.fmax.reduce(high)
 
 
-def _gap(a: Part, b: Part, rows: NDArray[np.int_]) -> Array:
-    """Clearance of two parts at some samples."""
-    if a.half_m is not None and a.rotation is not None and b.half_m is not None and b.rotation is not None:
-        back = b.rotation[rows].swapaxes(1, 2)
+def _alike(parts: list[Part]) -> list[list[int]]:
+    """Numbers of the parts that are capsules, and of each box by itself."""
+    capsules = [i for i, part in enumerate(parts) if part.half_m is None]
+    boxes = [[i] for i, part in enumerate(parts) if part.half_m is not None]
+    return [capsules, *boxes] if capsules else boxes
+
+
+def _gaps(first: list[Part], second: list[Part], rows: NDArray[np.int_]) -> Array:
+    """Clearance (A, B, n) of every part of one list, all capsules or one box, to every one of another at n samples."""
+    a, b = first[0], second[0]
+    if a.half_m is not None and b.half_m is None:
+        return _gaps(second, first, rows).swapaxes(0, 1)
+    if b.half_m is None or b.rotation is None:
+        starts, ends = (np.stack([getattr(p, end)[rows] for p in first])[:, None] for end in ("start", "end"))
+        others, their_ends = (np.stack([getattr(p, end)[rows] for p in second])[None] for end in ("start", "end"))
+        radii = np.add.outer([p.radius_m for p in first], [p.radius_m for p in second])
+        return np.asarray(segment_to_segment(starts, ends, others, their_ends) - radii[..., None])
+    back = b.rotation[rows].swapaxes(1, 2)
+    if a.half_m is not None and a.rotation is not None:
         centre = (back @ (a.start[rows] - b.start[rows])[..., None])[..., 0]
-        return box_to_box(centre, back @ a.rotation[rows], a.half_m, b.half_m)
-    if a.half_m is not None:
-        return _gap(b, a, rows)
-    if b.half_m is not None and b.rotation is not None:
-        back = b.rotation[rows].swapaxes(1, 2)
-        start = (back @ (a.start[rows] - b.start[rows])[..., None])[..., 0]
-        end = (back @ (a.end[rows] - b.start[rows])[..., None])[..., 0]
-        return segment_to_box(start, end, b.half_m) - a.radius_m
-    return segment_to_segment(a.start[rows], a.end[rows], b.start[rows], b.end[rows]) - a.radius_m - b.radius_m
+        return box_to_box(centre, back @ a.rotation[rows], a.half_m, b.half_m)[None, None]
+    gaps = []
+    for part in first:
+        start = (back @ (part.start[rows] - b.start[rows])[..., None])[..., 0]
+        end = (back @ (part.end[rows] - b.start[rows])[..., None])[..., 0]
+        gaps.append(segment_to_box(start, end, b.half_m) - part.radius_m)
+    return np.stack(gaps)[:, None]
