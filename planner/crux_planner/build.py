@@ -15,7 +15,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Hold, Scenario
 
 from crux_planner.arrays import Array
-from crux_planner.contacts import PAIR_NAMES, Contact, GripperShape, opening_for, pad_height, yaws_in_range
+from crux_planner.contacts import FACE_NAMES, PAIR_NAMES, Contact, GripperShape, opening_for, pad_height, yaws_in_range
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import composite_inertia
@@ -84,7 +84,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
     )
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
-    begin = _start_contacts(scenario, contacts, unusable)
+    begin = start_contacts(scenario, contacts, unusable)
     contact = scenario.contact
     low, high = robot.grasp.gripper_yaw_rad
     final_yaw = float(goal.rpy_rad[2])
@@ -254,7 +254,8 @@ def _contact(
     )
 
 
-def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
+def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
+    """The contacts of the scenario's start; `unusable` says why a hold and pair has none. Raises ScenarioError."""
     chosen = []
     for limb in LIMBS:
         grasp = scenario.start.grasps[limb]
@@ -263,6 +264,10 @@ def _start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[
         found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
         if not found:
             raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
+        found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
+        if not found:
+            beyond = "expected the other face: with this one the gripper would be turned beyond its range"
+            raise wrong(scenario, f"start.grasps.{limb}.finger1", str(grasp.finger1), beyond)
         chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))  # of equal ones the first: centred
     return chosen
 

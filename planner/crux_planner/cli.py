@@ -43,6 +43,9 @@ def add_plan_parser(subparsers: Any) -> None:
         "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"
     )
     parser.add_argument("--at", type=float, default=0.0, metavar="S", help="the first stance from then on (default: 0)")
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="HOLD", help="with --from: a hold that is lost (repeatable)"
+    )
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
     parser.set_defaults(func=run_plan)
 
@@ -66,7 +69,7 @@ def run_plan(args: argparse.Namespace) -> int:
             if args.running is not None:
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
-                result = again.replan(read_plan(args.running), args.at, log=log, **limit)
+                result = again.replan(read_plan(args.running), args.at, without=args.without, log=log, **limit)
             else:
                 result = plan(
                     scenario,

@@ -10,6 +10,7 @@ from crux_planner.arrays import Array
 from crux_planner.terms.obstacles import Cuboids
 
 PAIR_NAMES = ("x", "y")
+FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from crux_planner.arrays import Array
-from crux_planner.interior_point import WARM_BARRIER, Point, first_point, minimise, warm_point
-from crux_planner.nlp import Place, Solution, Start, solve, start_from_path
+from crux_planner.interior_point import (
+    FIRST_BARRIER,
+    NEAR_BARRIER,
+    WARM_BARRIER,
+    Point,
+    first_point,
+    minimise,
+    warm_point,
+)
+from crux_planner.nlp import Place, Solution, Start, solve
 from crux_planner.problem import Problem
-from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.stage_problem import StageProblem
@@ -30,14 +37,13 @@ FALLBACK_SHARE, FALLBACK_S = 0.25, 1.0  # of the time left ipopt gets, and at le
 def solve_within_torques(
     problem: Problem,
     schedule: Schedule,
-    path: BodyPath,
+    start: Start,
     deadline: float,
     functions: StageFunctions | None = None,
 ) -> Solution:
     """Solve P1 for a schedule; `functions` are those of this problem, if they are there already."""
     functions = functions or StageFunctions(problem)
-    start = start_from_path(problem, path, schedule.yaw_rad)
-    limited: frozenset[Place] = frozenset()
+    limited = _watched(_start_shares(functions, problem, schedule, start)) if start.near else frozenset()
     point: Point | None = None
     for _ in range(_TORQUE_ROUNDS + 1):
         outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
@@ -52,9 +58,19 @@ def solve_within_torques(
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
         if not solution.solved or not beyond:
             break
-        limited |= {place for place, share in solution.torque_shares.items() if share > _TORQUE_WATCH}
+        limited |= _watched(solution.torque_shares)
         start = Start(solution.body, solution.wrenches)
     return solution
+
+
+def _watched(shares: dict[Place, float]) -> frozenset[Place]:
+    return frozenset(place for place, share in shares.items() if share > _TORQUE_WATCH)
+
+
+def _start_shares(functions: StageFunctions, problem: Problem, schedule: Schedule, start: Start) -> dict[Place, float]:
+    """Joint torques over their limits where a solver starts."""
+    stages = StageProblem(functions, problem, schedule, frozenset())
+    return stages.torque_shares(start.body, _columns(stages, start))
 
 
 def _solve_once(
@@ -68,11 +84,18 @@ def _solve_once(
 ) -> tuple[Solution, Point] | None:
     """The solution stage by stage; None where that does not converge."""
     stages = StageProblem(functions, problem, schedule, limited)
-    if near is None:
+    if near is not None:
+        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
+    else:
+        barrier = NEAR_BARRIER if start.near else FIRST_BARRIER
+        first = first_point(stages, start.body, _columns(stages, start), barrier)
+        outcome = minimise(stages, first, deadline, barrier)
+    if not outcome.solved and start.near:  # it is not near after all, or there is no solution
         first = first_point(stages, start.body, _columns(stages, start))
         outcome = minimise(stages, first, deadline)
-    else:
-        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
+        if not outcome.solved:
+            failed = _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations)
+            return replace(failed, solved=False, status="not converged"), None
     if not outcome.solved:
         return None
     return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point

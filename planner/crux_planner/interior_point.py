@@ -15,7 +15,7 @@ import numpy as np
 from crux_planner.arrays import Array, Flags
 from crux_planner.stage_problem import PINNED, Derivatives, StageProblem
 
-FIRST_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-4, 1e-7
+FIRST_BARRIER, NEAR_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-3, 1e-4, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
 _MOST_ITERATIONS = 80
 _TO_BOUNDARY = 0.995
@@ -69,6 +69,7 @@ def warm_point(stages: StageProblem, near: Point, barrier: float) -> Point:
     return point
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # it ends where numbers are no longer finite
 def minimise(stages: StageProblem, point: Point, deadline: float, barrier: float = FIRST_BARRIER) -> Outcome:
     """Newton steps on the barrier problem, the barrier lowered as they succeed."""
     bounded = stages.bounded

@@ -18,7 +18,7 @@ from crux_planner.problem import Problem
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
 from crux_planner.stage_functions import FORCE_SCALE_N, SPINE_WEIGHT
-from crux_planner.terms.bounds import body_bounds, wrench_bounds
+from crux_planner.terms.bounds import body_bounds, reach_bounds, wrench_bounds
 from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
 from crux_planner.terms.limit_surface import surface_room
@@ -60,10 +60,13 @@ class Solution:
 
 @dataclass(frozen=True)
 class Start:
-    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`."""
+    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`; `near`: of a problem much like
+    this one.
+    """
 
     body: Array
     wrenches: list[dict[int, Array]]
+    near: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,10 @@ class _Rows:
         self.high: list[Array] = []
 
     def add(self, expression: Any, low: Array | float, high: Array | float) -> None:
-        """`expression` is a matrix; bounds are a column of it, or one number for all."""
-        rows, columns = expression.shape
+        """`expression` is a matrix; bounds are as many, or a column (rows, 1) of them, or one number for all."""
         self.expressions.append(ca.vec(expression))
-        self.low.append(np.tile(np.broadcast_to(low, rows), columns))
-        self.high.append(np.tile(np.broadcast_to(high, rows), columns))
+        self.low.append(np.broadcast_to(low, expression.shape).ravel(order="F"))
+        self.high.append(np.broadcast_to(high, expression.shape).ravel(order="F"))
 
 
 def solve(
@@ -126,15 +128,16 @@ def solve(
     slippery = [i for i, c in enumerate(stance.contacts) if c.grip_friction == 0.0]
     if slippery:  # the cone has shrunk to a ray: spines carry all
         rows.add(q[0:3, slippery] - a[:, slippery], 0.0, 0.0)
-    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+    reach_low, reach_high = reach_bounds(problem, schedule)
     grippers = schedule.poses[1:, :, :3].reshape(n, 12).T
-    rows.add(_reach_function().map(n)(x[:, 1:], grippers), middle - half, middle + half)
+    rows.add(_reach_function().map(n)(x[:, 1:], grippers), reach_low.T, reach_high.T)
     for limb in range(4):
         columns = [i for i, place in enumerate(stance.places) if place in limited and place[1] == limb]
         if columns:
             function = _torque_function(problem, limb, scale).map(len(columns))
             torques = function(x[:, [stance.knots[i] for i in columns]], q[:, columns], stance.grasps[:, columns])
-            rows.add(torques, -problem.torque_limits_Nm[limb], problem.torque_limits_Nm[limb])
+            limit = problem.torque_limits_Nm[limb][:, None]
+            rows.add(torques, -limit, limit)
 
     cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + SPINE_WEIGHT * ca.sumsqr(a)

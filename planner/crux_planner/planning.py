@@ -5,33 +5,31 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
 
 from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
-from crux_planner.checker import CheckReport, check_plan
+from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.exact import solve_within_torques
-from crux_planner.nlp import Solution, start_from_path
-from crux_planner.problem import LIMBS, Problem
+from crux_planner.nlp import start_from_path
+from crux_planner.problem import Problem
+from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
-from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
-from crux_planner.search.calm import TooHasty, slowed
+from crux_planner.search.body_path import knot_path
+from crux_planner.search.calm import TooHasty
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
-from crux_planner.search.schedule import Schedule, at_knots, lay_out
+from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Move, Reach, SearchReport, goal_contacts, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
-from crux_planner.work import Culprit, Progress, Work
+from crux_planner.work import Progress, Work
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -161,7 +159,8 @@ def _plan_by_method(
         alone = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
         with work.part("check", 0.4):
             alone_report = check_plan(alone, robot)
-        attempt = _finish(scenario, robot, problem, decided.schedule, decided.path, work, deadline, method)
+        start = start_from_path(problem, decided.path, decided.schedule.yaw_rad)
+        attempt = finish(scenario, robot, problem, decided.schedule, start, work, deadline, method)
         if isinstance(attempt, PlanResult):
             attempt.gap = _proven_gap(work, attempt.cost)
             attempt.method, attempt.seconds = method, time.monotonic() - work.began
@@ -211,7 +210,7 @@ def _realise(
     moves: list[Move],
     work: Work,
     deadline: float,
-) -> PlanResult | tuple[InfeasibleError, Culprit]:
+) -> PlanResult | Failure:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
     if work.bound is not None and work.bound.hurried:
         with work.part("body", 0.2):
@@ -222,8 +221,8 @@ def _realise(
         until = now + IMPROVING_SHARE * (deadline - now)
         level = moves and not problem.turns  # its estimates are of a level body that takes steps
         timed = improve(costs, moves, until) if level else None
-    first: tuple[InfeasibleError, Culprit] | None = None
-    attempt: PlanResult | tuple[InfeasibleError, Culprit]
+    first: Failure | None = None
+    attempt: PlanResult | Failure
     choices = [*([timed] if timed is not None else []), *[None] * CALMINGS]
     for choice in choices:
         if first is not None and time.monotonic() > deadline:
@@ -233,18 +232,19 @@ def _realise(
                 schedule = (
                     at_knots(problem, ways, choice.moves, choice.stances, choice.swings)
                     if choice is not None
-                    else _evenly(problem, balance, reach, ways, moves)
+                    else evenly(problem, balance, reach, ways, moves)
                 )
             except InfeasibleError as too_short:
                 return first or (too_short, None)
-            aimed, path = _path(problem, balance, schedule)
+            aimed, path = path_to_goal(problem, balance, schedule)
         if path is not None:
-            attempt = _finish(scenario, robot, aimed, schedule, path, work, deadline)
+            start = start_from_path(aimed, path, schedule.yaw_rad)
+            attempt = finish(scenario, robot, aimed, schedule, start, work, deadline)
             if isinstance(attempt, PlanResult):
                 return attempt
         else:
-            text = f"no body path for the gait {_gait(schedule)}: reach and equilibrium do not meet in time"
-            attempt = InfeasibleError("body", text), _longest(problem, schedule.moves)
+            text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
+            attempt = InfeasibleError("body", text), longest(problem, schedule.moves)
         first = first or attempt
         if isinstance(attempt[0], TooHasty):
             problem = replace(problem, calm=attempt[0].calm)
@@ -258,110 +258,10 @@ def _begin_bound(
 ) -> None:
     """Begin to bound J while a cheaper sequence is looked for, from what the first one costs."""
     try:
-        schedule = _evenly(problem, balance, reach, ways, moves)
+        schedule = evenly(problem, balance, reach, ways, moves)
     except InfeasibleError:
         return
     path = knot_path(problem, balance, schedule)
     if path is not None:
         start = start_from_path(problem, path)
         bound.start(IMPROVED_SHARE * plan_cost(problem, schedule, start.body, start.wrenches))
-
-
-def _path(problem: Problem, balance: Balance, schedule: Schedule) -> tuple[Problem, BodyPath | None]:
-    """A body path to the middle of the goal's tolerance where there is one, else to where it may end at all."""
-    aimed = problem.aimed()
-    path = knot_path(aimed, balance, schedule)
-    return (aimed, path) if path is not None else (problem, knot_path(problem, balance, schedule))
-
-
-def _evenly(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> Schedule:
-    """The moves as they are, the time to spare spread over stances and swings. Raises InfeasibleError."""
-    moves = smooth_events(problem, balance, reach, ways, moves)
-    return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
-
-
-def _finish(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    schedule: Schedule,
-    path: BodyPath,
-    work: Work,
-    deadline: float,
-    method: str = "auto",
-) -> PlanResult | tuple[InfeasibleError, Culprit]:
-    """The exact NLP and the check for a schedule, whatever method found it."""
-    if work.bound is not None and work.bound.idle:
-        start = start_from_path(problem, path)
-        work.bound.start(plan_cost(problem, schedule, start.body, start.wrenches))
-    with work.part("nlp", 0.5):
-        solution = solve_within_torques(problem, schedule, path, deadline)
-    if not solution.solved:
-        return InfeasibleError(
-            "dynamics", f"the exact problem has no solution for the gait {_gait(schedule)} ({solution.status})"
-        ), _longest(problem, schedule.moves)
-    with work.part("check", 0.8):
-        message = plan_message(scenario, robot, problem, schedule, solution, method)
-        report = check_plan(message, robot)
-    if not report.ok:
-        speed = np.abs(solution.body[:, 6:9]).max(axis=1)
-        calm = slowed(problem.calm, report, schedule.contacts, speed, problem.dt_s)
-        refused = _refused(report) if calm is None else TooHasty(_refused(report), calm)
-        return refused, _blamed(report, schedule, problem)
-    return _result(message, report, schedule, solution, work)
-
-
-def _result(message: Any, report: CheckReport, schedule: Schedule, solution: Solution, work: Work) -> PlanResult:
-    return PlanResult(
-        ok=True,
-        plan=message,
-        check=report,
-        cost=solution.cost,
-        iterations=solution.iterations,
-        gait=schedule.gait,
-        position_residual_m=solution.position_residual_m,
-        force_residual_N=solution.force_residual_N,
-        timing=work.seconds,
-    )
-
-
-def _gait(schedule: Schedule) -> str:
-    return ", ".join(schedule.gait) or "without a step"
-
-
-def _refused(report: CheckReport) -> InfeasibleError:
-    first = max(report.violations, key=lambda v: v.amount)
-    who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
-    when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
-    return InfeasibleError(
-        first.constraint,
-        f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
-        f"{first.amount:.3g} {first.unit} {first.detail}".rstrip(),
-    )
-
-
-def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> Culprit:
-    """The move during which the check found the worst violation of a limb; else the longest."""
-    for violation in sorted(report.violations, key=lambda v: -v.amount):
-        if violation.limb is None or violation.time_s is None:
-            continue
-        limb, k = LIMBS.index(violation.limb), int(violation.time_s / problem.dt_s)
-        if (move := _move_at(schedule, k, limb)) is not None:
-            return move
-    return _longest(problem, schedule.moves)
-
-
-def _move_at(schedule: Schedule, k: int, limb: int) -> Culprit:
-    """The move of a limb that is in the air at a knot."""
-    before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
-    after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
-    return (before[-1], after[0]) if before and after and before[-1] != after[0] else None
-
-
-def _longest(problem: Problem, moves: list[Move]) -> Culprit:
-    """The move over the greatest distance."""
-    pairs = [(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs]
-    contacts = problem.contacts
-    if not pairs:
-        return None
-    return max(pairs, key=lambda p: float(abs(contacts[p[1]].centre_w_m - contacts[p[0]].centre_w_m).sum()))

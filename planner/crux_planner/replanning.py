@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
@@ -16,23 +16,24 @@ import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario, parse_scenario
+from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 
 from crux_planner.arrays import Array
-from crux_planner.build import build_problem, pose_in_heading_frame, start_inertia
-from crux_planner.checker import check_plan
-from crux_planner.contacts import PAIR_NAMES
-from crux_planner.errors import InfeasibleError
-from crux_planner.exact import solve_within_torques
+from crux_planner.build import build_problem, pose_in_heading_frame, start_contacts, start_inertia
+from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.nlp import Start, start_from_path
 from crux_planner.planning import plan
 from crux_planner.problem import Pose, Problem
-from crux_planner.result import PlanResult, plan_message
+from crux_planner.realise import finish
+from crux_planner.result import PlanResult
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
 from crux_planner.search.schedule import Schedule, lay_out, least_durations
-from crux_planner.search.stances import Reach, search
+from crux_planner.search.stances import Move, Reach, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.stage_functions import StageFunctions
+from crux_planner.tail import Tail, read_tail
 from crux_planner.work import Work
 
 TIME_LIMIT_S = 10.0
@@ -55,93 +56,118 @@ class Planner:
         running: Any,
         at_s: float,
         *,
+        body: BodyPose | None = None,
+        without: Collection[str] = (),
         time_limit_s: float = TIME_LIMIT_S,
         log: Callable[[str], None] | None = None,
     ) -> PlanResult:
         """A checked plan from the stance that `running`, a plan of this wall, takes next at or after `at_s`.
 
-        Its horizon is what is left, or what the way takes if that is more. `timing` has contacts, body and nlp, which
-        are the planning, and message and check apart. Where the quick way finds nothing `plan` is asked.
-        Raises InfeasibleError.
+        `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
+        more, but still in the way. The horizon is what is left, or what the way takes if that is more. `timing` has
+        stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
+        are tried first, then others that lead back to them; where all that finds nothing `plan` is asked.
+        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's.
         """
         began = time.monotonic()
+        deadline = began + time_limit_s
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
-            scenario = scenario_at(self.scenario, running, at_s)
-            problem = self._from(scenario)
-        for spare in SPARE_KNOTS:
-            found = self._realise(problem, work, began + time_limit_s, spare)
-            if found is None:
-                continue
-            steps, schedule, solution = found
-            with work.part("message", 0.7):
-                scenario = at_start(scenario, steps=steps)
-                message = plan_message(scenario, self.robot, replace(problem, steps=steps), schedule, solution, "auto")
-            with work.part("check", 0.8):
-                report = check_plan(message, self.robot)
-            if report.ok:
-                return PlanResult(
-                    ok=True,
-                    plan=message,
-                    check=report,
-                    cost=solution.cost,
-                    iterations=solution.iterations,
-                    gait=schedule.gait,
-                    position_residual_m=solution.position_residual_m,
-                    force_residual_N=solution.force_residual_N,
-                    seconds=time.monotonic() - began,
-                    timing=work.seconds,
-                )
-        work.log("the quick way found no plan that passes the check; planning from scratch")
-        return plan(scenario, self.robot, time_limit_s=max(began + time_limit_s - time.monotonic(), 1.0), log=log)
+            first = stance_knot(running, at_s)
+            scenario = scenario_at(self.scenario, running, first, body, without)
+            problem = self._from(scenario, without)
+            tail = read_tail(problem, running, first)
+        result = None
+        if tail is not None and tail.open_to(problem):
+            result = self._along(scenario, problem, tail, work, deadline)
+        if result is None:
+            result = self._anew(scenario, problem, tail, work, deadline)
+        if result is None:
+            work.log("the quick ways found no plan that passes the check; planning from scratch")
+            return plan(scenario, self.robot, time_limit_s=max(deadline - time.monotonic(), 1.0), log=log)
+        result.seconds = time.monotonic() - began
+        return result
 
-    def _from(self, scenario: Scenario) -> Problem:
-        """The problem with another start, in the same frame and with the same contacts."""
+    def _along(
+        self, scenario: Scenario, problem: Problem, tail: Tail, work: Work, deadline: float
+    ) -> PlanResult | None:
+        """The running plan's own moves, from the problem's start."""
+        begun = tail.begun_at_rest(problem)
+        return self._finish(scenario, replace(problem, steps=begun.steps), begun.schedule, begun.start, work, deadline)
+
+    def _anew(
+        self, scenario: Scenario, problem: Problem, tail: Tail | None, work: Work, deadline: float
+    ) -> PlanResult | None:
+        """The quickest moves to where the running plan's are known to lead on, or to the goal."""
+        known = None if tail is None else tail.known(problem)
+        with work.part("contacts", 0.1):
+            moves, _ = search(
+                problem, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline, known=known
+            )
+        for spare in SPARE_KNOTS if moves is not None else ():
+            with work.part("body", 0.3):
+                laid = self._lay_out(problem, moves or [], spare)
+            if laid is not None:
+                result = self._finish(scenario, *laid, work, deadline)
+                if result is not None:
+                    return result
+        return None
+
+    def _lay_out(self, problem: Problem, moves: list[Move], spare: int) -> tuple[Problem, Schedule, Start] | None:
+        """Moves with knots to spare beyond what they need, None where the body has no path."""
+        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+        moves = smooth_events(problem, self.balance, self.reach, self.ways, moves)
+        needed = int(sum(part.sum() for part in least_durations(problem, self.ways, moves, step)))
+        problem = replace(problem, steps=max(problem.steps, needed) + spare)
+        schedule = lay_out(problem, self.ways, moves, step)
+        path = knot_path(self._as_level(problem), self.balance, schedule)
+        return None if path is None else (problem, schedule, start_from_path(problem, path))
+
+    def _finish(
+        self, scenario: Scenario, problem: Problem, schedule: Schedule, start: Start, work: Work, deadline: float
+    ) -> PlanResult | None:
+        scenario = rewritten(scenario, steps=problem.steps)
+        problem = self._as_numbered_in(scenario, problem)
+        functions = self.functions.started_elsewhere(problem)
+        found = finish(scenario, self.robot, problem, schedule, start, work, deadline, functions=functions)
+        if isinstance(found, PlanResult):
+            return found
+        work.log(f"refused: {found[0]}")
+        return None
+
+    def _from(self, scenario: Scenario, without: Collection[str]) -> Problem:
+        """The problem with another start, in the same frame and with the same contacts, less those on some holds."""
         problem = self.problem
         start = pose_in_heading_frame(scenario.start.body, problem.heading_rad)
-        contacts = []
-        for limb in LIMB_NAMES:
-            grasp = scenario.start.grasps[limb]
-            wanted = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
-            fits = [i for i, c in enumerate(problem.contacts) if (c.hold, c.pair) == wanted]
-            if not fits:
-                raise InfeasibleError("start grasp", f"{limb} cannot grip {grasp.hold} by faces {grasp.faces}")
-            contacts.append(min(fits, key=lambda i: abs(problem.contacts[i].yaw_rad)))
-        first, second, third, fourth = contacts
+        begin = start_contacts(scenario, self._as_numbered_in(scenario, problem).contacts, {})
+        lost = {self.scenario.hold_index(name) for name in without}
+        yaw = abs(float(start.rpy_rad[2]))  # speeds are bounded along axes of the first pose, not of this frame
+        speed = problem.body.max_speed_m_s / (math.cos(yaw) + math.sin(yaw))
         return replace(
             problem,
             start=start,
-            start_contacts=(first, second, third, fourth),
+            body=replace(problem.body, max_speed_m_s=speed),
+            start_contacts=(begin[0], begin[1], begin[2], begin[3]),
+            limb_contacts=[
+                [c for c in usable if problem.contacts[c].hold not in lost] for usable in problem.limb_contacts
+            ],
             steps=scenario.horizon.steps,
-            inertia_b=start_inertia(self.robot, start, [problem.contacts[c] for c in contacts]),
+            inertia_b=start_inertia(self.robot, start, [problem.contacts[c] for c in begin]),
         )
+
+    def _as_numbered_in(self, scenario: Scenario, problem: Problem) -> Problem:
+        """The problem with its holds' numbers in a scenario where some have become obstacles."""
+        if len(scenario.holds) == len(self.scenario.holds):
+            return problem
+        numbers = {cuboid.name: i for i, cuboid in enumerate(scenario.cuboids)}
+        contacts = [replace(c, hold=numbers[problem.hold_names[c.hold]]) for c in problem.contacts]
+        return replace(problem, contacts=contacts)
 
     def _as_level(self, problem: Problem) -> Problem:
         """The problem as the path of a level body sees it: how the robot is tilted is left to the exact programme."""
         bounds = self.reach.of(problem.start_contacts)
         position = problem.start.position_m if bounds is None else _inside(problem.start.position_m, *bounds)
         return replace(problem, start=Pose(position, np.zeros(3)))
-
-    def _realise(self, problem: Problem, work: Work, deadline: float, spare: int) -> tuple[int, Schedule, Any] | None:
-        """Steps, schedule and solution from the problem's start; None where the search or the exact P1 has none."""
-        with work.part("contacts", 0.1):
-            moves, _ = search(problem, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline)
-        if moves is None:
-            return None
-        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-        with work.part("body", 0.3):
-            moves = smooth_events(problem, self.balance, self.reach, self.ways, moves)
-            needed = int(sum(part.sum() for part in least_durations(problem, self.ways, moves, step)))
-            problem = replace(problem, steps=max(problem.steps, needed) + spare)
-            schedule = lay_out(problem, self.ways, moves, step)
-            path = knot_path(self._as_level(problem), self.balance, schedule)
-        if path is None:
-            return None
-        with work.part("nlp", 0.4):
-            solution = solve_within_torques(
-                problem, schedule, path, deadline, self.functions.started_elsewhere(problem)
-            )
-        return (problem.steps, schedule, solution) if solution.solved else None
 
 
 def _inside(values: Array, low: Array, high: Array) -> Array:
@@ -156,36 +182,68 @@ def stances(running: Any) -> list[int]:
     return [k for k, now in enumerate(holds) if min(now) >= 0 and (k == 0 or now != holds[k - 1])]
 
 
-def scenario_at(scenario: Scenario, running: Any, at_s: float) -> Scenario:
-    """The scenario with the stance for its start that a plan takes first at or after a time, and the steps left."""
-    k = max(0, math.ceil(at_s / running.dt_s - 1e-9))
+def stance_knot(running: Any, at_s: float) -> int:
+    """The first knot at or after a time at which all limbs hold on. Raises InfeasibleError after the last one."""
+    k: int = max(0, math.ceil(at_s / running.dt_s - 1e-9))
     while k < len(running.knots) and min(limb.hold for limb in running.knots[k].limbs) < 0:
         k += 1
     if k >= len(running.knots):
         end_s = (len(running.knots) - 1) * running.dt_s
         raise InfeasibleError("time", f"the plan ends at {end_s:g} s: nothing to plan again from at {at_s:g} s")
+    return k
+
+
+def scenario_at(
+    scenario: Scenario, running: Any, k: int, body: BodyPose | None = None, without: Collection[str] = ()
+) -> Scenario:
+    """The scenario with the stance at knot k of a plan for its start, the body there or elsewhere, and the steps left.
+
+    Holds in `without` become obstacles. Raises ScenarioError for a name that is no hold's, InfeasibleError where a limb
+    is on that hold, or should end on it.
+    """
     knot = running.knots[k]
+    position, rpy_deg = knot.body_position_w_m, np.degrees(knot.body_rpy_rad).tolist()
+    if body is not None:
+        position, rpy_deg = body.position_m, list(body.rpy_deg)
+    held = {name: running.holds[limb.hold].name for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
+    for place, grasps in (("start", held), ("goal", {name: g.hold for name, g in scenario.goal.grasps.items()})):
+        for limb, hold in grasps.items():
+            if hold in without:
+                raise InfeasibleError(f"{place} grasp", f"{place}.grasps.{limb}: {hold} is no hold any more")
     start = {
-        "body": {
-            "position_m": [float(v) for v in knot.body_position_w_m],
-            "rpy_deg": [math.degrees(v) for v in knot.body_rpy_rad],
-        },
+        "body": {"position_m": [float(v) for v in position], "rpy_deg": rpy_deg},
         "grasps": {
-            name: {"hold": running.holds[limb.hold].name, "faces": PAIR_NAMES[limb.finger1_face // 2]}
+            name: {
+                "hold": held[name],
+                "faces": PAIR_NAMES[limb.finger1_face // 2],
+                "finger1": FACE_NAMES[limb.finger1_face],
+            }
             for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)
         },
     }
-    return at_start(scenario, start=start, steps=max(1, len(running.knots) - 1 - k))
+    return rewritten(scenario, start=start, steps=max(1, len(running.knots) - 1 - k), without=without)
 
 
-def at_start(scenario: Scenario, *, steps: int, start: dict[str, Any] | None = None) -> Scenario:
-    """The scenario with other steps, and another start if one is given."""
-    if start is None and steps == scenario.horizon.steps:
+def rewritten(
+    scenario: Scenario, *, steps: int, start: dict[str, Any] | None = None, without: Collection[str] = ()
+) -> Scenario:
+    """The scenario with other steps, another start if one is given, and some holds become obstacles."""
+    if start is None and not without and steps == scenario.horizon.steps:
         return scenario
     content = yaml.load(scenario.yaml_text, Loader=_LOADER)
     content["horizon"]["steps"] = int(np.int64(steps))
     if start is not None:
         content["start"] = start
+    names = [hold["name"] for hold in content["holds"]]
+    for name in without:
+        if name not in names:
+            raise wrong(scenario, "without", name, f"expected one of the holds {', '.join(names)}")
+    lost = [hold for hold in content["holds"] if hold["name"] in without]
+    if lost:
+        content["holds"] = [hold for hold in content["holds"] if hold["name"] not in without]
+        kept = ("name", "position_m", "size_m", "yaw_deg")
+        as_obstacles = [{key: hold[key] for key in kept if key in hold} for hold in lost]
+        content["obstacles"] = [*content.get("obstacles", []), *as_obstacles]
     return parse_scenario(yaml.dump(content, Dumper=_DUMPER, sort_keys=False), scenario.path)
 
 

@@ -15,7 +15,7 @@ from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
 from crux_planner.search.schedule import Schedule
 from crux_planner.stage_functions import COLUMN, POSE, SPINE_WEIGHT, StageFunctions
-from crux_planner.terms.bounds import body_bounds, wrench_bounds
+from crux_planner.terms.bounds import body_bounds, reach_bounds, wrench_bounds
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS
 
 PINNED = 1e8  # weight that holds what is fixed
@@ -75,7 +75,7 @@ class StageProblem:
         fixed = low >= high - 1e-12
         self.pinned = fixed[-1].astype(float)
         body_low, body_high = np.where(fixed, -np.inf, low)[1:], np.where(fixed, np.inf, high)[1:]
-        middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+        reach_low, reach_high = reach_bounds(problem, schedule)
         column_low, column_high = self._column_bounds(contacts)
         self.fixed: Flags = column_low >= column_high
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
@@ -83,8 +83,8 @@ class StageProblem:
         m = self.functions.surface_rows
         surface_low = np.where(self.rough[..., None], np.zeros(m), -np.inf)
         torque = [np.tile(problem.torque_limits_Nm[limb], len(at)) for limb, at in enumerate(self.limited)]
-        lows = [body_low, np.tile(middle - half, n), column_low, surface_low, *[-limit for limit in torque]]
-        highs = [body_high, np.tile(middle + half, n), column_high, np.full(surface_low.shape, np.inf), *torque]
+        lows = [body_low, reach_low, column_low, surface_low, *[-limit for limit in torque]]
+        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), *torque]
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)

@@ -114,7 +114,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
     other = solve(problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
     monkeypatch.delattr(exact, "solve")  # it shall not ask ipopt
-    solution = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
     assert solution.solved
     assert other.solved
     assert solution.position_residual_m < 1e-8
@@ -128,19 +128,19 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     problem = replace(problem, torque_limits_Nm=weaker)
     start = start_from_path(problem, path)
     assert max(solve(problem, schedule, start, frozenset(), 30.0).torque_shares.values()) > 1.05
-    solution = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
 
 
 def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance("rough")
-    expected = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+    expected = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
 
     def give_up(_stages: StageProblem, point: Point, *_more: Any) -> Outcome:
         return Outcome(point, 0, False, np.inf)
 
     monkeypatch.setattr(exact, "minimise", give_up)
-    solution = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
     assert solution.solved
     assert solution.cost == pytest.approx(expected.cost, abs=2e-3)

@@ -10,6 +10,7 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_within_torques
+from crux_planner.nlp import start_from_path
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
@@ -43,7 +44,7 @@ class Wall:
         schedule = at_knots(problem, costs.ways, timed.moves, timed.stances, timed.swings)
         path = knot_path(problem, costs.balance, schedule)
         assert path is not None
-        solution = solve_within_torques(problem, schedule, path, time.monotonic() + 30)
+        solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
         assert solution.solved
         return solution.cost
 

@@ -9,7 +9,13 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.terms.dynamics import euler_rates, euler_step, gripper_wrench, static_map
-from crux_planner.terms.limit_surface import SMOOTHING_N, cone_demand, finger_forces, polytope_directions
+from crux_planner.terms.limit_surface import (
+    SMOOTHING_N,
+    cone_demand,
+    finger_forces,
+    finger_inputs,
+    polytope_directions,
+)
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.reach import offset_in_body, turned_half
 from crux_planner.terms.torque import joint_torques, limb_masses
@@ -153,3 +159,11 @@ def test_joint_torques_are_those_of_pinocchio(robot: Robot, limb: int, seed: int
     torques = np.array(joint_torques(limb_masses(robot, part), *pose, *grip, gravity=gravity)).ravel()
     rows = [model.joints[model.getJointId(name)].idx_v for name in part.joint_names]
     np.testing.assert_allclose(torques, expected[rows], atol=1e-9)
+
+
+@given(seeds)
+def test_inputs_come_back_from_the_fingers_forces(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    q, yaw = random.normal(size=5), random.uniform(-np.pi, np.pi)
+    axis, tangent = rotation_z(yaw)[:, 0], rotation_z(yaw)[:, 1]
+    assert finger_inputs(*finger_forces(q, axis, tangent), np.array(yaw)) == pytest.approx(q)

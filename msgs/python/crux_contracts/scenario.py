@@ -110,10 +110,11 @@ class Obstacle(Cuboid):
 
 @dataclass(frozen=True)
 class Grasp:
-    """faces x: fingers on +x and -x of the hold; y: on +y and -y."""
+    """faces x: fingers on +x and -x of the hold; y: on +y and -y. `finger1` is the face under finger 1, where given."""
 
     hold: str
     faces: Faces
+    finger1: str | None = None
 
 
 @dataclass(frozen=True)

@@ -198,10 +198,12 @@ class _Reader:
         return BodyPose((position[0], position[1], position[2]), (rpy[0], rpy[1], rpy[2])), keys
 
     def _grasp(self, node: Node) -> Grasp:
-        keys = self.check.members(node, ["hold", "faces"])
+        keys = self.check.members(node, ["hold", "faces"], ["finger1"])
         hold = self._of(keys, "hold", self.check.text) or ""
         faces = self._of(keys, "faces", lambda n: self.check.choice(n, ("x", "y"))) or "x"
-        return Grasp(hold, cast(Faces, faces))
+        sides = (f"+{faces}", f"-{faces}")
+        finger1 = self.check.choice(keys["finger1"], sides) if "finger1" in keys else None
+        return Grasp(hold, cast(Faces, faces), finger1)
 
     def _grasps(self, node: Node, required: bool) -> dict[str, Grasp]:
         limbs = list(LIMB_NAMES)

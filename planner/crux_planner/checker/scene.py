@@ -18,10 +18,11 @@ from crux_planner.checker.report import Findings
 
 @dataclass(frozen=True)
 class Grasp:
-    """A hold (index into the plan's) and its gripped faces, "x" or "y"."""
+    """A hold (index into the plan's), its gripped faces, "x" or "y", and the face under finger 1 where it matters."""
 
     hold: int
     faces: str
+    finger1: str | None
 
 
 @dataclass(frozen=True)
@@ -133,4 +134,6 @@ def _pose(body: BodyPose) -> tuple[Array, Array]:
 
 
 def _grasps(scenario: Scenario, grasps: dict[str, ScenarioGrasp]) -> dict[int, Grasp]:
-    return {LIMB_NAMES.index(limb): Grasp(scenario.hold_index(g.hold), g.faces) for limb, g in grasps.items()}
+    return {
+        LIMB_NAMES.index(limb): Grasp(scenario.hold_index(g.hold), g.faces, g.finger1) for limb, g in grasps.items()
+    }

@@ -38,9 +38,12 @@ def check_ends(plan: PlanArrays, ends: Ends, findings: Findings) -> None:
 def _check_grasps(name: str, plan: PlanArrays, knot: int, grasps: dict[int, Grasp], findings: Findings) -> None:
     for limb, grasp in grasps.items():
         hold, face = int(plan.hold[knot, limb]), int(plan.finger1_face[knot, limb])
-        faces = {0: "x", 1: "x", 2: "y", 3: "y"}.get(face)
-        met = plan.gripped[knot, limb] and hold == grasp.hold and grasp.faces == faces
+        under = {0: "+x", 1: "-x", 2: "+y", 3: "-y"}.get(face, "")
+        met = plan.gripped[knot, limb] and hold == grasp.hold and under[1:] == grasp.faces
         wanted = f"{plan.cuboids.names[grasp.hold]!r} by faces {grasp.faces}"
+        if grasp.finger1 is not None:
+            met = met and under == grasp.finger1
+            wanted += f", finger 1 on {grasp.finger1}"
         detail = "" if met else f"{LIMB_NAMES[limb]} should grip {wanted}, not hold {hold} by face {face}"
         findings.add(name, 0.0 if met else 1.0, "", limb=limb, time_s=float(plan.time_s[knot]), detail=detail)
 

@@ -98,6 +98,12 @@ class Sight:
         """Least clearance (T,) of a limb, for body positions (T, 3) and gripper poses (T, 4)."""
         model = self.problem.limb_masses[limb].limb
         place = grippers[:, :3] - bodies
+        out = place[:, :2] - model.shoulder_b_m[:2]  # elbow and wrist are above this line, lengthened at both ends
+        out *= model.upper_link_m / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+        shoulders = bodies[:, :2] + model.shoulder_b_m[:2]
+        margin = float(self._radii.max()) + CLEARANCE_M
+        if not len(self.tall.near(np.concatenate([shoulders - out, shoulders + out, grippers[:, :2]]), margin).yaw_rad):
+            return np.full(len(bodies), np.inf)
         q, _ = inverse(model, place, rotation_z(grippers[:, 3]))
         azimuth = q[:, 0] + model.mount_rad
         out = np.stack([np.cos(azimuth) * np.cos(q[:, 1]), np.sin(azimuth) * np.cos(q[:, 1]), np.sin(q[:, 1])], axis=1)
@@ -106,7 +112,7 @@ class Sight:
         wrist = grippers[:, :3] + model.wrist_to_gripper_m * up
         palm = grippers[:, :3] + self.problem.shape.finger_height * up
         corners = [shoulder, shoulder, shoulder + model.upper_link_m * out, wrist, palm]
-        near = self.tall.near(np.concatenate(corners), float(self._radii.max()) + CLEARANCE_M)
+        near = self.tall.near(np.concatenate(corners), margin)
         if not len(near.yaw_rad):
             return np.full(len(bodies), np.inf)
         gaps = [

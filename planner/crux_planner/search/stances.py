@@ -6,6 +6,7 @@ import heapq
 import itertools
 import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -140,11 +141,20 @@ def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, fl
 
 
 def search(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, at_once: int, greed: float, deadline: float
+    problem: Problem,
+    balance: Balance,
+    reach: Reach,
+    ways: Ways,
+    *,
+    at_once: int,
+    greed: float,
+    deadline: float,
+    known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
-    With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner.
+    With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
+    the stances in `known` the rest of the way is known: the search ends there.
     """
     report = SearchReport()
     to_go = costs_to_go(problem, reach, ways)
@@ -164,6 +174,8 @@ def search(
         _, _, cost, stance, body = heapq.heappop(open_list)
         if cost > best[stance] + 1e-9:
             continue
+        if known and stance in known:
+            return [*_trace(parent, stance), *known[stance]], report
         ahead = estimate(stance)
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead

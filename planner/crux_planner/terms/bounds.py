@@ -6,6 +6,7 @@ import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.contacts import Contact
+from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.problem import Problem
 from crux_planner.search.calm import speeds
 from crux_planner.search.schedule import Schedule
@@ -34,6 +35,21 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
     aim, near = np.clip(pose, low[-1, :6], high[-1, :6]), np.array([goal.aim_m] * 3 + [goal.aim_rad] * 3)
     low[-1] = np.concatenate([np.max([low[-1, :6], pose - room, aim - near], axis=0), np.zeros(6)])
     high[-1] = np.concatenate([np.min([high[-1, :6], pose + room, aim + near], axis=0), np.zeros(6)])
+    return low, high
+
+
+def reach_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
+    """Lower and upper bounds (N, 12) of (9a) at knots 1..N: where each gripper is in the body's frame.
+
+    A body that starts with a gripper outside its box, as one may in mid-climb, has until the first lift-off to bring it
+    inside: the boxes reach that far until then.
+    """
+    middle, half = problem.boxes.centre_b_m, problem.boxes.half_m
+    low, high = (np.tile((middle + sign * half).ravel(), (problem.steps, 1)) for sign in (-1, 1))
+    away = schedule.poses[0, :, :3] - problem.start.position_m
+    begin = (away @ rotation_from_rpy(problem.start.rpy_rad)).ravel()
+    lift_off = next((k for k, knot in enumerate(schedule.contacts) if None in knot), problem.steps)
+    low[: lift_off - 1], high[: lift_off - 1] = np.minimum(low[0], begin), np.maximum(high[0], begin)
     return low, high
 
 

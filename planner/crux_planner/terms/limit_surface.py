@@ -77,3 +77,16 @@ def finger_forces(q: Array, normal_w: Array, tangent_w: Array) -> tuple[Array, A
     shear = q[0] * tangent_w + q[1] * np.array([0.0, 0.0, 1.0])
     forces = np.stack([q[3] * normal_w + shear, -q[4] * normal_w + shear])
     return forces, np.stack([q[2] * normal_w] * 2)
+
+
+def finger_inputs(force_w: Array, moment_w: Array, yaw_rad: Array) -> Array:
+    """q = (s1, s2, m, n1, n2), shape (..., 5), of fingers' forces and moments (..., 2, 3): `finger_forces` undone.
+
+    `yaw_rad` (...) is that of the gripper: its opening axis e is at this angle from the frame's x.
+    """
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    first, second = force_w[..., 0, :], force_w[..., 1, :]
+    shear = c * first[..., 1] - s * first[..., 0]
+    twist = c * moment_w[..., 0, 0] + s * moment_w[..., 0, 1]
+    press = [sign * (c * f[..., 0] + s * f[..., 1]) for sign, f in ((1.0, first), (-1.0, second))]
+    return np.stack([shear, first[..., 2], twist, *press], axis=-1)

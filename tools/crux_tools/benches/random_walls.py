@@ -1,4 +1,4 @@
-"""Random walls like the four-hold scene: a start under the robot's four grippers and four holds further up."""
+"""Random walls: like the four-hold scene, a start under the four grippers and four holds further up; and ladders."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ LATERAL_M = 0.03
 SPACING_M = 0.12  # between hold centres: two grippers side by side
 BODY_HEIGHT_M = 0.185
 HOLD_SIZE_M = 0.06
+RUNG_M, COLUMN_M = 0.15, 0.36  # of a ladder: between two rungs, and of its columns from the middle
+RUNG_SCATTER_M = 0.015
 ROUNDING = 4  # digits, so that the file is what was drawn
 
 
@@ -38,19 +40,49 @@ def random_wall(seed: int, slope_deg: float = 45.0, *, all_limbs: bool = False) 
     random = np.random.default_rng(seed)
     xy_m, advance_m, lateral_m = draw_holds(random)
     yaw_deg = np.round(random.uniform(-YAW_DEG, YAW_DEG, len(xy_m)), 2)
-    holds: list[dict[str, Any]] = [
+    names = [f"{place}{limb}" for place in ("start", "goal") for limb in LIMB_NAMES]
+    start = {name: f"start{name}" for name in LIMB_NAMES}
+    scenario = _scenario(f"random-wall-{seed}", slope_deg, _holds(names, xy_m, yaw_deg), start)
+    scenario["goal"] = {"body": {"position_m": [advance_m, lateral_m, BODY_HEIGHT_M]}}
+    if all_limbs:
+        scenario["goal"]["grasps"] = {name: {"hold": f"goal{name}", "faces": "x"} for name in LIMB_NAMES}
+    return yaml.safe_dump(scenario, sort_keys=False)
+
+
+def random_ladder(seed: int, rungs: int = 8, slope_deg: float = 45.0, steps: int = 120) -> str:
+    """A scenario as YAML text: two columns of holds, scattered and turned; the body goes up to the last rungs."""
+    random = np.random.default_rng(seed)
+    names = [f"{side}-{rung}" for side in ("left", "right") for rung in range(1, rungs + 1)]
+    xy = np.array([[(rung - 1) * RUNG_M - 0.14, side * COLUMN_M] for side in (1, -1) for rung in range(1, rungs + 1)])
+    xy += random.uniform(-RUNG_SCATTER_M, RUNG_SCATTER_M, xy.shape)
+    yaw_deg = np.round(random.uniform(-YAW_DEG, YAW_DEG, len(xy)), 2)
+    start = {"LF": "left-3", "RF": "right-3", "LR": "left-1", "RR": "right-1"}
+    holds = _holds(names, np.round(xy, ROUNDING), yaw_deg)
+    scenario = _scenario(f"random-ladder-{seed}", slope_deg, holds, start, steps)
+    scenario["goal"] = {"body": {"position_m": [round((rungs - 3) * RUNG_M, ROUNDING), 0.0, BODY_HEIGHT_M]}}
+    return yaml.safe_dump(scenario, sort_keys=False)
+
+
+def _holds(names: list[str], xy_m: NDArray[np.float64], yaw_deg: NDArray[np.float64]) -> list[dict[str, Any]]:
+    return [
         {
-            "name": f"{'start' if index < len(LIMB_NAMES) else 'goal'}{LIMB_NAMES[index % len(LIMB_NAMES)]}",
+            "name": name,
             "position_m": position.tolist(),
             "size_m": [HOLD_SIZE_M] * 3,
             "yaw_deg": float(yaw),
             "friction": 2.2,
         }
-        for index, (position, yaw) in enumerate(zip(xy_m, yaw_deg, strict=True))
+        for name, position, yaw in zip(names, xy_m, yaw_deg, strict=True)
     ]
-    scenario: dict[str, Any] = {
+
+
+def _scenario(
+    name: str, slope_deg: float, holds: list[dict[str, Any]], start: dict[str, str], steps: int = 40
+) -> dict[str, Any]:
+    """All of a scenario but its goal."""
+    return {
         "version": 1,
-        "name": f"random-wall-{seed}",
+        "name": name,
         "robot": "scaler",
         "wall": {"slope_deg": slope_deg, "friction": 0.6},
         "contact": {
@@ -63,11 +95,7 @@ def random_wall(seed: int, slope_deg: float = 45.0, *, all_limbs: bool = False) 
         "holds": holds,
         "start": {
             "body": {"position_m": [0.0, 0.0, BODY_HEIGHT_M]},
-            "grasps": {name: {"hold": f"start{name}", "faces": "x"} for name in LIMB_NAMES},
+            "grasps": {limb: {"hold": hold, "faces": "x"} for limb, hold in start.items()},
         },
-        "goal": {"body": {"position_m": [advance_m, lateral_m, BODY_HEIGHT_M]}},
-        "horizon": {"steps": 40, "dt_s": 2.0},
+        "horizon": {"steps": steps, "dt_s": 2.0},
     }
-    if all_limbs:
-        scenario["goal"]["grasps"] = {name: {"hold": f"goal{name}", "faces": "x"} for name in LIMB_NAMES}
-    return yaml.safe_dump(scenario, sort_keys=False)
