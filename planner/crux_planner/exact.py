@@ -50,6 +50,8 @@ def solve_within_torques(
         if outcome is None and limited:  # no motor torque to spare there
             problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
             outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
+        if outcome is None and start.near:  # other ways follow that promise more than ipopt
+            return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, np.inf, np.inf, {})
         if outcome is None:
             left = max(FALLBACK_SHARE * (deadline - time.monotonic()), FALLBACK_S)
             solution, point = solve(problem, schedule, start, limited, left), None
@@ -93,9 +95,6 @@ def _solve_once(
     if not outcome.solved and start.near:  # it is not near after all, or there is no solution
         first = first_point(stages, start.body, _columns(stages, start))
         outcome = minimise(stages, first, deadline)
-        if not outcome.solved:
-            failed = _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations)
-            return replace(failed, solved=False, status="not converged"), None
     if not outcome.solved:
         return None
     return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point
