@@ -72,9 +72,7 @@ static void on_consecutive(crux_isotp *isotp, const crux_frame *frame) {
   const uint16_t left = (uint16_t)(isotp->length - isotp->filled);
   const uint16_t carried = (uint16_t)(frame->length - 1U);
   const bool last = left < isotp->frame_length;  // all of it fits into one frame
-  if (isotp->receiving != CRUX_ISOTP_RECEIVES) {
-    // nobody waits for it
-  } else if ((frame->data[0] & 0x0FU) != isotp->next_number) {
+  if ((frame->data[0] & 0x0FU) != isotp->next_number) {
     isotp->receiving = CRUX_ISOTP_LISTENS;
   } else if (last ? (carried >= left) : (frame->length == isotp->frame_length)) {
     const uint16_t taken = last ? left : carried;
@@ -122,18 +120,18 @@ static void on_flow_control(crux_isotp *isotp, const crux_frame *frame) {
 void crux_isotp_on_frame(crux_isotp *isotp, const crux_frame *frame) {
   if ((frame->id == isotp->receive_id) && (frame->length >= 2U)) {
     const uint8_t kind = frame->data[0] & 0xF0U;
+    // One message at a time: a sender that does not wait for the answer to the last one is not heard.
+    const bool free = isotp->receiving != CRUX_ISOTP_RECEIVED;
     if (kind == FLOW_CONTROL) {
       on_flow_control(isotp, frame);
-    } else if (isotp->receiving == CRUX_ISOTP_RECEIVED) {
-      // one message at a time: a sender that does not wait for the answer to the last one is not heard
-    } else if (kind == SINGLE) {
+    } else if ((kind == SINGLE) && free) {
       on_single(isotp, frame);
-    } else if (kind == FIRST) {
+    } else if ((kind == FIRST) && free) {
       on_first(isotp, frame);
-    } else if (kind == CONSECUTIVE) {
+    } else if ((kind == CONSECUTIVE) && (isotp->receiving == CRUX_ISOTP_RECEIVES)) {
       on_consecutive(isotp, frame);
     } else {
-      // not of this standard
+      // not of this standard, or nobody waits for it
     }
   }
 }

@@ -4,30 +4,8 @@
 
 #include "codec.h"
 #include "permission.h"
-
-/// An answer in the making.
-typedef struct reply {
-  uint16_t length;
-  uint8_t bytes[CRUX_ISOTP_SENT_CAPACITY];
-} reply;
-
-static void add(reply *answer, const void *bytes, size_t length) {
-  (void)memcpy(&answer->bytes[answer->length], bytes, length);
-  answer->length = (uint16_t)(answer->length + length);
-}
-
-static void add_byte(reply *answer, uint8_t byte) { add(answer, &byte, 1U); }
-
-/// Little-endian, as everything on these buses but the identifiers of ISO 14229.
-static void add_word(reply *answer, uint32_t word) {
-  for (uint32_t i = 0U; i < 4U; i++) {
-    add_byte(answer, (uint8_t)(word >> (8U * i)));
-  }
-}
-
-static uint32_t word_at(const uint8_t *bytes) {
-  return bytes[0] | ((uint32_t)bytes[1] << 8U) | ((uint32_t)bytes[2] << 16U) | ((uint32_t)bytes[3] << 24U);
-}
+#include "reply.h"
+#include "update_service.h"
 
 static uint16_t identifier_at(const uint8_t *bytes) { return (uint16_t)(((uint32_t)bytes[0] << 8U) | bytes[1]); }
 
@@ -47,22 +25,22 @@ static uint32_t share_of(const crux_parameter *parameter, uint32_t described, fl
   return bits;
 }
 
-static void describe(const crux_overrides *overrides, uint8_t index, reply *answer) {
+static void describe(const crux_overrides *overrides, uint8_t index, crux_reply *answer) {
   const crux_parameter *parameter = &overrides->table[index];
   const uint32_t described = overrides->described[index];
-  add_byte(answer, parameter->id);
-  add_byte(answer,
-           (uint8_t)((parameter->is_integer ? CRUX_FLAG_INTEGER : 0) | (parameter->writable ? CRUX_FLAG_WRITABLE : 0) |
-                     (parameter->acts_now ? CRUX_FLAG_ACTS_NOW : 0)));
-  add_word(answer, overrides->set[index]);
-  add_word(answer, described);
-  add_word(answer, share_of(parameter, described, parameter->least_share, true));
-  add_word(answer, share_of(parameter, described, parameter->greatest_share, false));
-  add(answer, parameter->name, strlen(parameter->name) + 1U);
-  add(answer, parameter->unit, strlen(parameter->unit) + 1U);
+  crux_reply_byte(answer, parameter->id);
+  crux_reply_byte(answer, (uint8_t)((parameter->is_integer ? CRUX_FLAG_INTEGER : 0) |
+                                    (parameter->writable ? CRUX_FLAG_WRITABLE : 0) |
+                                    (parameter->acts_now ? CRUX_FLAG_ACTS_NOW : 0)));
+  crux_reply_word(answer, overrides->set[index]);
+  crux_reply_word(answer, described);
+  crux_reply_word(answer, share_of(parameter, described, parameter->least_share, true));
+  crux_reply_word(answer, share_of(parameter, described, parameter->greatest_share, false));
+  crux_reply_add(answer, parameter->name, strlen(parameter->name) + 1U);
+  crux_reply_add(answer, parameter->unit, strlen(parameter->unit) + 1U);
 }
 
-static uint8_t read_data(const crux_service *service, const uint8_t *request, uint16_t length, reply *answer) {
+static uint8_t read_data(const crux_service *service, const uint8_t *request, uint16_t length, crux_reply *answer) {
   const crux_overrides *overrides = &service->overrides;
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   if (length != 3U) {
@@ -71,13 +49,15 @@ static uint8_t read_data(const crux_service *service, const uint8_t *request, ui
     const uint16_t identifier = identifier_at(&request[1]);
     const uint8_t index = crux_overrides_find(overrides, (uint8_t)(identifier % CRUX_DATA_PARAMETERS));
     const uint16_t group = (uint16_t)(identifier - (identifier % CRUX_DATA_PARAMETERS));
-    add(answer, &request[1], 2U);
+    crux_reply_add(answer, &request[1], 2U);
     if (identifier == (uint16_t)CRUX_DATA_VERSION) {
-      add_word(answer, service->version);
-      add_word(answer, service->parameter_hash);
-      add_byte(answer, overrides->count);
+      crux_reply_word(answer, service->version);
+      crux_reply_word(answer, service->parameter_hash);
+      crux_reply_byte(answer, overrides->count);
+    } else if ((identifier == (uint16_t)CRUX_DATA_UPDATE) && (service->update != NULL)) {
+      crux_update_tell(service->update, answer);
     } else if ((group == (uint16_t)CRUX_DATA_VALUE) && (index < overrides->count)) {
-      add_word(answer, overrides->set[index]);
+      crux_reply_word(answer, overrides->set[index]);
     } else if ((group == (uint16_t)CRUX_DATA_DESCRIPTION) && (index < overrides->count)) {
       describe(overrides, index, answer);
     } else {
@@ -88,7 +68,7 @@ static uint8_t read_data(const crux_service *service, const uint8_t *request, ui
 }
 
 static uint8_t write_data(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
-                          reply *answer) {
+                          crux_reply *answer) {
   crux_overrides *overrides = &service->overrides;
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   if (length != 7U) {
@@ -96,7 +76,7 @@ static uint8_t write_data(crux_service *service, const uint8_t *request, uint16_
   } else {
     const uint16_t identifier = identifier_at(&request[1]);
     const uint8_t index = crux_overrides_find(overrides, (uint8_t)(identifier % CRUX_DATA_PARAMETERS));
-    const uint32_t bits = word_at(&request[3]);
+    const uint32_t bits = crux_word_at(&request[3]);
     if (((identifier - (identifier % CRUX_DATA_PARAMETERS)) != (uint32_t)CRUX_DATA_VALUE) ||
         (index >= overrides->count) ||
         !crux_parameter_accepts(&overrides->table[index], overrides->described[index], bits)) {
@@ -105,14 +85,14 @@ static uint8_t write_data(crux_service *service, const uint8_t *request, uint16_
       refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
     } else {
       crux_overrides_set(overrides, index, bits);
-      add(answer, &request[1], 2U);
+      crux_reply_add(answer, &request[1], 2U);
     }
   }
   return refusal;
 }
 
 static uint8_t run_routine(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
-                           reply *answer) {
+                           crux_reply *answer) {
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   const uint16_t routine = (length == 4U) ? identifier_at(&request[2]) : 0U;
   if (length != 4U) {
@@ -128,30 +108,32 @@ static uint8_t run_routine(crux_service *service, const uint8_t *request, uint16
       crux_overrides_clear(&service->overrides);
     }
     refusal = crux_overrides_save(&service->overrides) ? (uint8_t)CRUX_REFUSAL_NONE : (uint8_t)CRUX_REFUSAL_MEMORY;
-    add(answer, &request[1], 3U);
+    crux_reply_add(answer, &request[1], 3U);
   }
   return refusal;
 }
 
 /// 0x11 0x01 and the operator's acknowledgement.
-static uint8_t reset(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state, reply *answer) {
+static uint8_t reset(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
+                     crux_reply *answer) {
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   if (length != 6U) {
     refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
   } else if (request[1] != 1U) {
     refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_FUNCTION;
-  } else if (!crux_may_restart(state, word_at(&request[2]))) {
+  } else if (!crux_may_restart(state, crux_word_at(&request[2]))) {
     refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
   } else {
     service->restart = true;
-    add_byte(answer, request[1]);
+    crux_reply_byte(answer, request[1]);
   }
   return refusal;
 }
 
-static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state, reply *answer) {
+static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t length, uint8_t state,
+                     crux_reply *answer) {
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_SERVICE;
-  add_byte(answer, (uint8_t)(request[0] + CRUX_SERVICE_ACCEPTED));
+  crux_reply_byte(answer, (uint8_t)(request[0] + CRUX_SERVICE_ACCEPTED));
   if (request[0] == (uint8_t)CRUX_SERVICE_READ) {
     refusal = read_data(service, request, length, answer);
   } else if (request[0] == (uint8_t)CRUX_SERVICE_WRITE) {
@@ -162,7 +144,11 @@ static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t len
     refusal = reset(service, request, length, state, answer);
   } else if (request[0] == (uint8_t)CRUX_SERVICE_PRESENT) {
     refusal = (uint8_t)CRUX_REFUSAL_NONE;
-    add_byte(answer, 0U);
+    crux_reply_byte(answer, 0U);
+  } else if ((service->update != NULL) &&
+             ((request[0] == (uint8_t)CRUX_SERVICE_DOWNLOAD) || (request[0] == (uint8_t)CRUX_SERVICE_TRANSFER) ||
+              (request[0] == (uint8_t)CRUX_SERVICE_TRANSFER_EXIT))) {
+    refusal = crux_update_serve(service->update, request, length, state, answer);
   } else {
     // unknown
   }
@@ -171,13 +157,19 @@ static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t len
 
 void crux_service_init(crux_service *service, uint8_t node, uint32_t version, uint32_t parameter_hash, void *parameters,
                        const crux_store *store) {
-  const bool joint = node <= CRUX_CAN_JOINTS;
   *service = (crux_service){.version = version, .parameter_hash = parameter_hash};
   crux_isotp_init(&service->isotp, (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(node),
                   (uint16_t)CRUX_CAN_ID_JOINT_RESPONSE(node));
-  crux_overrides_init(&service->overrides, joint ? crux_joint_parameter_table : crux_gripper_parameter_table,
-                      (uint8_t)(joint ? CRUX_JOINT_PARAMETERS : CRUX_GRIPPER_PARAMETERS), parameters, store);
+  const crux_parameter *table = crux_gripper_parameter_table;
+  uint8_t count = (uint8_t)CRUX_GRIPPER_PARAMETERS;
+  if (node <= CRUX_CAN_JOINTS) {
+    table = crux_joint_parameter_table;
+    count = (uint8_t)CRUX_JOINT_PARAMETERS;
+  }
+  crux_overrides_init(&service->overrides, table, count, parameters, store);
 }
+
+void crux_service_offer_update(crux_service *service, crux_update *update) { service->update = update; }
 
 void crux_service_attach(crux_service *service, void *parameters) { service->overrides.parameters = parameters; }
 
@@ -186,7 +178,7 @@ static void respond(crux_service *service, uint8_t state) {
   uint16_t length = 0U;
   const uint8_t *request = crux_isotp_message(&service->isotp, &length);
   if ((request != NULL) && !crux_isotp_is_sending(&service->isotp) && !service->restart) {
-    reply answer = {0};
+    crux_reply answer = {0};
     const uint8_t refusal = serve(service, request, length, state, &answer);
     if (refusal != (uint8_t)CRUX_REFUSAL_NONE) {
       answer.bytes[0] = (uint8_t)CRUX_SERVICE_REFUSED;
@@ -195,6 +187,7 @@ static void respond(crux_service *service, uint8_t state) {
       answer.length = 3U;
     }
     crux_isotp_done(&service->isotp);
+    service->heard = true;
     (void)crux_isotp_send(&service->isotp, answer.bytes, answer.length);
   }
 }
@@ -204,10 +197,25 @@ void crux_service_on_frame(crux_service *service, const crux_frame *frame, uint8
   respond(service, state);
 }
 
+/// A new image that runs, measures and can be talked to, thus also replaced, is kept.
+static void probe(crux_service *service, uint32_t dt_us, uint8_t state) {
+  crux_update *update = service->update;
+  service->healthy_us = (state == (uint8_t)CRUX_STATE_FAULT) ? 0U : (service->healthy_us + dt_us);
+  if (!update->running.confirmed && service->heard && (service->healthy_us >= CRUX_UPDATE_PROBATION_US)) {
+    (void)crux_boot_confirm(update->slots, &update->running);
+  }
+  if (!crux_is_at_rest(state)) {
+    crux_update_abort(update);
+  }
+}
+
 void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state) {
   crux_isotp_tick(&service->isotp, dt_us);
   // A command that came since the reset was granted goes first.
   service->restart = service->restart && crux_is_at_rest(state);
+  if (service->update != NULL) {
+    probe(service, dt_us, state);
+  }
   respond(service, state);
 }
 

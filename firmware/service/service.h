@@ -9,6 +9,7 @@
 #include "crux_services.h"
 #include "isotp.h"
 #include "overrides.h"
+#include "update.h"
 
 /// Numbers of parameters are below; they are added to CRUX_DATA_VALUE and CRUX_DATA_DESCRIPTION.
 #define CRUX_DATA_PARAMETERS 32U
@@ -16,6 +17,9 @@
 typedef struct crux_service {
   crux_isotp isotp;
   crux_overrides overrides;
+  crux_update *update;  ///< NULL: the node takes no images
+  uint32_t healthy_us;  ///< without a fault
+  bool heard;           ///< a request, since the start
   uint32_t version;
   uint32_t parameter_hash;
   bool restart;  ///< asked for and allowed: the port restarts the node once the answer is out
@@ -25,6 +29,9 @@ typedef struct crux_service {
 /// into it. The node's own copy is named afterwards by crux_service_attach.
 void crux_service_init(crux_service *service, uint8_t node, uint32_t version, uint32_t parameter_hash, void *parameters,
                        const crux_store *store);
+
+/// The node takes images, too; a new one that runs from a slot is confirmed when it is well.
+void crux_service_offer_update(crux_service *service, crux_update *update);
 
 /// From now on writes that act at once go into the running node's struct.
 void crux_service_attach(crux_service *service, void *parameters);

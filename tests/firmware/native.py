@@ -11,6 +11,7 @@ from shutil import which
 from crux_tools.paths import BUILD_DIR, ROOT
 
 GENERATED_C = ROOT / "build" / "gen" / "c"
+MONOCYPHER = ROOT / ".venv" / "share" / "monocypher"
 INCLUDES = [
     *(
         f"-I{ROOT / folder}"
@@ -24,11 +25,14 @@ INCLUDES = [
         )
     ),
     f"-isystem{GENERATED_C}",
+    f"-isystem{MONOCYPHER}",
 ]
 SAFETY_SOURCES = (ROOT / "firmware/safety/safety.c", ROOT / "firmware/safety/permission.c", ROOT / "msgs/can/e2e.c")
 CORE_SOURCES = (*sorted((ROOT / "firmware/core").glob("*.c")), GENERATED_C / "crux_can.c")
 SERVICE_SOURCES = (
     *sorted((ROOT / "firmware/service").glob("*.c")),
+    *sorted((ROOT / "firmware/update").glob("*.c")),
+    MONOCYPHER / "monocypher.c",
     ROOT / "firmware/ports/host/flash_model.c",
     GENERATED_C / "crux_parameters.c",
 )

@@ -60,7 +60,7 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
       owner->joint_inputs[i].temperature_degC = ROOM_TEMPERATURE_DEG_C;
     }
     for (int i = 0; i < NODES_PER_LIMB; i++) {
-      crux_nodes_new_memory(&owner->memory[i]);
+      crux_nodes_new_memory(&owner->memory[i], (i == GRIPPER) ? CRUX_KIND_GRIPPER : CRUX_KIND_JOINT);
       crux_nodes_start_node(nodes, l, i);
     }
   }

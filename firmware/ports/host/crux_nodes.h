@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+#include "image.h"
 #include "link.h"
 #include "outside_node.h"
 #include "parameters.h"
@@ -77,6 +78,11 @@ CRUX_API int crux_nodes_lose(crux_nodes *nodes, int limb, double share, uint32_t
 CRUX_API int crux_nodes_connect(crux_nodes *nodes, int limb, int connected);
 /// A stranger's frame of at most CRUX_FRAME_CAPACITY bytes: goes out on the limb's bus, and its nodes hear it.
 CRUX_API int crux_nodes_intrude(crux_nodes *nodes, int limb, uint16_t id, const uint8_t *data, int length);
+/// From now on all nodes trust images signed with the key whose public half this is; before, they take none.
+CRUX_API void crux_nodes_trust(crux_nodes *nodes, const uint8_t key[CRUX_IMAGE_KEY]);
+/// The power of a node's flash fails within its operation'th write or erase from now on, until crux_nodes_cut_power is
+/// called again; 0: it does not fail.
+CRUX_API int crux_nodes_cut_power(crux_nodes *nodes, int limb, int node, uint32_t operation);
 /// The node restarts as after a loss of power.
 CRUX_API int crux_nodes_reset(crux_nodes *nodes, int limb, int node);
 /// What the node's thermometer reads from now on; 25 degC at the start.

@@ -125,6 +125,8 @@ def _load(path: Path) -> ctypes.CDLL:
         "lose": (integer, [handle, integer, ctypes.c_double, ctypes.c_uint32]),
         "connect": (integer, [handle, integer, integer]),
         "intrude": (integer, [handle, integer, ctypes.c_uint16, ctypes.c_char_p, integer]),
+        "trust": (None, [handle, ctypes.c_char_p]),
+        "cut_power": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "reset": (integer, [handle, integer, integer]),
         "set_temperature": (integer, [handle, integer, integer, ctypes.c_double]),
     }  # fmt: skip
@@ -290,6 +292,16 @@ class Nodes:
     def intrude(self, limb: int, identifier: int, data: bytes) -> None:
         """A stranger's frame goes out on the limb's bus, and its nodes hear it."""
         self._check(self._library.crux_nodes_intrude(self._handle, limb, identifier, data, len(data)))
+
+    def trust(self, public_key: bytes) -> None:
+        """Nodes take images signed with this Ed25519 key (32 bytes) from now on."""
+        if len(public_key) != 32:
+            raise ValueError(f"a public key has 32 bytes, not {len(public_key)}")
+        self._library.crux_nodes_trust(self._handle, public_key)
+
+    def cut_power(self, limb: int, node: int, operation: int) -> None:
+        """The power of the node's flash fails within that write or erase from now on; 0 brings it back."""
+        self._check(self._library.crux_nodes_cut_power(self._handle, limb, node, operation))
 
     def reset(self, limb: int, node: int) -> None:
         """The node restarts as after a loss of power."""

@@ -22,13 +22,18 @@ typedef struct interference {
   uint32_t random;        ///< state of the generator that chooses them, never 0
 } interference;
 
-/// What a node keeps without power.
+#define SLOT_BYTES (32U * CRUX_FLASH_PAGE)
+#define STORE_BYTES (2U * CRUX_FLASH_PAGE)
+#define MEMORY_BYTES (STORE_BYTES + (CRUX_SLOTS * SLOT_BYTES))
+
+/// What a node keeps without power: saved parameters, two slots for images.
 typedef struct memory {
-  uint8_t bytes[2U * CRUX_FLASH_PAGE];
-  bool damaged[2U * CRUX_FLASH_PAGE / CRUX_FLASH_UNIT];
+  uint8_t bytes[MEMORY_BYTES];
+  bool damaged[MEMORY_BYTES / CRUX_FLASH_UNIT];
   crux_flash_model model;
   crux_flash flash;
   crux_store store;
+  crux_slots slots;
 } memory;
 
 typedef struct limb {
@@ -40,6 +45,7 @@ typedef struct limb {
   interference interference[CRUX_CAN_NODES];
   memory memory[CRUX_CAN_NODES];
   crux_service service[CRUX_CAN_NODES];
+  crux_update update[CRUX_CAN_NODES];
   const crux_outside_node *outside[CRUX_CAN_NODES];  ///< in place of ours, NULL: none
   uint32_t sync_cycle;
   bool sync_new;
@@ -51,11 +57,12 @@ struct crux_nodes {
   crux_joint_parameters joint_parameters[CRUX_JOINTS];
   crux_gripper_parameters gripper_parameters[CRUX_LIMBS];
   uint32_t parameter_hash;
+  uint8_t key[CRUX_IMAGE_KEY];  ///< that images must be signed with
   uint8_t host_state;
 };
 
-/// Flash as it comes from the factory.
-void crux_nodes_new_memory(memory *memory);
+/// Flash as it comes from the factory, for a node of this kind.
+void crux_nodes_new_memory(memory *memory, uint32_t kind);
 
 /// Hands a request to a node's services.
 void crux_nodes_request(limb *owner, int index, const crux_frame *frame);

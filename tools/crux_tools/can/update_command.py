@@ -1,0 +1,140 @@
+"""`crux can sign` and `crux can update`: new firmware for nodes."""
+
+from __future__ import annotations
+
+import argparse
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+from crux_contracts.node_services import number
+
+from crux_tools.can.image import new_key, node_kinds, read_image, sign, version_number, version_text
+from crux_tools.can.node_link import NodeLink
+from crux_tools.can.param_command import add_node_options, open_link
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.output import add_json_option, note, print_json, progress
+
+CONFIRM_S = 10.0
+NO_SLOT = 0xFF
+
+
+def add_sign(actions: Any) -> None:
+    """crux can sign."""
+    parser = actions.add_parser(
+        "sign",
+        help="sign a node's firmware",
+        description="Makes a signed image (Ed25519) of a program for `crux can update`. Nodes take images signed with "
+        "the key whose public half they were built with, which this command prints. --new-key makes a key first.",
+    )
+    parser.add_argument("program", type=Path, metavar="PROGRAM", help="the program's bytes (objcopy -O binary)")
+    parser.add_argument("--kind", required=True, choices=sorted(node_kinds()), help="which nodes it is for")
+    parser.add_argument("--firmware-version", required=True, metavar="X.Y.Z", help="newer than what the nodes run")
+    parser.add_argument("--key", required=True, type=Path, metavar="FILE", help="private key, PEM")
+    parser.add_argument("--new-key", action="store_true", help="make the key; FILE must not exist")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="IMAGE", help="the signed image")
+    add_json_option(parser)
+    parser.set_defaults(action=run_sign)
+
+
+def add_update(actions: Any) -> None:
+    """crux can update."""
+    parser = actions.add_parser(
+        "update",
+        help="give a node new firmware",
+        description="Sends a signed image to a node, restarts the node and waits until the new firmware has confirmed "
+        "itself; if it does not, the node goes back to the old one. The restart drops what the joint carries: "
+        "the robot must be off the wall, and --off-the-wall says so.",
+    )
+    add_node_options(parser)
+    parser.add_argument("image", type=Path, metavar="IMAGE", help="from `crux can sign`")
+    parser.add_argument("--off-the-wall", action="store_true", help="the robot is off the wall and may drop the limb")
+    add_json_option(parser)
+    parser.set_defaults(action=run_update)
+
+
+def run_sign(options: argparse.Namespace) -> int:
+    """Exit status 0 when the image is written."""
+    version = version_number(options.firmware_version)
+    payload = options.program.read_bytes()
+    if not payload:
+        raise UsageError(f"{options.program}: is empty")
+    if options.new_key:
+        if options.key.exists():
+            raise UsageError(f"--new-key: {options.key} exists already")
+        new_key(options.key)
+    image, public = sign(payload, options.kind, version, options.key)
+    options.output.write_bytes(image)
+    if options.json:
+        print_json({"ok": True, "image": str(options.output), "bytes": len(image), "public_key": public.hex()})
+    else:
+        print(
+            f"{options.output}: {options.kind} {version_text(version)}, {len(image)} bytes, public key {public.hex()}"
+        )
+    return 0
+
+
+def slots(link: NodeLink) -> dict[str, Any]:
+    """What the node says of its slots."""
+    slot, confirmed, version, other, capacity = struct.unpack("<BBIII", link.read(number("data", "UPDATE")))
+    return {
+        "slot": None if slot == NO_SLOT else slot,
+        "confirmed": bool(confirmed),
+        "version": version,
+        "other_version": other,
+        "capacity": capacity,
+    }
+
+
+def load(link: NodeLink, header: bytes, payload: bytes) -> None:
+    """Sends an image. Raises Refused, or WorkFailed when the node falls silent."""
+    acknowledgement = struct.pack("<I", number("acknowledgement", "OFF_THE_WALL"))
+    (size,) = struct.unpack("<I", link.request("DOWNLOAD", acknowledgement + header))
+    with progress(f"{link.name}: new firmware", len(payload)) as bar:
+        for block, start in enumerate(range(0, len(payload), size), start=1):
+            link.request("TRANSFER", bytes([block % 256]) + payload[start : start + size])
+            bar.at(start + size)
+    link.request("TRANSFER_EXIT")
+
+
+def _wait_until_confirmed(link: NodeLink, version: int) -> None:
+    deadline_s = time.monotonic() + CONFIRM_S
+    while True:
+        now = slots(link)
+        if now["version"] != version:
+            raise WorkFailed(f"{link.name} went back to {version_text(now['version'])}")
+        if now["confirmed"]:
+            return
+        if time.monotonic() > deadline_s:
+            raise WorkFailed(f"{link.name} runs {version_text(version)} but does not confirm it; is a sensor missing?")
+        time.sleep(0.1)
+
+
+def run_update(options: argparse.Namespace) -> int:
+    """Exit status 0 when the new firmware runs and has confirmed itself."""
+    image = read_image(options.image)
+    if not options.off_the_wall:
+        raise UsageError(
+            "the node's restart drops what it carries: take the robot off the wall, then add --off-the-wall"
+        )
+    with open_link(options) as link:
+        if image.kind != link.name.kind:
+            raise UsageError(f"{options.image} is for a {image.kind}, {link.name} is a {link.name.kind}")
+        before = slots(link)
+        if image.version <= before["version"]:
+            running = version_text(before["version"])
+            raise UsageError(f"{options.image}: version {version_text(image.version)} is not newer than {running}")
+        if len(image.payload) > before["capacity"]:
+            raise UsageError(
+                f"{options.image}: {len(image.payload)} bytes, {link.name} has room for {before['capacity']}"
+            )
+        load(link, image.header, image.payload)
+        link.restart()
+        _wait_until_confirmed(link, image.version)
+        after = slots(link)
+    if options.json:
+        print_json({"ok": True, "node": str(link.name), "before": before, "after": after})
+    else:
+        note(f"{link.name}: {version_text(before['version'])} -> {version_text(after['version'])}, confirmed")
+    return 0
