@@ -12,7 +12,7 @@ from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
 from crux_tools.can.image import new_key, read_image, sign, version_number, version_text
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
-from crux_tools.can.update_command import load, slots
+from crux_tools.can.update_command import load, slots, wait_until_confirmed
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from host import HOLD, TRACK
@@ -81,8 +81,7 @@ def test_programs_of_any_length_arrive_whole(table_top: Desk, robot: Robot, key:
         load(joint, *signed(key, version, program=PROGRAM[:length] * (1 + length // len(PROGRAM))))
         joint.restart()
         assert slots(joint)["version"] == version
-        while not slots(joint)["confirmed"]:
-            pass
+        wait_until_confirmed(joint, version)
 
 
 def test_a_stranger_s_image_is_refused(table_top: Desk, robot: Robot, tmp_path: Path) -> None:
@@ -130,7 +129,7 @@ def test_power_lost_within_an_update_leaves_the_old_firmware_and_room_for_the_ne
         assert slots(joint)["version"] == before["version"]
         load(joint, header, payload)
         joint.restart()
-        assert slots(joint)["version"] == 0x000500 + operation
+        wait_until_confirmed(joint, 0x000500 + operation)
 
 
 def test_damaged_files_and_wrong_keys_are_told(tmp_path: Path, key: Path) -> None:

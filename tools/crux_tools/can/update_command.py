@@ -98,7 +98,8 @@ def load(link: NodeLink, header: bytes, payload: bytes) -> None:
     link.request("TRANSFER_EXIT")
 
 
-def _wait_until_confirmed(link: NodeLink, version: int) -> None:
+def wait_until_confirmed(link: NodeLink, version: int) -> None:
+    """Until the node has confirmed what runs. Raises WorkFailed when it goes back, or does not within CONFIRM_S."""
     deadline_s = time.monotonic() + CONFIRM_S
     while True:
         now = slots(link)
@@ -131,7 +132,7 @@ def run_update(options: argparse.Namespace) -> int:
             )
         load(link, image.header, image.payload)
         link.restart()
-        _wait_until_confirmed(link, image.version)
+        wait_until_confirmed(link, image.version)
         after = slots(link)
     if options.json:
         print_json({"ok": True, "node": str(link.name), "before": before, "after": after})
