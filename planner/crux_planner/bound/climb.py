@@ -30,16 +30,16 @@ from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.likeness import Likeness
 from crux_planner.bound.places import orientations
 from crux_planner.bound.prices import Prices
+from crux_planner.bound.programme import Programme
 from crux_planner.bound.room import body_room, excursion_cost, quickest_way, yaw_room
-from crux_planner.bound.swings import detours, earned, ends, floor, knot_floor, quickest_to
-from crux_planner.bound.timeline import Timeline
+from crux_planner.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
 from crux_planner.problem import Problem
 
 TIME_LIMIT_S = 20.0
 EFFORT = 1.0  # of the default on a small wall: about seconds of an idle core
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 2e-7, 1e-3  # effort of a state at a knot, of a priced pair, of a QP
 _SMALL = 1750  # knots times contacts of a limb, up to which a wall is small
-LARGEST = 150_000  # sets of grasps
+LARGEST = 100_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
 _ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways; more where a round takes long
 _SHARED = 50  # times as many learn from their prices
@@ -100,7 +100,7 @@ class _Search:
     prices: Prices
     qp: KnotQp
     room: tuple[Array, Array]
-    timeline: Timeline
+    programme: Programme
     limits: _Limits
     value: Array  # (n,) of each node, at any knot
     known: Flags  # (n,) priced by prices of its own
@@ -121,7 +121,7 @@ class _Search:
         prices = Prices(problem, about, nodes)
         qp = KnotQp(problem, prices.carriers)
         everything = np.arange(len(nodes.options))
-        value = np.full(len(everything), -np.inf)
+        value = shared_weight(problem)[nodes.in_air] + prices.places(everything)
         for held in _examples(problem):
             value = np.maximum(value, prices.values(qp.prices(held, room), everything))
             limits.spend(_QP_S + _PAIR_S * len(nodes.node))
@@ -134,11 +134,11 @@ class _Search:
             excess += (nodes.cheapest(limb, around) - around.min())[nodes.options[:, limb]]
         kept = excess + excursion_cost(problem, about, nodes) <= spare
         nodes = nodes.reduced(kept)
-        timeline = _timeline(problem, nodes)
+        programme = Programme(problem, nodes)
         known = np.zeros(len(nodes.options), dtype=bool)
         prices = Prices(problem, about, nodes)
         return _Search(
-            problem, cost, nodes, prices, qp, room, timeline, limits, value[kept], known, Likeness(problem, nodes)
+            problem, cost, nodes, prices, qp, room, programme, limits, value[kept], known, Likeness(problem, nodes)
         )
 
     def run(self, report: Callable[[float], None]) -> float:
@@ -146,17 +146,16 @@ class _Search:
         problem, bound = self.problem, -np.inf
         while True:
             self._tables = {}
-            start, last = self.nodes.start, self.nodes.ending(problem)
-            if start is None or not len(last):  # every way costs more than what is asked about
+            way = self.programme.forward(self._stage)
+            if way is None:  # every way costs more than what is asked about
                 return np.inf
-            way = self.timeline.forward(start, last, problem.steps, self._stage)
             bound = max(bound, way.least)
             report(bound)
-            sweeps = 2.5 * _STATE_S * self.timeline.states * problem.steps
+            sweeps = 2.5 * _STATE_S * self.programme.states * problem.steps
             self.limits.spend(sweeps)
             if bound >= self.cost or self.limits.reached:
                 return bound
-            through = self._drop(self.timeline.through(way, last, self._stage))
+            through = self._drop(self.programme.through(way, self._stage))
             if not self._price(through, bound, max(_ROUND, int(sweeps / (2 * _QP_S)))):
                 return bound
 
@@ -172,7 +171,7 @@ class _Search:
         self.value, self.known = self.value[kept], self.known[kept]
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}
-        self.timeline = _timeline(self.problem, self.nodes)
+        self.programme = Programme(self.problem, self.nodes)
         self.likeness = Likeness(self.problem, self.nodes)
         return through[:, kept]
 
@@ -189,13 +188,14 @@ class _Search:
         found = False
         outer = [k for k in range(len(through)) if min(k, len(through) - k) <= _WINDOW]
         for k in outer:
-            others = np.flatnonzero(on_way[k])
-            for node in others:
-                if (k, int(node)) in self.known_at:
-                    continue
-                self.known_at.add((k, int(node)))
+            others = np.flatnonzero(on_way[k])[:many]
+            new = [int(node) for node in others if (k, int(node)) not in self.known_at]
+            for node in new[:_ROUND]:
+                self.known_at.add((k, node))
                 found = True
-                self._price_at(k, int(node), others)
+                self._price_at(k, node, others)
+                if self.limits.reached:
+                    return True
         inner = [k for k in range(len(through)) if k not in outer]
         least = through[inner].min(axis=0) if inner else through.min(axis=0)
         found |= bool((~self.known[on_way[inner].any(axis=0)]).any())
@@ -239,10 +239,6 @@ class _Search:
         low = np.maximum(np.maximum(start - before, goal - after), self.room[0])
         high = np.minimum(np.minimum(start + before, goal + after), self.room[1])
         return low, np.maximum(low, high)
-
-
-def _timeline(problem: Problem, nodes: Grasps) -> Timeline:
-    return Timeline(nodes.options, [quickest_to(problem, own) for own in nodes.groups], problem.weights.switching)
 
 
 def _examples(problem: Problem) -> list[dict[int, int]]:

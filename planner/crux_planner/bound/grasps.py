@@ -15,6 +15,7 @@ from crux_planner.bound.places import Orientations, body_boxes
 from crux_planner.bound.swings import distinct, ends
 from crux_planner.problem import Problem
 
+_PAIRS = 25  # of a node, where memory allows
 MOST_IN_AIR = 3  # with nothing in hand, nothing carries the robot
 
 Groups = list[list[Indices]]
@@ -112,10 +113,12 @@ def grasps(
     box_low, box_high = body_boxes(problem, about)
     shift = np.array([about.shift_m[-1], about.shift_m[-1], 0.0])
     box_low, box_high = np.maximum(box_low, low - shift), np.minimum(box_high, high + shift)
-    anywhere = [np.broadcast_to(end, (1, len(about.yaw_low), 3)) for end in (low - shift, high + shift)]
+    cells = len(about.yaw_low)
+    anywhere = [np.broadcast_to(end, (1, cells, 3)) for end in (low - shift, high + shift)]
     groups = [list(own) for own in groups]
     options, in_air = np.zeros((1, 0), dtype=int), np.zeros(1, dtype=int)
-    node_low, node_high = anywhere
+    first, count, cell = np.zeros(1, dtype=int), np.full(1, cells), np.arange(cells)  # pairs of a node, and theirs
+    pair_low, pair_high = anywhere[0][0], anywhere[1][0]
     holds = []
     for limb in range(4):
         lows = np.stack([box_low[limb, own].min(axis=0) for own in groups[limb]])
@@ -130,18 +133,23 @@ def grasps(
         kept = aloft <= MOST_IN_AIR
         for other in range(limb):
             kept &= holds[other][options[old, other]] != holds[limb][own]
-        union_low = np.maximum(node_low.min(axis=1)[old], lows.min(axis=1)[own])
-        union_high = np.minimum(node_high.max(axis=1)[old], highs.max(axis=1)[own])
-        kept &= (union_low <= union_high + 2 * shift).all(axis=1)
+        over_low = np.maximum(np.minimum.reduceat(pair_low, first)[old], lows.min(axis=1)[own])  # over all cells
+        over_high = np.minimum(np.maximum.reduceat(pair_high, first)[old], highs.max(axis=1)[own])
+        kept &= (over_low <= over_high + 2 * shift).all(axis=1)
         old, own, aloft = old[kept], own[kept], aloft[kept]
-        if len(old) > most:
+        many = count[old]
+        if len(old) > most or many.sum() > _PAIRS * most:
             return None
-        low_kept, high_kept = np.maximum(node_low[old], lows[own]), np.minimum(node_high[old], highs[own])
-        meet = (low_kept <= high_kept + 2 * shift).all(axis=2)
-        kept = meet.any(axis=1)
-        options = np.column_stack([options[old], own])[kept]
-        in_air, node_low, node_high = aloft[kept], low_kept[kept], high_kept[kept]
-        meet = meet[kept]
-    node, cell = np.nonzero(meet)
-    first = np.searchsorted(node, np.arange(len(options)))
-    return Grasps(groups, options, first, node, cell, node_low[meet], node_high[meet])
+        node = np.repeat(np.arange(len(old)), many)
+        pair = np.arange(len(node)) + np.repeat(first[old] - (np.cumsum(many) - many), many)
+        cell = cell[pair]
+        pair_low = np.maximum(pair_low[pair], lows[own[node], cell])
+        pair_high = np.minimum(pair_high[pair], highs[own[node], cell])
+        meet = (pair_low <= pair_high + 2 * shift).all(axis=1)
+        node, cell, pair_low, pair_high = node[meet], cell[meet], pair_low[meet], pair_high[meet]
+        count = np.bincount(node, minlength=len(old))
+        kept = count > 0
+        count, options, in_air = count[kept], np.column_stack([options[old], own])[kept], aloft[kept]
+        first = np.cumsum(count) - count
+    node = np.repeat(np.arange(len(options)), count)
+    return Grasps(groups, options, first, node, cell, pair_low, pair_high)

@@ -48,6 +48,11 @@ class Prices:
         value: Array = held + np.minimum.reduceat(body, first)
         return value
 
+    def places(self, which: Indices) -> Array:
+        """Least (len(which),) of Q for the body at a knot, whatever holds it."""
+        free = np.zeros(6)
+        return np.asarray(self.values(free, which) - self._held(free, which))
+
     def _held(self, prices: Array, which: Indices) -> Array:
         least, held = self.carriers.least(prices), np.zeros(len(which))
         for limb in range(4):
