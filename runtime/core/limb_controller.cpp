@@ -25,13 +25,13 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       control_(robot.control),
       supervisor_(robot.supervisor),
       gripper_(robot.gripper),
-      position_gain_Nm_rad_(robot.servo.position_gain_Nm_rad),
+      servo_(robot.servo),
+      joints_(robot.limbs[limb].joints),
       kinematics_(robot.limbs[limb]),
       inverse_(robot.limbs[limb], kinematics_),
       wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
       admittance_(robot.admittance),
       grasp_(robot.gripper, robot.control) {
-  for (int j = 0; j < kJoints; ++j) effort_Nm_[j] = robot.limbs[limb].joints[j].effort_Nm;
   kinematics_.evaluate(q_rad_, state_);
 }
 
@@ -81,7 +81,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   // A node that holds makes its torque from the feed-forward it had and from the distance of its setpoint.
   held_torque_Nm_ = command_torque_Nm_;
   for (int j = 0; j < kJoints; ++j) {
-    held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / position_gain_Nm_rad_[j];
+    held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / servo_.position_gain_Nm_rad[j];
   }
   gripped_time_s_ = 0.0;
 }
@@ -158,19 +158,30 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
                            const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
   const JointVector last_rad = ik_.q_rad;
   ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
+  // The nodes follow x += (1 − exp(−dt/T))·(u − x); to come out at x, u leads by what is left of the last step.
+  const double time_constant_s = servo_.setpoint_time_constant_s;
+  const double left = time_constant_s > 0.0 ? 1.0 / (1.0 - std::exp(-dt_s / time_constant_s)) - 1.0 : 0.0;
+  const JointVector last_dq_rad_s = command_dq_rad_s_;
   command_dq_rad_s_ = (ik_.q_rad - last_rad) / dt_s;
+  setpoint_lead_rad_ = left * (ik_.q_rad - last_rad);
+  velocity_lead_rad_s_ = left * (command_dq_rad_s_ - last_dq_rad_s);
   command_q_rad_ = ik_.q_rad + (1.0 - engagement) * held_offset_rad_;
 
   const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
   const Wrench wrench_B = {rotation_BW * wrench_W.force_N, rotation_BW * wrench_W.moment_Nm};
-  const JointVector model_Nm = gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, wrench_B);
-  command_torque_Nm_ = held_torque_Nm_ + engagement * (model_Nm - held_torque_Nm_);
-  command_torque_Nm_ = command_torque_Nm_.cwiseMax(-effort_Nm_).cwiseMin(effort_Nm_);
+  JointVector model_Nm = gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, wrench_B);
+  for (int j = 0; j < kJoints; ++j) {
+    model_Nm[j] += servo_.damping_Nms_rad[j] * command_dq_rad_s_[j];
+    const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
+    command_torque_Nm_[j] = std::clamp(torque_Nm, -joints_[j].effort_Nm, joints_[j].effort_Nm);
+  }
 }
 
 void LimbController::stand_by() noexcept {
   command_q_rad_ = q_rad_;
   command_dq_rad_s_.setZero();
+  setpoint_lead_rad_.setZero();
+  velocity_lead_rad_s_.setZero();
   ik_ = {};
   ik_.q_rad = q_rad_;
 }
@@ -184,8 +195,13 @@ void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
   for (int j = 0; j < kJoints; ++j) {
     const int i = limb_ * kJoints + j;
     out.joint_mode[i] = static_cast<std::int8_t>(joint_mode);
-    out.joint_position_rad[i] = command_q_rad_[j];
-    out.joint_velocity_rad_s[i] = command_dq_rad_s_[j];
+    const JointLimits& limits = joints_[j];
+    // A lead beyond what a node takes would be clamped there, and reported.
+    const double q_rad = command_q_rad_[j];
+    out.joint_position_rad[i] =
+        std::clamp(q_rad + setpoint_lead_rad_[j], std::min(q_rad, limits.lower_rad), std::max(q_rad, limits.upper_rad));
+    out.joint_velocity_rad_s[i] =
+        std::clamp(command_dq_rad_s_[j] + velocity_lead_rad_s_[j], -limits.velocity_rad_s, limits.velocity_rad_s);
     out.joint_torque_nm[i] = command_torque_Nm_[j];
   }
   out.gripper_mode[limb_] = static_cast<std::int8_t>(gripper_mode);

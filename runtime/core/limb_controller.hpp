@@ -86,8 +86,8 @@ class LimbController {
   ControlParameters control_;
   SupervisorParameters supervisor_;
   GripperDescription gripper_;
-  std::array<double, kJoints> position_gain_Nm_rad_;
-  JointVector effort_Nm_;
+  ServoDescription servo_;
+  std::array<JointLimits, kJoints> joints_;
 
   LimbKinematics kinematics_;
   InverseKinematics inverse_;
@@ -110,6 +110,8 @@ class LimbController {
   IkResult ik_;              ///< its q is the command before the engagement blend
   JointVector command_q_rad_ = JointVector::Zero();
   JointVector command_dq_rad_s_ = JointVector::Zero();
+  JointVector setpoint_lead_rad_ = JointVector::Zero();  ///< so that the nodes' filter comes out where the command is
+  JointVector velocity_lead_rad_s_ = JointVector::Zero();
   JointVector command_torque_Nm_ = JointVector::Zero();
   JointVector held_offset_rad_ = JointVector::Zero();  ///< of the setpoint that held each joint from the joint itself
   JointVector held_torque_Nm_ = JointVector::Zero();

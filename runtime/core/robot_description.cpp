@@ -149,6 +149,8 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
   const YamlReader servo = file.section("servo");
   robot.servo.position_gain_Nm_rad = servo.numbers<kJoints>("position_gain_Nm_rad");
   robot.servo.velocity_gain_Nms_rad = servo.numbers<kJoints>("velocity_gain_Nms_rad");
+  robot.servo.damping_Nms_rad = servo.numbers<kJoints>("damping_Nms_rad");
+  robot.servo.setpoint_time_constant_s = servo.not_negative("setpoint_time_constant_s");
 
   const YamlReader gripper = file.section("gripper");
   const auto opening = gripper.numbers<2>("opening_m");

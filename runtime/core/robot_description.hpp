@@ -39,6 +39,8 @@ struct CanDescription {
 struct ServoDescription {
   std::array<double, kJoints> position_gain_Nm_rad{};
   std::array<double, kJoints> velocity_gain_Nms_rad{};
+  std::array<double, kJoints> damping_Nms_rad{};  ///< viscous friction of the joints
+  double setpoint_time_constant_s = 0.0;          ///< of the nodes' first-order filter of what they are told
 };
 
 struct GripperDescription {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/QR>
+#include <cmath>
 #include <stdexcept>
 
 #include "core/hash.hpp"
@@ -141,6 +142,8 @@ crux_msgs::plan_t sample_plan() {
   return plan;
 }
 
+double setpoint_share(double dt_s) { return 1.0 - std::exp(-dt_s / robot().servo.setpoint_time_constant_s); }
+
 ObedientPlant::ObedientPlant(const crux_msgs::plan_t& plan) : plan_(plan) {
   input_.dt_s = 1.0 / robot().can.rate_Hz;
   std::fill(std::begin(input_.joint_fresh), std::end(input_.joint_fresh), 1);
@@ -169,7 +172,8 @@ void ObedientPlant::obey(const CycleResult& result) {
   for (int i = 0; i < kAllJoints; ++i) {
     const auto mode = static_cast<NodeMode>(result.output.joint_mode[i]);
     if (mode == NodeMode::kTrack) {
-      input_.joint_position_rad[i] = result.output.joint_position_rad[i];
+      input_.joint_position_rad[i] +=
+          setpoint_share(input_.dt_s) * (result.output.joint_position_rad[i] - input_.joint_position_rad[i]);
       input_.joint_torque_nm[i] = result.output.joint_torque_nm[i];
     }
     if (mode == NodeMode::kRearm) input_.joint_faults[i] = 0;

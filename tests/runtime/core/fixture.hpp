@@ -39,8 +39,11 @@ crux_msgs::plan_t sample_plan();
 /// Hashes a plan that was changed, so that only the change can be the reason of a refusal.
 void sign(crux_msgs::plan_t& plan);
 
-/// A plant without dynamics: joints are where they are told to be, holds are rigid, and force/torque sensors read the
-/// reference of the cycle before.
+/// What nodes make of a command in a period: x += share·(u − x).
+double setpoint_share(double dt_s);
+
+/// A plant without dynamics: joints are where the nodes' filter of commands says, holds are rigid, and force/torque
+/// sensors read the reference of the cycle before.
 class ObedientPlant {
  public:
   explicit ObedientPlant(const crux_msgs::plan_t& plan);
