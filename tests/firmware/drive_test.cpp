@@ -42,8 +42,7 @@ struct Servo {
     if (home) {
       EXPECT_TRUE(crux_joint_drive_home(&joint, coarse(), 0.0F));
     }
-    drive.heat.load = 0.0F;  // cold: heat is looked at by its own tests
-    drive.heat.allowed_A = motor.motor.peak_current_A;
+    crux_heat_tick(&drive.heat, &motor.motor, kTick, 0.0F, kRoom);  // cold: heat is looked at by its own tests
     pwm();
   }
   [[nodiscard]] std::uint32_t coarse() const {

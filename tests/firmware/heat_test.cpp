@@ -10,6 +10,7 @@ namespace crux::firmware {
 namespace {
 
 constexpr float kTick = 1e-3F;
+constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
 // Until the winding is cold.
 crux_heat cold(const crux_motor_parameters& motor) {
@@ -26,8 +27,21 @@ TEST(Heat, StartsAtTheWorst) {
   crux_heat heat;
   crux_heat_init(&heat, &motor);
   EXPECT_FLOAT_EQ(heat.allowed_A, motor.continuous_current_A);
-  crux_heat_tick(&heat, &motor, kTick, 0.0F, 25.0F);
+  crux_heat_tick(&heat, &motor, kTick, 0.0F, kUnknown);
   EXPECT_NEAR(heat.allowed_A, motor.continuous_current_A, 0.01F);
+}
+
+TEST(Heat, TheFirstTemperatureMeasuredSaysHowHotTheWindingIs) {
+  const crux_motor_parameters motor = test_motor();
+  for (const auto& [temperature, load] : {std::pair{20.0F, 0.0F}, {50.0F, 0.5F}, {80.0F, 1.0F}, {-10.0F, 0.0F}}) {
+    crux_heat heat;
+    crux_heat_init(&heat, &motor);
+    crux_heat_tick(&heat, &motor, kTick, 0.0F, kUnknown);
+    crux_heat_tick(&heat, &motor, kTick, 0.0F, temperature);
+    EXPECT_NEAR(heat.load, load, 1e-3F);
+    crux_heat_tick(&heat, &motor, kTick, 0.0F, 20.0F);  // later ones do not: the count is quicker than the thermistor
+    EXPECT_NEAR(heat.load, load, 1e-3F);
+  }
 }
 
 TEST(Heat, PeakLastsAsLongAsTheClosedFormSays) {
@@ -74,7 +88,7 @@ TEST(Heat, AWindingMeasuredHotFoldsBackToTheContinuousCurrent) {
   EXPECT_NEAR(allowed_at(85.0F), std::sqrt((10.0F * 10.0F + 3.0F * 3.0F) / 2.0F), 0.01F);
   EXPECT_FLOAT_EQ(allowed_at(90.0F), motor.continuous_current_A);
   EXPECT_FLOAT_EQ(allowed_at(500.0F), motor.continuous_current_A);
-  EXPECT_FLOAT_EQ(allowed_at(std::numeric_limits<float>::quiet_NaN()), motor.peak_current_A);
+  EXPECT_FLOAT_EQ(allowed_at(kUnknown), motor.peak_current_A);
 }
 
 }  // namespace

@@ -5,6 +5,9 @@
 /// Share of the bearable heat at which the current allowed begins to fold back.
 #define FOLD_BACK_FROM 0.8F
 
+/// Coldest surroundings in which a warm winding is told from a loaded one: colder ones make the load look smaller.
+#define SURROUNDINGS_DEG_C 20.0F
+
 /// From the temperature limit on the current folds back over so many kelvin.
 #define FOLD_BACK_K 10.0F
 
@@ -21,11 +24,16 @@ static float allowed(const crux_motor_parameters *motor, float folded) {
 void crux_heat_init(crux_heat *heat, const crux_motor_parameters *motor) {
   heat->load = 1.0F;
   heat->allowed_A = motor->continuous_current_A;
+  heat->seen = false;
 }
 
 void crux_heat_tick(crux_heat *heat, const crux_motor_parameters *motor, float dt_s, float current_A,
                     float temperature_degC) {
   const float limit_degC = motor->temperature_limit_degC;
+  if (!heat->seen && (isfinite(temperature_degC) != 0)) {
+    heat->load = share_above(temperature_degC, SURROUNDINGS_DEG_C, limit_degC);
+    heat->seen = true;
+  }
   const float relative = current_A / motor->continuous_current_A;
   const float share = 1.0F - expf(-dt_s / motor->heating_time_s);
   heat->load += share * ((relative * relative) - heat->load);

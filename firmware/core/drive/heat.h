@@ -12,9 +12,11 @@
 typedef struct crux_heat {
   float load;       ///< temperature rise as a share of what the winding can bear, 0..1
   float allowed_A;  ///< current amplitude allowed now
+  bool seen;        ///< the winding's temperature has been measured
 } crux_heat;
 
-/// Starts `load` full: after a restart nobody knows how hot the winding is, so the worst is taken.
+/// Starts `load` full: after a restart nobody knows how hot the winding is, so the worst is taken until its temperature
+/// is measured, which sets `load` once.
 void crux_heat_init(crux_heat *heat, const crux_motor_parameters *motor);
 
 /// Takes in the current of the last dt_s > 0 seconds and the winding's temperature; not a number: it is not known.

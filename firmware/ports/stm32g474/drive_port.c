@@ -148,7 +148,10 @@ void drive_port_start(crux_drive *drive, const calibration *zeros) {
   start_slow_conversion();
 }
 
-static uint32_t compare(float duty) { return (uint32_t)(duty * (float)PWM_TOP); }
+static uint32_t compare(float duty) {
+  const uint32_t top = PWM_TOP;
+  return (uint32_t)(duty * (float)top);
+}
 
 void drive_port_on_sample(void) {
   crux_drive *drive = controlled;
