@@ -17,7 +17,7 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.nlp import start_from_path
 from crux_planner.problem import Problem
 from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
-from crux_planner.reasons import check_start, explain
+from crux_planner.reasons import TIME_LIMIT, check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
@@ -37,6 +37,7 @@ IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence
 IMPROVED_SHARE = 0.92  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
+WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
@@ -76,23 +77,57 @@ def plan(
     try:
         if method != "auto":
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
-        until = time.monotonic() + LEVEL_SHARE * (deadline - time.monotonic())
-        result = _plan_level(scenario, robot, problem, reach, ways, work, until)
-    except InfeasibleError as none_level:
-        if method != "auto":
-            raise
-        work.stop_bound()  # it is about fewer grasps than what follows
-        result = plan_wider(scenario, robot, problem, none_level, _realise, work, deadline)
+        result = _plan_anyhow(scenario, robot, problem, reach, ways, work, deadline)
     finally:
         work.stop_bound()
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
 
-def _plan_level(
+def _plan_anyhow(
     scenario: Scenario, robot: Robot, problem: Problem, reach: Reach, ways: Ways, work: Work, deadline: float
 ) -> PlanResult:
-    """The body level, with one heading, and grasps in the middle of their faces."""
+    """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+
+    def level(quick: bool) -> PlanResult:
+        until = time.monotonic() + LEVEL_SHARE * (deadline - time.monotonic())
+        return _plan_level(scenario, robot, problem, reach, ways, work, until, quick)
+
+    try:
+        return level(quick=True)
+    except InfeasibleError as none_quick:
+        none_level = none_quick
+    bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
+    if none_level.constraint != TIME_LIMIT:
+        if bound is not None:
+            bound.stop()
+        return plan_wider(scenario, robot, problem, none_level, _realise, work, deadline)
+    try:
+        return plan_wider(scenario, robot, problem, none_level, _realise, work, deadline, share=WIDER_SHARE)
+    except InfeasibleError as none_wider:
+        if none_wider.proven or time.monotonic() > deadline:
+            raise
+        work.bound = bound
+        return level(quick=False)
+    finally:
+        if bound is not None and work.bound is None:
+            bound.stop()
+
+
+def _plan_level(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    reach: Reach,
+    ways: Ways,
+    work: Work,
+    deadline: float,
+    quick: bool,
+) -> PlanResult:
+    """The body level, with one heading, and grasps in the middle of their faces.
+
+    `quick`: only by the quickest sequences of contacts, and only while these are found soon.
+    """
     failures: list[InfeasibleError] = []
     tight = TIGHTER * problem.friction_share
     for at_once in (1, 2):
@@ -101,7 +136,7 @@ def _plan_level(
         balance = Strength(problem, problem.friction_share)
         for _ in range(ATTEMPTS):
             with work.part("contacts", 0.1):
-                moves, seen = _search(problem, balance, reach, ways, at_once, deadline)
+                moves, seen = _search(problem, balance, reach, ways, at_once, deadline, quick)
             if moves is None:
                 failures.append(explain(problem, balance, reach, ways, seen, at_once))
                 break
@@ -189,15 +224,12 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 
 
 def _search(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float, quick: bool
 ) -> tuple[list[Move] | None, SearchReport]:
-    """The quickest moves, or after a third of the time left, any that are quick enough."""
+    """The quickest moves if they are found in a third of the time left, else any that are quick enough."""
     now = time.monotonic()
-    early = now + (deadline - now) * QUICKEST_SHARE
-    moves, seen = search(problem, balance, reach, ways, at_once=at_once, greed=1.0, deadline=early)
-    if seen.timed_out:
-        moves, seen = search(problem, balance, reach, ways, at_once=at_once, greed=GREED, deadline=deadline)
-    return moves, seen
+    until = now + (deadline - now) * QUICKEST_SHARE if quick else deadline
+    return search(problem, balance, reach, ways, at_once=at_once, greed=1.0 if quick else GREED, deadline=until)
 
 
 def _realise(

@@ -13,6 +13,7 @@ from crux_planner.search.balance import Balance
 from crux_planner.search.stances import Reach, SearchReport, Stance, costs_to_go, goal_contacts
 from crux_planner.search.ways import Ways
 
+TIME_LIMIT = "time limit"
 _LACKING_N = 0.01  # a balance that lacks less is met
 
 
@@ -123,7 +124,7 @@ def _timed_out(problem: Problem, report: SearchReport) -> InfeasibleError | None
     if not report.timed_out:
         return None
     return InfeasibleError(
-        "time limit",
+        TIME_LIMIT,
         f"no sequence of contacts found in the time allowed ({report.expanded} stances looked at, nearest to the goal: "
         f"{_stance_text(problem, report.nearest)}); allow more with --time-limit",
     )

@@ -32,3 +32,25 @@ def limb_shape(robot: Robot) -> LimbShape:
         return max(found, default=0.0)
 
     return LimbShape(radius(slice(0, 1)), radius(slice(1, 2)), radius(slice(2, 3)), radius(slice(3, 6)))
+
+
+@dataclass(frozen=True)
+class PalmShape:
+    """The box between wrist and fingers: half edges along and across the opening axis, and its height [m]."""
+
+    half_length: float
+    half_width: float
+    height: float
+
+
+def palm_shape(robot: Robot) -> PalmShape | None:
+    """Of the smallest gripper; None where one has no box."""
+    links = {link.get("name"): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
+    found = []
+    for limb in robot.limbs:
+        boxes = list(links[limb.gripper_link].iter("box"))
+        if not boxes:
+            return None
+        found.append([float(edge) for edge in boxes[0].get("size", "").split()])
+    length, width, height = (min(edges) for edges in zip(*found, strict=True))
+    return PalmShape(length / 2, width / 2, height)

@@ -53,8 +53,12 @@ def plan_wider(
     realise: Realise,
     work: Work,
     deadline: float,
+    share: float | None = None,
 ) -> PlanResult:
-    """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven."""
+    """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
+
+    With `share`, searches take at most that of the time left, and no long proof follows.
+    """
     proof = Proof(scenario, robot, problem)
     with work.part("proof", 0.1):
         impossible = proof.quick() or proof.goal_equilibrium(time.monotonic() + GOAL_PROOF_S)
@@ -66,7 +70,7 @@ def plan_wider(
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
     now = time.monotonic()
-    until = min(now + (1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
+    until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
     for off_centre, tilt_m, passing_m in LEVELS:
         if time.monotonic() > until:
             break
@@ -82,6 +86,8 @@ def plan_wider(
         result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
         if result is not None:
             return result
+    if share is not None:
+        raise none_level
     with work.part("proof", 0.9):
         impossible = proof.disconnected(min(deadline, time.monotonic() + LAST_PROOF_S))
     raise none_level if impossible is None else _explained(none_level, impossible)

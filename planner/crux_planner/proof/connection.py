@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner.arrays import Array, Flags, Indices
+from crux_planner.arrays import Array, Flags
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 
 AIR = -1
@@ -60,10 +60,10 @@ class Part:
 
 
 class Connection:
-    """The graph of one problem; `hold` (G,) is the hold of every grip."""
+    """The graph of one problem; `apart` (G, G): grips that two limbs may have at once."""
 
-    def __init__(self, reach: RelaxedReach, balance: RelaxedBalance, hold: Indices, step_m: float) -> None:
-        self.reach, self.balance, self.hold, self.step_m = reach, balance, hold, step_m
+    def __init__(self, reach: RelaxedReach, balance: RelaxedBalance, apart: Flags, step_m: float) -> None:
+        self.reach, self.balance, self.apart, self.step_m = reach, balance, apart, step_m
         self._supports: dict[Grips, _Support] = {}
         self._window = max(1, round(WINDOW_RAD / reach.bin_rad))
 
@@ -95,8 +95,7 @@ class Connection:
         found = []
         reached = part.headings[node]
         _, low, high = self.reach.all.fits(node)
-        taken = {int(self.hold[g]) for g in node if g != AIR}
-        free = ~np.isin(self.hold, sorted(taken))
+        free = self.apart[[g for g in node if g != AIR]].all(axis=0)
         near = _widened(reached, self.reach.hop)
         for limb in range(4):
             if node[limb] != AIR:  # letting go, or seen backwards, the moment before it took hold

@@ -17,8 +17,10 @@ from crux_planner.build import all_grips
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.proof.connection import AIR, Connection, Grips
+from crux_planner.proof.palms import clashes, largest_gap
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 from crux_planner.reasons import point_text
+from crux_planner.shapes import palm_shape
 
 
 class Proof:
@@ -33,7 +35,10 @@ class Proof:
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
         self.step_m = problem.body.max_speed_m_s * problem.dt_s
-        self.connection = Connection(self.reach, self.balance, np.array(self.hold), self.step_m)
+        hold, self.palm = np.array(self.hold), palm_shape(robot)
+        self.grips = grips
+        self.apart = ~clashes(grips, self.palm) & (hold[:, None] != hold)
+        self.connection = Connection(self.reach, self.balance, self.apart, self.step_m)
 
     def quick(self) -> InfeasibleError | None:
         """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
@@ -48,9 +53,11 @@ class Proof:
             if beyond.min() > 0:
                 return self._out_of_reach(limb, usable, beyond, wanted is not None)
             ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
+        if (crowded := self._crowded_start()) is not None:
+            return crowded
         stances = np.array(list(itertools.product(*ends)))
-        holds = np.sort(np.array(self.hold)[stances], axis=1)
-        stances = stances[(np.diff(holds, axis=1) > 0).all(axis=1)]
+        for a, b in itertools.combinations(range(4), 2):
+            stances = stances[self.apart[stances[:, a], stances[:, b]]]
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
         self.goals: list[Grips] = [tuple(map(int, stance)) for stance in stances]
@@ -122,6 +129,20 @@ class Proof:
                 place = ", ".join(sorted(names[h] for h in needs)[:3])
                 return f"{name} gets to {', '.join(sorted(names[h] for h in has)[:6])}, but not to {place}"
         return "no two of their holds can be exchanged in equilibrium and within reach"
+
+    def _crowded_start(self) -> InfeasibleError | None:
+        """Two of the start's grippers that would be in each other."""
+        for a, b in itertools.combinations(range(4), 2):
+            one, other = self.start[a], self.start[b]
+            if self.apart[one, other] or self.palm is None:
+                continue
+            gap = largest_gap(self.grips[one], self.grips[other], self.palm)
+            text = (
+                f"start.grasps: the palms of {LIMBS[a]} on {self.problem.hold_names[self.hold[one]]} and {LIMBS[b]} on "
+                f"{self.problem.hold_names[self.hold[other]]} keep {1000 * gap:.1f} mm apart at most, 3 mm are needed"
+            )
+            return InfeasibleError("clearance", text, proven=True)
+        return None
 
     def _goal_text(self) -> str:
         return point_text(self.problem, self.problem.goal.body.position_m)
