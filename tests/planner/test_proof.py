@@ -158,3 +158,16 @@ def test_too_little_friction_at_the_goal_is_proven_with_the_force_that_lacks() -
     assert reason is not None
     assert reason.constraint == "equilibrium"
     assert "short by" in str(reason)
+
+
+def test_palms_in_each_other_at_the_start_are_proven_and_wider_holds_leave_room_aside() -> None:
+    wall = two_rows(all_limbs=False)
+    del wall["holds"][6]
+    for i, x in ((0, 0.065), (2, -0.065)):  # 140 mm palms, end to end
+        wall["holds"][i] = hold(wall["holds"][i]["name"], x, 0.36)
+    reason = proven(scenario(wall))
+    assert reason is not None
+    assert "palms of LF on LF-low and LR on LR-low keep 0.0 mm apart" in str(reason)
+    for i in (0, 2):
+        wall["holds"][i]["size_m"] = [0.06, 0.1, 0.06]
+    assert proven(scenario(wall)) is None
