@@ -15,6 +15,7 @@
 #define TWO_PI 6.283185307179586
 #define TURN 16384U
 #define ROOM_DEG_C 25.0
+#define WRENCH_PERIOD (CORE_HZ / 1000U)
 
 // Pins of port A and converter channels.
 #define ROTOR_SELECT 4U
@@ -113,6 +114,23 @@ static void power_on(emulated_node *node) {
   stm32g4_power_on(&node->chip);
 }
 
+/// The force/torque sensor's samples of the window to come.
+static void measure_wrench(emulated_node *node, const double wrench[6], uint64_t window) {
+  fdcan_model *can = &node->chip.can[1];
+  crux_frame frames[2];
+  while (fdcan_model_fetch(can, &frames[0])) {
+    node->wrench_asked = node->wrench_asked || wrench_sensor_is_asked(&frames[0]);
+  }
+  const uint64_t now = node->chip.core.now;
+  wrench_sensor_say(wrench, frames);
+  for (node->wrench_at = (node->wrench_at < now) ? now : node->wrench_at; node->wrench_at < now + window;
+       node->wrench_at += WRENCH_PERIOD) {
+    for (int i = 0; node->wrench_asked && (i < 2); i++) {
+      fdcan_model_hear(can, node->wrench_at, &frames[i]);
+    }
+  }
+}
+
 static double control(void *context, double dt, const crux_measured *measured) {
   emulated_node *node = context;
   node->from = node->to;
@@ -126,6 +144,9 @@ static double control(void *context, double dt, const crux_measured *measured) {
     fdcan_model_hear(&node->chip.can[0], node->chip.core.now, &node->heard[i]);
   }
   node->heard_count = 0U;
+  if (node->node == EMULATED_GRIPPER) {
+    measure_wrench(node, measured->wrench, cycles(dt));
+  }
   stm32g4_settle(&node->chip);
   node->torque_time = 0.0;
   run(node, dt);

@@ -61,9 +61,9 @@ typedef struct emulated_node {
   double angle_rad;     ///< electrical, then
   double torque_time;   ///< integral of the rotor's torque over the window [Nm cycles]
   double temperature_degC;
-  double wrench[6];
-  bool wrench_asked;
-  uint8_t state;  ///< of the last status
+  bool wrench_asked;   ///< the force/torque sensor sends samples
+  uint64_t wrench_at;  ///< when the next one is due
+  uint8_t state;       ///< of the last status
   uint8_t faults;
 } emulated_node;
 

@@ -36,12 +36,16 @@
 
 static const uint8_t lengths[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
+static bool is_classic(const fdcan_model *can) { return can->data_bit_rate == 0U; }
+
 static bool is_joined(const fdcan_model *can) {
   uint32_t nominal = 0U;
   uint32_t data = 0U;
+  const uint32_t control = can->registers[CCCR];
+  const uint32_t wanted = CCCR_FDOE | CCCR_BRSE;
   fdcan_model_rates(can, &nominal, &data);
-  return ((can->registers[CCCR] & CCCR_INIT) == 0U) && !can->off && (nominal == can->bit_rate) &&
-         (data == can->data_bit_rate);
+  return ((control & CCCR_INIT) == 0U) && !can->off && (nominal == can->bit_rate) &&
+         (is_classic(can) || ((data == can->data_bit_rate) && ((control & wanted) == wanted)));
 }
 
 void fdcan_model_rates(const fdcan_model *can, uint32_t *nominal, uint32_t *data) {
@@ -65,6 +69,9 @@ void fdcan_model_reset(fdcan_model *can, uint32_t bit_rate, uint32_t data_bit_ra
 /// Core cycles that a frame takes on the bus, without stuff bits: SOF, identifier, control and the frame's tail at the
 /// nominal rate, the rest at the data rate.
 static uint64_t duration(const fdcan_model *can, uint32_t length) {
+  if (is_classic(can)) {
+    return ((uint64_t)can->kernel_hz * (47U + (8U * length))) / can->bit_rate;
+  }
   const uint32_t slow_bits = 30U;
   const uint32_t fast_bits = 5U + (8U * length) + ((length > 16U) ? 32U : 27U);
   const uint64_t hz = can->kernel_hz;
@@ -154,7 +161,7 @@ static void receive(fdcan_model *can, const crux_frame *frame) {
   }
   uint32_t *element = &can->ram[((number == 0) ? RECEIVE_FIFO0 : RECEIVE_FIFO1) + (ELEMENT_WORDS * fifo->put)];
   element[0] = (uint32_t)frame->id << 18U;
-  element[1] = (code << 16U) | (3U << 20U);
+  element[1] = (code << 16U) | (is_classic(can) ? 0U : (3U << 20U));
   (void)memcpy(&element[2], frame->data, frame->length);
   fifo->put = (fifo->put + 1U) % FIFO_LENGTH;
   fifo->fill++;

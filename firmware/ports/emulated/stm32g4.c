@@ -285,7 +285,7 @@ void stm32g4_power_on(stm32g4 *chip) {
   chip->rcc[RCC_AHB1ENR] = 1U << 8U;
   chip->spi1[SPI_SR] = SPI_TXE;
   fdcan_model_reset(&chip->can[0], chip->bit_rate, chip->data_bit_rate);
-  fdcan_model_reset(&chip->can[1], chip->bit_rate, chip->bit_rate);
+  fdcan_model_reset(&chip->can[1], STM32G4_SENSOR_BIT_RATE, 0U);
   cortex_power_on(&chip->core);
   cortex_wake_at(&chip->core, NEVER);
 }

@@ -10,6 +10,8 @@
 #include "cortex_m4.h"
 #include "fdcan_model.h"
 
+#define STM32G4_SENSOR_BIT_RATE 1000000U  ///< of the classic bus at FDCAN 2
+
 /// What is on the board around the chip.
 typedef struct stm32g4_board {
   void *context;
