@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from crux_planner.bound.climb import lower_bound, usual_effort
+from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
 from crux_planner.problem import Problem
 
@@ -46,7 +46,7 @@ class Beside:
             return
         context = multiprocessing.get_context("fork")  # the parent's modules are there at once
         self._inbox, outbox = context.Pipe(duplex=False)
-        effort = np.inf if self._waited_for else usual_effort(self._problem)
+        effort = np.inf if self._waited_for else EFFORT
         work = (self._problem, (1.0 - AIM) * expected, self._limit_s, effort, outbox)
         self._process = context.Process(target=_work, args=work, daemon=True)
         self._process.start()

@@ -36,9 +36,8 @@ from crux_planner.bound.swings import detours, earned, ends, floor, knot_floor, 
 from crux_planner.problem import Problem
 
 TIME_LIMIT_S = 20.0
-EFFORT = 1.0  # of the default on a small wall: about seconds of an idle core
+EFFORT = 1.0  # of the default: about seconds of an idle core
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 2e-7, 1e-3  # effort of a state at a knot, of a priced pair, of a QP
-_SMALL = 1750  # knots times contacts of a limb, up to which a wall is small
 LARGEST = 100_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
 _ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways; more where a round takes long
@@ -67,12 +66,6 @@ def lower_bound(
     if search is not None:
         bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
     return float(min(bound, cost))
-
-
-def usual_effort(problem: Problem) -> float:
-    """More for longer climbs on walls with more grasps, for which planning takes longer too."""
-    size = problem.steps * max(len(own) for own in problem.limb_contacts)
-    return EFFORT * min(max(size / _SMALL, 1.0), 3.0)
 
 
 @dataclass
