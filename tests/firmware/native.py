@@ -19,6 +19,7 @@ INCLUDES = [
             "firmware/core",
             "firmware/safety",
             "firmware/service",
+            "firmware/update",
             "firmware/ports/host",
             "msgs/can",
             "tests/firmware",

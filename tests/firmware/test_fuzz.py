@@ -28,13 +28,13 @@ def build(folder: Path, sources: list[Path], harness: Path = NODES) -> Path:
     return folder / "fuzzer"
 
 
-def fuzz(program: Path, frames: int = FRAMES) -> subprocess.CompletedProcess[str]:
+def fuzz(program: Path, frames: int = FRAMES, writes: int = WRITES) -> subprocess.CompletedProcess[str]:
     """Runs it from an empty corpus, the same way each time."""
     corpus = program.parent / "corpus"
     shutil.rmtree(corpus, ignore_errors=True)
     corpus.mkdir()
     command = [str(program), str(corpus), f"-seed={SEED}", "-max_len=4096", "-len_control=0", "-print_final_stats=0"]
-    environment = os.environ | {"CRUX_FUZZ_FRAMES": str(frames), "CRUX_FUZZ_WRITES": str(WRITES)}
+    environment = os.environ | {"CRUX_FUZZ_FRAMES": str(frames), "CRUX_FUZZ_WRITES": str(writes)}
     return subprocess.run(command, cwd=program.parent, env=environment, capture_output=True, text=True, check=False)
 
 
@@ -90,5 +90,7 @@ def test_the_fuzzer_finds_a_node_that_lets_go(
     text = original.read_text(encoding="utf-8")
     assert before in text
     broken.write_text(text.replace(before, after), encoding="utf-8")
-    run = fuzz(build(folder, [source for source in all_sources if source != original] + [broken], harness))
+    run = fuzz(
+        build(folder, [source for source in all_sources if source != original] + [broken], harness), writes=20 * WRITES
+    )
     assert complaint in run.stderr

@@ -17,7 +17,7 @@ namespace crux::firmware {
 namespace {
 
 constexpr std::uint8_t kGripper = 7;
-constexpr std::uint8_t kNumbers = 33;  // of parameters; some do not exist
+constexpr std::uint8_t kNumbers = 13;  // of parameters; the first and the last do not exist
 
 struct Tally {
   unsigned long long writes = 0;
@@ -139,7 +139,8 @@ void play_joint(Bytes& bytes) {
       command.position_rad = std::clamp(bytes.number(-3.0F, 3.0F), -3.0F, 3.0F);
       joint.run(command);
     } else if (step <= 4) {
-      joint.inputs.position_rad = bytes.number(-2.5F, 2.0F);
+      // Near the setpoint, where torque is not at its limit and a changed gain would show.
+      joint.inputs.position_rad = joint.node.setpoint_rad + std::clamp(bytes.number(-0.2F, 0.2F), -0.2F, 0.2F);
       joint.inputs.velocity_rad_s = bytes.number(-6.0F, 6.0F);
       judge(joint, tick_s(bytes), limits);
       serve(services, joint.node.state, kDt);
@@ -177,7 +178,7 @@ void play_gripper(Bytes& bytes) {
       widest_asked_m = std::max(widest_asked_m, command.opening_m);
       gripper.run(command);
     } else if (step <= 4) {
-      gripper.inputs.opening_m = bytes.number(0.0F, 0.08F);
+      gripper.inputs.opening_m = gripper.node.setpoint_m + std::clamp(bytes.number(-0.004F, 0.004F), -0.004F, 0.004F);
       gripper.inputs.speed_m_s = bytes.number(-0.05F, 0.05F);
       judge(gripper, tick_s(bytes), widest_asked_m, gripper.node.parameters);
       serve(services, gripper.node.state, kDt);
