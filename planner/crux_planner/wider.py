@@ -13,6 +13,9 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Flags
+from crux_planner.bound.beside import AIM
+from crux_planner.bound.climb import EFFORT, lower_bound
+from crux_planner.bound.gap import gap
 from crux_planner.build import build_problem
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
@@ -85,6 +88,8 @@ def plan_wider(
             wide = replace(wide, start_contacts=start)
         result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
         if result is not None:
+            with work.part("bound", 0.95):  # of the problem with this aim and these grasps
+                result.gap = gap(result.cost, lower_bound(wide, (1.0 - AIM) * result.cost, effort=EFFORT))
             return result
     if share is not None:
         raise none_level

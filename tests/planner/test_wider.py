@@ -29,6 +29,8 @@ def test_the_body_turns_to_the_goals_heading(robot: Robot) -> None:
     assert result.check.ok
     assert abs(math.degrees(result.plan.knots[-1].body_rpy_rad[2]) - 20.0) < 3.0
     assert {"LF", "RR"} <= set(result.gait)
+    assert result.gap is not None
+    assert 0.0 < result.gap < 0.6
 
 
 def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:

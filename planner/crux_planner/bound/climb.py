@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crux_planner.arrays import Array, Flags, Indices
-from crux_planner.bound.grasps import Grasps, Groups, by_hold, grasps, one_each
+from crux_planner.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
 from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.likeness import Likeness
 from crux_planner.bound.places import orientations
@@ -60,7 +60,7 @@ def lower_bound(
     limits = _Limits(time.monotonic() + time_limit_s, effort)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
-    search = _Search.begin(problem, cost, one_each(problem), limits) or _Search.begin(
+    search = _Search.begin(problem, cost, by_faces(problem), limits) or _Search.begin(
         problem, cost, by_hold(problem), limits
     )
     if search is not None:

@@ -1,11 +1,12 @@
 """Every set of grasps that the limbs may hold at once, with the boxes of the body's position that it leaves.
 
-A limb's options are groups of contacts: one contact each, or, coarser, all that a hold offers; what a group costs is
+A limb's options are groups of contacts: all that a face pair offers or, coarser, all that a hold does; a group costs
 what the cheapest of its contacts does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.bound.places import Orientations, body_boxes
 from crux_planner.bound.swings import distinct, ends
+from crux_planner.contacts import Contact
 from crux_planner.problem import Problem
 
 _PAIRS = 25  # of a node, where memory allows
@@ -87,19 +89,23 @@ class Grasps:
         return np.append(np.minimum.reduceat(of_contacts[np.concatenate(own)], first), 0.0)
 
 
-def one_each(problem: Problem) -> Groups:
-    """Each contact a group."""
-    return [[np.array([c]) for c in distinct(problem, limb)] for limb in range(4)]
+def by_faces(problem: Problem) -> Groups:
+    """What each face pair of each hold offers a group: one grasp in the middle, or several along it."""
+    return _by(problem, lambda contact: (contact.hold, contact.pair))
 
 
 def by_hold(problem: Problem) -> Groups:
     """What each hold offers a group."""
+    return _by(problem, lambda contact: (contact.hold,))
+
+
+def _by(problem: Problem, key: Callable[[Contact], tuple[int, ...]]) -> Groups:
     groups: Groups = []
     for limb in range(4):
-        of_hold: dict[int, list[int]] = {}
+        alike: dict[tuple[int, ...], list[int]] = {}
         for c in distinct(problem, limb):
-            of_hold.setdefault(problem.contacts[c].hold, []).append(int(c))
-        groups.append([np.array(own) for own in of_hold.values()])
+            alike.setdefault(key(problem.contacts[c]), []).append(int(c))
+        groups.append([np.array(own) for own in alike.values()])
     return groups
 
 

@@ -76,10 +76,11 @@ def detours(problem: Problem, limb: int, contacts: Indices) -> Array:
 
 
 def distinct(problem: Problem, limb: int) -> Indices:
-    """The contacts of a limb, one a (hold, face pair), the start's first: the swap of fingers changes nothing."""
-    kept: dict[tuple[int, int], int] = {}
+    """The contacts of a limb, one a place on a face pair, the start's first: the swap of fingers changes nothing."""
+    kept: dict[tuple[int, int, bytes], int] = {}
     for c in [problem.start_contacts[limb], *problem.limb_contacts[limb]]:
-        kept.setdefault((problem.contacts[c].hold, problem.contacts[c].pair), c)
+        contact = problem.contacts[c]
+        kept.setdefault((contact.hold, contact.pair, contact.centre_w_m.tobytes()), c)
     return np.array(list(kept.values()))
 
 

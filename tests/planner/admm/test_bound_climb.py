@@ -17,7 +17,7 @@ from crux_planner.admm.stages import Stages, Swinging
 from crux_planner.bound.beside import Beside
 from crux_planner.bound.climb import lower_bound
 from crux_planner.bound.gap import gap
-from crux_planner.bound.grasps import grasps, one_each
+from crux_planner.bound.grasps import by_faces, grasps
 from crux_planner.bound.knot_qp import KnotQp
 from crux_planner.bound.places import body_boxes, orientations
 from crux_planner.bound.prices import Prices
@@ -128,7 +128,7 @@ def test_prices_never_ask_more_than_a_plan_pays() -> None:
     problem = scene(20, goal_m=0.0).problem
     room = body_room(problem, 5.0)
     about = orientations(problem, *yaw_room(problem, 5.0))
-    nodes = grasps(problem, about, *room, one_each(problem))
+    nodes = grasps(problem, about, *room, by_faces(problem))
     assert nodes is not None
     prices, start = Prices(problem, about, nodes), [0, 0, 0, 0]
     node = np.flatnonzero((nodes.options == start).all(axis=1))
