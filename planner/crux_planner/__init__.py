@@ -10,14 +10,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from crux_planner.entry import plan
     from crux_planner.errors import InfeasibleError
-    from crux_planner.planning import plan
     from crux_planner.replanning import Planner
     from crux_planner.result import PlanResult
 
 __all__ = ["InfeasibleError", "PlanResult", "Planner", "plan"]
 
-_HOME = {"InfeasibleError": "errors", "PlanResult": "result", "Planner": "replanning", "plan": "planning"}
+_HOME = {"InfeasibleError": "errors", "PlanResult": "result", "Planner": "replanning", "plan": "entry"}
 
 
 def __getattr__(name: str) -> Any:

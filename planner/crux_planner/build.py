@@ -7,18 +7,18 @@ InfeasibleError.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import BodyPose, Hold, Scenario
+from crux_contracts.scenario import Hold, Scenario
 
 from crux_planner.arrays import Array
 from crux_planner.contacts import FACE_NAMES, PAIR_NAMES, Contact, GripperShape, opening_for, pad_height, yaws_in_range
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import composite_inertia
+from crux_planner.poses import check_body, pose_in_heading_frame, weights_of
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.proof.relaxed import Grip
 from crux_planner.search.swing import SwingLimits
@@ -132,38 +132,6 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,
     )
-
-
-def pose_in_heading_frame(body: BodyPose, heading: float) -> Pose:
-    """A body pose of the scenario, turned so that the start has yaw 0."""
-    position = rotation_z(-heading) @ np.array(body.position_m)
-    rpy = np.array(body.rpy_rad) - np.array([0.0, 0.0, heading])
-    rpy[2] = math.remainder(rpy[2], 2 * math.pi)
-    return Pose(position, rpy)
-
-
-def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) -> None:
-    """Bounds (7) of the start and the goal pose."""
-    low, high = body.height_m
-    tilt_deg = math.degrees(body.max_tilt_rad)
-    if not low - 1e-9 <= start.position_m[2] <= high + 1e-9:
-        raise wrong(scenario, "start.body.position_m[2]", f"{start.position_m[2]:g}", f"expected {low:g}..{high:g} m")
-    if np.abs(start.rpy_rad[:2]).max() > body.max_tilt_rad + 1e-9:
-        shown = "{:g}, {:g}".format(*np.degrees(start.rpy_rad[:2]))
-        raise wrong(scenario, "start.body.rpy_deg", shown, f"expected roll and pitch within {tilt_deg:.1f} degrees")
-    reserve = scenario.goal.tolerance_m
-    if not low - reserve <= goal.position_m[2] <= high + reserve:
-        raise InfeasibleError(
-            "goal bounds",
-            f"goal.body.position_m[2]: the body can be {low:g}..{high:g} m above the wall, not {goal.position_m[2]:g}",
-            proven=True,
-        )
-    if np.abs(goal.rpy_rad[:2]).max() > body.max_tilt_rad + scenario.goal.tolerance_rad:
-        raise InfeasibleError(
-            "goal bounds",
-            f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
-            proven=True,
-        )
 
 
 def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
@@ -296,17 +264,3 @@ def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
         positions.update(zip(limb.joint_names, q, strict=True))
         positions.update(dict.fromkeys(limb.finger_joints, grasp.separation_m / 2))
     return composite_inertia(robot, positions)
-
-
-def weights_of(scenario: Scenario, usual: Weights) -> Weights:
-    """The usual weights with those that the scenario names put in their place."""
-    given = scenario.planner.weights
-    return Weights(
-        position=given.get("body", usual.position),
-        orientation=given.get("body", usual.orientation),
-        velocity=usual.velocity,
-        wrench=given.get("wrench", usual.wrench),
-        lift=-given["lift"] if "lift" in given else usual.lift,
-        opening=-given["opening"] if "opening" in given else usual.opening,
-        switching=given.get("switching", usual.switching),
-    )

@@ -63,14 +63,15 @@ def run_plan(args: argparse.Namespace) -> int:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
         with _progress() as (report, log):
-            from crux_planner.planning import plan
-            from crux_planner.replanning import Planner
-
             if args.running is not None:
+                from crux_planner.replanning import Planner
+
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
                 result = again.replan(read_plan(args.running), args.at, without=args.without, log=log, **limit)
             else:
+                from crux_planner.entry import plan
+
                 result = plan(
                     scenario,
                     robot,

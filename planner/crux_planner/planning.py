@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import METHODS, Scenario
+from crux_contracts.scenario import Scenario
 
 from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import check_plan
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import InfeasibleError
 from crux_planner.nlp import start_from_path
 from crux_planner.problem import Problem
 from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
@@ -29,10 +29,8 @@ from crux_planner.search.stances import Move, Reach, SearchReport, goal_contacts
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
-from crux_planner.work import Progress, Work
+from crux_planner.work import Progress, Work, begin
 
-TIME_LIMIT_S = 60.0
-CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
 IMPROVED_SHARE = 0.92  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
@@ -62,13 +60,11 @@ def plan(
 
     Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
     """
-    if method not in METHODS:
-        raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
-    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    deadline = work.began + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
     if scenario.contact.model == "point":
-        return _plan_walk(scenario, robot, work, deadline, method)
+        from crux_planner.walk.planning import plan as plan_walk
+
+        return plan_walk(scenario, robot, method=method, time_limit_s=time_limit_s, progress=progress, log=log)
+    work, deadline = begin(scenario, method, time_limit_s, progress, log)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)
         check_start(scenario, problem, Balance(problem, problem.friction_share))
@@ -157,14 +153,6 @@ def _plan_level(
                 ways.forbid(*culprit)
         ways.allow_all()
     raise failures[0]
-
-
-def _plan_walk(scenario: Scenario, robot: Robot, work: Work, deadline: float, method: str) -> PlanResult:
-    from crux_planner.walk.planning import plan_walk
-
-    result = plan_walk(scenario, robot, work, deadline, method)
-    result.method, result.seconds = method, time.monotonic() - work.began
-    return result
 
 
 def _plan_by_method(

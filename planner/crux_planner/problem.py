@@ -6,18 +6,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crux_planner.arrays import Array
-from crux_planner.contacts import Contact, GripperShape
 from crux_planner.kinematics import rotation_z
 from crux_planner.search.calm import Calm
-from crux_planner.search.swing import SwingLimits
-from crux_planner.shapes import LimbShape
-from crux_planner.terms.obstacles import Cuboids
-from crux_planner.terms.torque import LimbMasses
-from crux_planner.workspace import AcceptanceBoxes
+
+if TYPE_CHECKING:
+    from crux_planner.contacts import Contact, GripperShape
+    from crux_planner.search.swing import SwingLimits
+    from crux_planner.shapes import LimbShape
+    from crux_planner.terms.obstacles import Cuboids
+    from crux_planner.terms.torque import LimbMasses
+    from crux_planner.workspace import AcceptanceBoxes
 
 LIMBS = ("LF", "RF", "LR", "RR")
 _GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
@@ -42,6 +45,12 @@ class BodyBounds:
     max_tilt_rad: float
     max_speed_m_s: float
     max_rate_rad_s: float
+
+    @property
+    def fastest_yaw_rad_s(self) -> float:
+        """Fastest change of yaw within the bounds of body rates and tilt."""
+        tilt = self.max_tilt_rad
+        return float((np.sin(tilt) + 1.0) / np.cos(tilt) * self.max_rate_rad_s)
 
 
 @dataclass(frozen=True)

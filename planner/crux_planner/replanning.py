@@ -19,11 +19,12 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 
 from crux_planner.arrays import Array
-from crux_planner.build import build_problem, pose_in_heading_frame, start_contacts, start_inertia
+from crux_planner.build import build_problem, start_contacts, start_inertia
 from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.nlp import Start, start_from_path
 from crux_planner.planning import plan
+from crux_planner.poses import pose_in_heading_frame
 from crux_planner.problem import Pose, Problem
 from crux_planner.realise import finish
 from crux_planner.result import PlanResult

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import crux_msgs
 import numpy as np
@@ -13,10 +13,11 @@ from crux_contracts.scenario import Hold, Scenario
 
 from crux_planner.arrays import Array
 from crux_planner.kinematics import rotation_z
-from crux_planner.nlp import Solution
-from crux_planner.problem import Problem
-from crux_planner.search.schedule import Schedule
-from crux_planner.terms.limit_surface import finger_forces
+
+if TYPE_CHECKING:
+    from crux_planner.nlp import Solution
+    from crux_planner.problem import Problem
+    from crux_planner.search.schedule import Schedule
 
 
 @dataclass
@@ -138,6 +139,8 @@ def _limb(problem: Problem, schedule: Schedule, solution: Solution, k: int, limb
         return message
     contact = problem.contacts[index]
     q = solution.wrenches[min(k, problem.steps - 1)][limb]  # the last knot repeats the one before
+    from crux_planner.terms.limit_surface import finger_forces
+
     forces, moments = finger_forces(q, contact.axis, contact.tangent)
     message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
     message.finger1_face, message.friction = contact.finger1_face, contact.friction

@@ -6,8 +6,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from crux_planner.bound.beside import Beside
+from crux_contracts.scenario import METHODS, Scenario
+
+from crux_planner.errors import wrong
+
+if TYPE_CHECKING:
+    from crux_planner.bound.beside import Beside
+
+TIME_LIMIT_S = 60.0
+CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 
 Progress = Callable[[str, float], None]
 """Called with what begins now and the share of the work behind, 0..1."""
@@ -40,3 +49,18 @@ class Work:
         if self.bound is not None:
             self.bound.stop()
             self.bound = None
+
+
+def begin(
+    scenario: Scenario,
+    method: str,
+    time_limit_s: float | None,
+    progress: Progress | None,
+    log: Callable[[str], None] | None,
+) -> tuple[Work, float]:
+    """The work, and by when (of time.monotonic) all but the check is to be done. Raises ScenarioError."""
+    if method not in METHODS:
+        raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
+    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
+    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
+    return work, work.began + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)

@@ -11,13 +11,7 @@ import numpy as np
 from crux_planner.arrays import Array
 from crux_planner.bound.grasps import Grasps
 from crux_planner.bound.places import Orientations
-from crux_planner.problem import BodyBounds, Goal, Problem
-
-
-def fastest_yaw(body: BodyBounds) -> float:
-    """Fastest change of yaw [rad/s] within the bounds of body rates and tilt."""
-    tilt = body.max_tilt_rad
-    return float((np.sin(tilt) + 1.0) / np.cos(tilt) * body.max_rate_rad_s)
+from crux_planner.problem import Goal, Problem
 
 
 def farthest(spare: float, weight: float, step: float, start: float) -> float:
@@ -59,7 +53,7 @@ def body_room(problem: Problem, spare: float) -> tuple[Array, Array]:
 def yaw_room(problem: Problem, spare: float) -> tuple[float, float]:
     """The same for its yaw."""
     start, goal = float(problem.start.rpy_rad[2]), float(problem.goal.body.rpy_rad[2])
-    step = fastest_yaw(problem.body) * problem.dt_s
+    step = problem.body.fastest_yaw_rad_s * problem.dt_s
     way = (step * problem.steps - abs(goal - start)) / 2 + problem.goal.tolerance_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts])
     far = farthest(spare, problem.weights.orientation, step, abs(goal - start)) + problem.goal.tolerance_rad
@@ -89,7 +83,9 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
     turned = float(start.rpy_rad[2] - goal.body.rpy_rad[2])
     yaw = float(goal.body.rpy_rad[2])
     beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.tolerance_rad
-    total += weights.orientation * _others(beyond, fastest_yaw(problem.body) * problem.dt_s, abs(turned))[nodes.cell]
+    total += (
+        weights.orientation * _others(beyond, problem.body.fastest_yaw_rad_s * problem.dt_s, abs(turned))[nodes.cell]
+    )
     return np.asarray(np.minimum.reduceat(total, nodes.first))
 
 

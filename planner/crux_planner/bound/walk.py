@@ -16,7 +16,6 @@ import numpy as np
 import piqp
 
 from crux_planner.arrays import Array
-from crux_planner.bound.room import fastest_yaw
 from crux_planner.walk.cost import FORCE_SHARE
 from crux_planner.walk.gait import LEAST_AIR, SPEED_SHARE, Step
 from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
@@ -73,7 +72,7 @@ def _body(problem: WalkProblem) -> float:
         way = float(start.position_m[axis] - goal.body.position_m[axis])
         pulls = (weights.position, weights.velocity)
         total += _way(way, goal.position_room_m, pulls, body.max_speed_m_s * problem.dt_s, problem)
-    turn, fastest = float(start.rpy_rad[2] - goal.body.rpy_rad[2]), fastest_yaw(body)
+    turn, fastest = float(start.rpy_rad[2] - goal.body.rpy_rad[2]), body.fastest_yaw_rad_s
     pulls = (weights.orientation, weights.velocity * np.cos(body.max_tilt_rad) ** 2)  # yaw' <= |omega| / cos(pitch)
     return total + _way(turn, goal.rotation_room_rad, pulls, fastest * problem.dt_s, problem)
 

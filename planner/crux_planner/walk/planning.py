@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Protocol
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
@@ -21,6 +19,7 @@ from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
 from crux_planner.walk.problem import BOLD, USUAL, WalkProblem, build_walk
+from crux_planner.work import Progress, Work, begin
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
 GENTLER = 2  # times
@@ -29,18 +28,23 @@ _SPEEDS = ("joint_speed", "swing_speed", "swing_yaw_rate", "body_speed", "body_r
 _FRICTION = ("limit_surface", "limit_surface_between_knots")
 
 
-class Work(Protocol):
-    """Says what is being done and keeps the time of each part."""
-
-    seconds: dict[str, float]
-
-    @property
-    def log(self) -> Callable[[str], None]: ...
-    def part(self, name: str, share: float) -> AbstractContextManager[None]: ...
-
-
-def plan_walk(scenario: Scenario, robot: Robot, work: Work, deadline: float, method: str = "auto") -> PlanResult:
+def plan(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    method: str = "auto",
+    time_limit_s: float | None = None,
+    progress: Progress | None = None,
+    log: Callable[[str], None] | None = None,
+) -> PlanResult:
     """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
+    work, deadline = begin(scenario, method, time_limit_s, progress, log)
+    result = _plan(scenario, robot, work, deadline, method)
+    result.method, result.seconds = method, time.monotonic() - work.began
+    return result
+
+
+def _plan(scenario: Scenario, robot: Robot, work: Work, deadline: float, method: str) -> PlanResult:
     with work.part("problem", 0.0):
         problem = build_walk(scenario, robot)
     if method != "auto":

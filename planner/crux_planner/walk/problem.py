@@ -12,10 +12,10 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Array
-from crux_planner.build import check_body, pose_in_heading_frame, weights_of
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import centre_of_mass, composite_inertia
+from crux_planner.poses import check_body, pose_in_heading_frame, weights_of
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Pose, Weights
 from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
