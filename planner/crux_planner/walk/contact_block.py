@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 FLAT_GAITS = 60  # solved by the first search beyond its first ones
 _NEXT_ORACLES = 30  # asked in the ADMM iterations after the first
 _LINEARISATIONS = 3  # of (8b) and (9a) about the answer
-_NEAR, _SETTLED = 90, 6  # gaits looked at near one that has no solution; flat walks given to the oracle
+_NEAR = 90  # gaits looked at near one that has no solution
+_SETTLED, _COMPARED = 9, 3  # walks in the plane given to the oracle, and how many at once for the best of them
 _BETTER = 2e-3  # of J, what is worth a change
 
 
@@ -59,6 +60,10 @@ class WalkContacts:
         self._qp = ContactQp(problem, scales, moments=moments)
         self._known: WalkKnots | None = None
 
+    def begin(self, deadline: float) -> None:
+        """Raises InfeasibleError where there is no walk."""
+        self._flat.begin(deadline)
+
     def search(self, deadline: float) -> Iterator[WalkKnots]:
         """Walks, the best first, each as good as the oracle makes it. Raises InfeasibleError where there is none."""
         begun = self._flat.begin(deadline)
@@ -68,11 +73,12 @@ class WalkContacts:
     def _answers(self) -> Iterator[WalkKnots]:
         """The oracle's answers for the best walks in the plane. Raises InfeasibleError where it has none."""
         found = 0
-        for walk in self._flat.best_first()[:_SETTLED]:
-            knots = self._settled(walk)
-            if knots is not None:
-                found += 1
-                yield knots
+        walks = self._flat.best_first()[:_SETTLED]
+        while walks:
+            some, walks = walks[:_COMPARED], walks[_COMPARED:]
+            settled = [knots for knots in map(self._settled, some) if knots is not None]
+            found += len(settled)
+            yield from sorted(settled, key=lambda knots: knots.cost)
         if not found:
             raise InfeasibleError("contacts", "no gait keeps the feet within reach and the body in balance")
 

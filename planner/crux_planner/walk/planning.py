@@ -97,8 +97,10 @@ def _plan_by_method(
         raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     options, failures = scenario.planner, list[InfeasibleError]()
     for walk in _walks(problem, failures):
+        contacts = WalkContacts(walk)
         try:
             with work.part("contacts", 0.1):
+                contacts.begin(deadline)
                 decided = METHODS[method](WalkTask(walk, deadline, options.rho, options.iterations, report=work.log))
         except InfeasibleError as none:
             failures.append(none)
@@ -106,7 +108,7 @@ def _plan_by_method(
         alone = walk_message(scenario, robot, problem, decided.knots.gait, of_knots(walk, decided.knots, 0), method)
         with work.part("check", 0.4):
             alone_report = check_plan(alone, robot)
-        near = WalkContacts(walk).near(decided.knots.gait, deadline)
+        near = contacts.near(decided.knots.gait, deadline)
         result = _first_good(scenario, robot, walk, problem, near, work, deadline, method)
         if isinstance(result, PlanResult):
             result.iterations, result.history = decided.iterations, decided.residuals
