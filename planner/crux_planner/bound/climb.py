@@ -37,7 +37,8 @@ from crux_planner.problem import Problem
 
 TIME_LIMIT_S = 20.0
 EFFORT = 1.0  # of the default: about seconds of an idle core
-_STATE_S, _PAIR_S, _QP_S = 1.2e-8, 2e-7, 1e-3  # effort of a state at a knot, of a priced pair, of a QP
+_STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a priced pair, of a QP
+_MANY = 5000  # sets of grasps, beyond which fewer prices are asked about all of them
 LARGEST = 100_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
 _ROUND = 40  # sets of grasps priced in a round, those on the cheapest ways; more where a round takes long
@@ -115,7 +116,7 @@ class _Search:
         qp = KnotQp(problem, prices.carriers)
         everything = np.arange(len(nodes.options))
         value = shared_weight(problem)[nodes.in_air] + prices.places(everything)
-        for held in _examples(problem):
+        for held in _examples(problem, few=len(everything) > _MANY):
             value = np.maximum(value, prices.values(qp.prices(held, room), everything))
             limits.spend(_QP_S + _PAIR_S * len(nodes.node))
         least, more = knot_floor(problem)
@@ -234,12 +235,13 @@ class _Search:
         return low, np.maximum(low, high)
 
 
-def _examples(problem: Problem) -> list[dict[int, int]]:
+def _examples(problem: Problem, few: bool) -> list[dict[int, int]]:
     """Sets of grasps whose prices say something of most others: the start's and the goal's, and each less one limb."""
+    missing = (None,) if few else (None, 0, 1, 2, 3)
     start, goal = dict(enumerate(problem.start_contacts)), {}
     for limb, own in enumerate(problem.limb_contacts):
         contacts = np.array([problem.start_contacts[limb], *own])
         last = contacts[ends(problem, limb, contacts)]
         goal[limb] = int(last[0]) if len(last) else start[limb]
     sets = [start] if goal == start else [start, goal]
-    return [{limb: c for limb, c in held.items() if limb != out} for held in sets for out in (None, 0, 1, 2, 3)]
+    return [{limb: c for limb, c in held.items() if limb != out} for held in sets for out in missing]
