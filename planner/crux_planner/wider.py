@@ -5,6 +5,7 @@ Proofs that no plan exists come first where they are quick, and last where they 
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -40,6 +41,7 @@ Realise = Callable[
 
 TILT_ROOM_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
 PASSING_M = 0.006  # between grippers that pass each other where they leave no more room; the check asks for 3 mm
+AIMS = 4  # goal poses tried, each with ends in reach that none before has
 LEVELS = ((False, 0.0, None), (True, TILT_ROOM_M, None), (True, TILT_ROOM_M, PASSING_M))
 """Grasps off the middle, room for a tilt, and clearance of passing grippers, None: the usual."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
@@ -74,11 +76,15 @@ def plan_wider(
         raise none_level  # what follows takes longer still
     now = time.monotonic()
     until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
-    for off_centre, tilt_m, passing_m in LEVELS:
-        if time.monotonic() > until:
+    aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
+    for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
+        if time.monotonic() > until or (aim > 0 and aims[off_centre, aim - 1] is None):
             break
-        with work.part("problem", 0.1):
-            found = aimed(build_problem(scenario, robot, off_centre=off_centre))
+        if (off_centre, aim) not in aims:
+            tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
+            with work.part("problem", 0.1):
+                aims[off_centre, aim] = aimed(build_problem(scenario, robot, off_centre=off_centre), tried)
+        found = aims[off_centre, aim]
         if found is None:
             continue
         wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_room_m=tilt_m)

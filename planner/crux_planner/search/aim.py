@@ -6,6 +6,7 @@ wall, so that a goal may be in reach of holds only at one edge of what it allows
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +18,15 @@ from crux_planner.problem import Goal, Pose, Problem
 _SAMPLES = 4000
 _USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and around it
 _RESERVE_M = 0.0005  # to the boxes' faces
+_NEW = 100.0  # an end not tried counts more than any choice
 _STRAYING = 1.0  # share of a limb's choice that the whole tolerance is worth
 
 
-def aimed(problem: Problem) -> tuple[Problem, Flags] | None:
-    """The problem with a goal pose that suits the wall, and which contacts (4, C) are in reach there; None if none."""
+def aimed(problem: Problem, tried: Sequence[Flags] = ()) -> tuple[Problem, Flags] | None:
+    """The problem with a goal pose that suits the wall, and which contacts (4, C) are in reach there; None if none.
+
+    `tried` are the contacts of poses aimed at before: the new one reaches others, as many as there are.
+    """
     goal = problem.goal
     share = _unit_balls(_SAMPLES)  # (n, 2, 3)
     position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
@@ -37,6 +42,9 @@ def aimed(problem: Problem) -> tuple[Problem, Flags] | None:
     choice = by_hold.sum(axis=2)  # (n, 4) holds
     worth = np.where(choice > 0, np.log(np.maximum(choice, 1)), -np.inf).sum(axis=1)
     worth -= _STRAYING * np.linalg.norm(share, axis=2).sum(axis=1)
+    if tried:
+        new = (reached & ~np.logical_or.reduce(tried)).any(axis=2).sum(axis=1)  # limbs that have another end there
+        worth = np.where(new > 0, worth + _NEW * new, -np.inf)
     best = int(np.argmax(worth))
     if not np.isfinite(worth[best]):
         return None
