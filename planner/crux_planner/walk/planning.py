@@ -18,7 +18,7 @@ from crux_planner.walk.contact_block import WalkContacts
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
-from crux_planner.walk.problem import BOLD, USUAL, WalkProblem, build_walk
+from crux_planner.walk.problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.work import Progress, Work, begin
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
@@ -63,7 +63,7 @@ def _plan(scenario: Scenario, robot: Robot, work: Work, deadline: float, method:
 
 def _walks(problem: WalkProblem, failures: list[InfeasibleError]) -> Iterator[WalkProblem]:
     """The walk with the usual care, gentler where the check refused what was found, bolder where nothing was."""
-    for care in (USUAL, BOLD):
+    for care in (USUAL, BOLD, BOLDEST):
         friction = speed = 1.0
         for _ in range(1 + GENTLER):
             yield gentler(replace(problem, care=care), friction, speed)

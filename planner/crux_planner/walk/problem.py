@@ -34,7 +34,8 @@ class Care:
 
 
 USUAL = Care(0.1275, 0.12, (1.0, 0.35))
-BOLD = Care(0.075, 0.06, (2.0, 0.7))  # where strides are too long for the usual
+BOLD = Care(0.1275, 0.12, (2.0, 0.7))  # where strides are too long for the usual
+BOLDEST = Care(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
