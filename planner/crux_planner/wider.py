@@ -14,7 +14,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Flags
-from crux_planner.bound.beside import AIM
+from crux_planner.bound.beside import AIM, PATIENCE_S
 from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
 from crux_planner.build import build_problem
@@ -95,7 +95,8 @@ def plan_wider(
         result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
         if result is not None:
             with work.part("bound", 0.95):  # of the problem with this aim and these grasps
-                result.gap = gap(result.cost, lower_bound(wide, (1.0 - AIM) * result.cost, effort=EFFORT))
+                bound = lower_bound(wide, (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
+                result.gap = gap(result.cost, bound)
             return result
     if share is not None:
         raise none_level

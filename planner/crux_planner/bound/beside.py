@@ -14,7 +14,7 @@ from crux_planner.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
 TIME_LIMIT_S = 60.0  # of a process that nobody listens to any more
-_PATIENCE_S = 10.0  # what is left when the plan is there is waited for no longer than this, on a machine that is busy
+PATIENCE_S = 10.0  # what is left when the plan is there is waited for no longer than this, on a machine that is busy
 
 
 class Beside:
@@ -24,7 +24,7 @@ class Beside:
         """With a `time_limit_s` of its own the bound takes as long as it needs, up to that; else so much work."""
         self._problem = problem
         self._limit_s = TIME_LIMIT_S if time_limit_s is None else time_limit_s
-        self._wait_s = _PATIENCE_S if time_limit_s is None else time_limit_s
+        self._wait_s = PATIENCE_S if time_limit_s is None else time_limit_s
         self._waited_for = time_limit_s is not None
         self._process: multiprocessing.process.BaseProcess | None = None
         self._inbox: Connection | None = None
