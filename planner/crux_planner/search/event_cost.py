@@ -149,6 +149,17 @@ class EventCost:
             highs.append(high)
         return np.max(lows, axis=0), np.min(highs, axis=0)
 
+    def waiting_costs(self, timed: Timed, estimate: Estimate) -> list[float]:
+        """What a knot more of each stance (n + 1) adds to J, about, the body half way between its places there."""
+        goal = self.problem.goal.body.position_m
+        arrived = np.vstack([self.problem.start.position_m, estimate.places[:, 1]])
+        leaving = np.vstack([estimate.places[:, 0], goal])
+        away = self.problem.weights.position * (((arrived + leaving) / 2 - goal) ** 2).sum(axis=1)
+        away[-1] = 0.0  # it waits at the goal
+        stances = [self.problem.start_contacts, *(move.after for move in timed.moves)]
+        last = len(stances) - 1
+        return [self._stance_effort(s, last=i == last) + float(away[i]) for i, s in enumerate(stances)]
+
     def _stance_effort(self, stance: Stance, *, last: bool) -> float:
         """R-term of one knot on all four limbs, the body where it is least; inf where it has no place."""
         key = (stance, last)

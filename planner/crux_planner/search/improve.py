@@ -22,6 +22,7 @@ _LEAST_GAIN = 2e-4  # of J, as a share of it
 _FARTHEST = 5  # places by which a step moves in the order
 _OTHERS = 3  # contacts tried instead of one
 _LAST_STANCE = 2  # knots at least
+_STARTS = 12  # stances tried that take all spare time
 
 Steps = tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
 """The limbs of each move and the contacts they go to."""
@@ -66,20 +67,31 @@ class _Improvement:
         return replace(best.timed, moves=timed)
 
     def _over(self) -> bool:
-        return self.costs.count >= self.estimates or time.monotonic() > self.deadline
+        return self.costs.count >= self.estimates or self._late()
+
+    def _late(self) -> bool:
+        return time.monotonic() > self.deadline
 
     def _first(self, steps: Steps) -> _Best | None:
+        """The steps with all spare time in one stance: the best of those that promise most, by where waiting is cheap.
+
+        On a long way a stance far from the goal costs most, so few of them are worth an estimate.
+        """
         moves = self._moves(steps)
-        found = [
-            (timed, estimate)
-            for where in (range(len(steps) + 1) if moves is not None else ())
-            if (timed := self._quick(moves or [], where)) is not None
-            and (estimate := self.costs.estimate(timed)) is not None
-        ]
-        if not found:
+        if moves is None:
             return None
-        timed, estimate = min(found, key=lambda pair: pair[1].cost)
-        return _Best(steps, timed, estimate)
+        found: list[_Best] = []
+        promising = list(range(len(steps), -1, -1))  # the last first
+        while promising and len(found) < _STARTS and not (found and self._late()):
+            timed = self._quick(moves, promising.pop(0))
+            estimate = None if timed is None else self.costs.estimate(timed)
+            if timed is None or estimate is None:
+                continue
+            found.append(_Best(steps, timed, estimate))
+            if len(found) == 1:
+                waiting = self.costs.waiting_costs(timed, estimate)
+                promising.sort(key=lambda where: waiting[where])
+        return min(found, key=lambda best: best.estimate.cost, default=None)
 
     def _climb(self, best: _Best, neighbours: Neighbours) -> tuple[_Best, bool]:
         """Takes neighbours as long as some are better; whether one was."""
