@@ -37,7 +37,7 @@ class StageFunctions:
 
     def started_elsewhere(self, problem: Problem) -> StageFunctions:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
-        for name in ("_reach", "_surface", "_torques", "_wrench", "_body_cost", "_column_cost"):
+        for name in ("_reach", "_surface", "_torques", "_torque_values", "_wrench", "_body_cost", "_column_cost"):
             getattr(self, name)  # made once, here
         other = StageFunctions(problem)
         other.__dict__.update({name: kept for name, kept in self.__dict__.items() if name not in ("problem", "_step")})
@@ -67,6 +67,12 @@ class StageFunctions:
         """Joint torques (n, 6) and their derivatives (n, 6, 11) by the pose and q."""
         found: tuple[Array, Array] = self._torques[limb](x, q, grasps)
         return found
+
+    def torque_values(self, limb: int, x: Array, q: Array, grasps: Array) -> Array:
+        """Joint torques (n, 6) alone: most climbs never need more."""
+        (found,) = self._torque_values[limb](x, q, grasps)
+        values: Array = found
+        return values
 
     def wrench_maps(self, grasps: Array) -> Array:
         """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, 9) centre, axis, tangent."""
@@ -115,17 +121,25 @@ class StageFunctions:
         return _function("surface", [u, friction, multiplier], [room, ca.jacobian(room, u), hessian])
 
     @cached_property
-    def _torques(self) -> list[_Mapped]:
+    def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:
+        """Arguments, what to differentiate by, and the joint torques of every limb."""
         x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
         force, _ = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
         twist = 2 * q[2] * self.scale[2] * grasp[3:6]
         place = (x[0:3], x[3:6], grasp[0:3], grasp[3:6])
         by = ca.vertcat(x[:POSE], q)
-        functions = []
-        for limb, masses in enumerate(self.problem.limb_masses):
-            torques = joint_torques(masses, *place, force, twist, self.problem.gravity_w)
-            functions.append(_function(f"torques_{limb}", [x, q, grasp], [torques, ca.jacobian(torques, by)]))
-        return functions
+        masses = self.problem.limb_masses
+        return [x, q, grasp], by, [joint_torques(m, *place, force, twist, self.problem.gravity_w) for m in masses]
+
+    @cached_property
+    def _torques(self) -> list[_Mapped]:
+        arguments, by, torques = self._torque_terms
+        return [_function(f"torques_{i}", arguments, [t, ca.jacobian(t, by)]) for i, t in enumerate(torques)]
+
+    @cached_property
+    def _torque_values(self) -> list[_Mapped]:
+        arguments, _, torques = self._torque_terms
+        return [_function(f"torque_values_{i}", arguments, [t]) for i, t in enumerate(torques)]
 
     @cached_property
     def _wrench(self) -> _Mapped:

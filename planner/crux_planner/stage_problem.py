@@ -142,7 +142,7 @@ class StageProblem:
         shares: dict[tuple[int, int], float] = {}
         for limb in range(4):
             knots = np.flatnonzero(self.stance[:, limb])
-            torques, _ = self.functions.torque(
+            torques = self.functions.torque_values(
                 limb, body[knots], columns[knots, limb, :WRENCH_INPUTS], self.grasps[knots, limb]
             )
             used = (np.abs(torques) / self.problem.torque_limits_Nm[limb]).max(axis=1)
