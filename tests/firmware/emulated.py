@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,3 +26,11 @@ def board(robot: Robot, limb: int, node: int, file: Path | None = None) -> Itera
     library = built("firmware/libcrux_emulated.so")
     with crux_emulated.Board(library, file or image(node), limb, node, around) as made:
         yield made
+
+
+def elf(code: bytes) -> bytes:
+    """An image of one segment at the start of the flash."""
+    header = (
+        b"\x7fELF\x01\x01\x01" + bytes(9) + struct.pack("<HHIIIIIHHHHHH", 2, 40, 1, 0, 52, 0, 0, 52, 32, 1, 0, 0, 0)
+    )
+    return header + struct.pack("<8I", 1, 84, 0x08000000, 0x08000000, len(code), len(code), 5, 4) + code

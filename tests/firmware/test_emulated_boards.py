@@ -8,13 +8,16 @@ from pathlib import Path
 
 import crux_emulated
 import pytest
+from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
-from emulated import board, image
+from emulated import board, elf, image
 from host import TRACK, Host, host
 
 LF = 0
 NODE = 2
 HOLD_STATE, TRACK_STATE = 1, 2
+BUS_OFF = 7  # cause of an emergency
+CAN_CONTROL = 0x18
 GRIPPER_COMMAND = {"Mode": TRACK, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
 
 
@@ -94,6 +97,42 @@ def test_restart_forgets_and_says_so(boards: tuple[Host, crux_emulated.Board]) -
     assert heard["JointStatus", NODE][-1]["CycleEcho"] == 19
 
 
+def test_controller_goes_off_the_bus_and_comes_back(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, emulated = boards
+    off, initialising = 1 << 7, 1 << 0
+    bus.plant.joint_position_rad[:] = 0.25
+    for cycle in range(50):
+        before, _ = bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+        bus.heard(LF)
+    assert emulated.can_register(crux_emulated.CAN_ERRORS) == 0
+
+    emulated.disturb(True)
+    seen_off, seen_errors = 0, 0
+    for cycle in range(50, 150):
+        during, _ = bus.run(cycle, command(0.9), GRIPPER_COMMAND)
+        assert not bus.heard(LF)["JointStatus", NODE]
+        seen_off += (emulated.can_register(crux_emulated.CAN_PROTOCOL) & off) != 0
+        seen_errors = max(seen_errors, emulated.can_register(crux_emulated.CAN_ERRORS) & 0xFF)
+    assert seen_off > 0
+    assert seen_errors >= 128  # through error passive
+    assert during[NODE - 1] == pytest.approx(before[NODE - 1], abs=0.05)  # it never heard of 0.9 rad
+
+    emulated.disturb(False)
+    causes: set[str] = set()
+    last: can_codec.Values = {}
+    for cycle in range(150, 200):
+        after, _ = bus.run(cycle, command(0.9), GRIPPER_COMMAND)
+        heard = bus.heard(LF)
+        causes |= {str(emergency["Cause"]) for emergency in heard["JointEmergency", NODE]}
+        last = (heard["JointStatus", NODE] or [last])[-1]
+    assert last["CycleEcho"] == 199
+    assert last["State"] == HOLD_STATE  # latched by its watchdog
+    assert str(BUS_OFF) in causes
+    assert emulated.can_register(crux_emulated.CAN_PROTOCOL) & off == 0
+    assert emulated.can_register(CAN_CONTROL) & initialising == 0
+    assert after[NODE - 1] == pytest.approx(before[NODE - 1], abs=0.05)
+
+
 def test_two_runs_execute_the_same_instructions_and_make_the_same_torque(robot: Robot) -> None:
     def run() -> tuple[int, list[float]]:
         with board(robot, LF, NODE) as emulated, host(robot) as bus:
@@ -108,14 +147,6 @@ def test_two_runs_execute_the_same_instructions_and_make_the_same_torque(robot: 
     one = run()
     assert one == run()
     assert one[0] > 1_000_000
-
-
-def elf(code: bytes) -> bytes:
-    """An image of one segment at the start of the flash."""
-    header = (
-        b"\x7fELF\x01\x01\x01" + bytes(9) + struct.pack("<HHIIIIIHHHHHH", 2, 40, 1, 0, 52, 0, 0, 52, 32, 1, 0, 0, 0)
-    )
-    return header + struct.pack("<8I", 1, 84, 0x08000000, 0x08000000, len(code), len(code), 5, 4) + code
 
 
 def test_an_image_that_touches_nothing_is_told_of(robot: Robot, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crux_tools.benches.firmware_cost import BUDGET_CYCLES, CYCLES_PER_INSTRUCTION, SHARE
 from crux_tools.paths import ROOT
 from crux_tools.telemetry.reader import Telemetry, read_log
 
@@ -67,6 +68,13 @@ def test_joints_go_the_same_way_under_the_same_torque(climbs: tuple[Climb, Climb
         one, two = (climb.log.inputs[field][1000:cycles, LF] for climb in climbs)
         difference = np.sqrt(np.mean((one - two) ** 2, axis=0))
         assert np.all(difference < bound), (field, difference)
+
+
+def test_interrupts_stay_below_what_the_bench_counts_at_the_worst(climbs: tuple[Climb, Climb]) -> None:
+    _, emulated = climbs
+    worst = emulated.result["worst_interrupts"]
+    assert 500 < worst["current_loop"] * CYCLES_PER_INSTRUCTION < SHARE * BUDGET_CYCLES
+    assert 50 < worst["can"] * CYCLES_PER_INSTRUCTION < SHARE * BUDGET_CYCLES
 
 
 def test_the_images_have_really_run(climbs: tuple[Climb, Climb]) -> None:

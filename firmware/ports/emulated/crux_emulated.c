@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
+#include <string.h>
 
 static _Thread_local char last_error[256];
 
@@ -18,6 +18,8 @@ emulated_node *crux_emulated_open(const char *image, int limb, int node, const e
 
 void crux_emulated_close(emulated_node *node) { emulated_node_delete(node); }
 
+void crux_emulated_power_on(emulated_node *node, double position) { emulated_node_power_on(node, position); }
+
 const crux_outside_node *crux_emulated_port(emulated_node *node) { return &node->port; }
 
 const char *crux_emulated_fault(const emulated_node *node) { return node->chip.core.fault; }
@@ -27,4 +29,36 @@ uint64_t crux_emulated_instructions(const emulated_node *node) { return node->ch
 cortex_cost crux_emulated_cost(const emulated_node *node, uint32_t exception) {
   const cortex_cost nothing = {0};
   return (exception < CORTEX_EXCEPTIONS) ? node->chip.core.cost[exception] : nothing;
+}
+
+double crux_emulated_control(emulated_node *node, double dt, double position) {
+  const crux_measured measured = {.position = position};
+  return node->port.control(node->port.context, dt, &measured);
+}
+
+static crux_frame frame_of(uint16_t id, const uint8_t *data, int length) {
+  crux_frame frame = {.id = id};
+  if ((length >= 0) && (length <= (int)CRUX_FRAME_CAPACITY)) {
+    frame.length = (uint8_t)length;
+    (void)memcpy(frame.data, data, (size_t)length);
+  }
+  return frame;
+}
+
+void crux_emulated_hear(emulated_node *node, uint16_t id, const uint8_t *data, int length) {
+  const crux_frame frame = frame_of(id, data, length);
+  node->port.hear(node->port.context, &frame);
+}
+
+void crux_emulated_flood(emulated_node *node, uint16_t id, const uint8_t *data, int length, int count) {
+  const crux_frame frame = frame_of(id, data, length);
+  fdcan_model_flood(&node->chip.can[0], node->chip.core.now, &frame, (count > 0) ? (uint32_t)count : 0U);
+}
+
+void crux_emulated_disturb(emulated_node *node, int on) { node->chip.can[0].disturbed = on != 0; }
+
+void crux_emulated_break_encoder(emulated_node *node, int on) { node->encoder_broken = on != 0; }
+
+uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset) {
+  return fdcan_model_read(&node->chip.can[0], offset);
 }

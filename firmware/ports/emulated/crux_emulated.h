@@ -16,6 +16,10 @@ CRUX_API void crux_emulated_close(emulated_node *node);
 /// Reason of the last failure in this thread.
 CRUX_API const char *crux_emulated_error(void);
 
+/// Power comes on with the shaft at `position` [rad, m], and the board boots. Otherwise the first control period does
+/// it.
+CRUX_API void crux_emulated_power_on(emulated_node *node, double position);
+
 /// What crux_nodes_replace takes; lives as long as the board.
 CRUX_API const crux_outside_node *crux_emulated_port(emulated_node *node);
 
@@ -27,5 +31,26 @@ CRUX_API uint64_t crux_emulated_instructions(const emulated_node *node);
 
 /// Cost of an exception's handler: 15 SysTick, 16 + n interrupt n; 0 the main loop from one sleep to the next.
 CRUX_API cortex_cost crux_emulated_cost(const emulated_node *node, uint32_t exception);
+
+// A board by itself, without crux_nodes, and what can be done to it.
+
+/// A control period of dt seconds in which the shaft goes to `position` [rad, m]; joint torque [Nm] or drive force of a
+/// finger [N].
+CRUX_API double crux_emulated_control(emulated_node *node, double dt, double position);
+
+/// A frame of at most CRUX_FRAME_CAPACITY bytes at the start of the next period.
+CRUX_API void crux_emulated_hear(emulated_node *node, uint16_t id, const uint8_t *data, int length);
+
+/// `count` of such frames in the FIFO at once, now; see fdcan_model_flood.
+CRUX_API void crux_emulated_flood(emulated_node *node, uint16_t id, const uint8_t *data, int length, int count);
+
+/// While on, no frame passes between the board and its bus: sending is an error each time, until the controller is off.
+CRUX_API void crux_emulated_disturb(emulated_node *node, int on);
+
+/// While on, the motor's encoder does not answer.
+CRUX_API void crux_emulated_break_encoder(emulated_node *node, int on);
+
+/// A register of FDCAN1, by its offset.
+CRUX_API uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset);
 
 #endif

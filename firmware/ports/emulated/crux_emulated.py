@@ -13,7 +13,9 @@ LIMBS = 4
 JOINTS = 6
 GRIPPER = 7
 MAIN_LOOP, SYSTICK = 0, 15
+ADC = 16 + 18
 FDCAN1 = 16 + 21
+CAN_ERRORS, CAN_PROTOCOL = 0x40, 0x44  # registers of FDCAN1
 
 
 class World(ctypes.Structure):
@@ -90,10 +92,17 @@ def _load(path: Path) -> ctypes.CDLL:
         "open": (handle, [ctypes.c_char_p, integer, integer, ctypes.POINTER(World)]),
         "close": (None, [handle]),
         "error": (ctypes.c_char_p, []),
+        "power_on": (None, [handle, ctypes.c_double]),
         "port": (handle, [handle]),
         "fault": (ctypes.c_char_p, [handle]),
         "instructions": (ctypes.c_uint64, [handle]),
         "cost": (_Cost, [handle, ctypes.c_uint32]),
+        "control": (ctypes.c_double, [handle, ctypes.c_double, ctypes.c_double]),
+        "hear": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer]),
+        "flood": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer, integer]),
+        "disturb": (None, [handle, integer]),
+        "break_encoder": (None, [handle, integer]),
+        "can_register": (ctypes.c_uint32, [handle, ctypes.c_uint32]),
     }
     for name, (result, arguments) in signatures.items():
         function = getattr(library, f"crux_emulated_{name}")
@@ -124,6 +133,10 @@ class Board:
             self._library.crux_emulated_close(self._handle)
             self._handle = None
 
+    def power_on(self, position: float) -> None:
+        """Boots with the shaft at `position` [rad, m]; otherwise the first control period does it."""
+        self._library.crux_emulated_power_on(self._handle, position)
+
     @property
     def port(self) -> int:
         """Address of the crux_outside_node, for Nodes.replace."""
@@ -143,3 +156,27 @@ class Board:
         """Of an exception's handler, or of MAIN_LOOP from one sleep to the next."""
         cost = self._library.crux_emulated_cost(self._handle, exception)
         return Cost(cost.calls, cost.instructions, cost.worst)
+
+    def control(self, dt_s: float, position: float) -> float:
+        """A control period without crux_nodes, in which the shaft goes to `position` [rad, m]."""
+        return float(self._library.crux_emulated_control(self._handle, dt_s, position))
+
+    def hear(self, identifier: int, data: bytes) -> None:
+        """A frame at the start of the next period."""
+        self._library.crux_emulated_hear(self._handle, identifier, data, len(data))
+
+    def flood(self, identifier: int, data: bytes, count: int) -> None:
+        """So many frames in the FIFO at once, which no bus can bring."""
+        self._library.crux_emulated_flood(self._handle, identifier, data, len(data), count)
+
+    def disturb(self, on: bool) -> None:
+        """While on, no frame passes; sending fails until the controller is off the bus."""
+        self._library.crux_emulated_disturb(self._handle, int(on))
+
+    def break_encoder(self, on: bool) -> None:
+        """While on, the motor's encoder does not answer."""
+        self._library.crux_emulated_break_encoder(self._handle, int(on))
+
+    def can_register(self, offset: int) -> int:
+        """Of FDCAN1."""
+        return int(self._library.crux_emulated_can_register(self._handle, offset))

@@ -14,7 +14,7 @@
 #include "stm32g4.h"
 
 #define EMULATED_GRIPPER 7
-#define EMULATED_INBOX 64U
+#define EMULATED_INBOX 128U
 
 /// Numbers of the robot that surround the chip. The shaft's position is the joint's angle [rad] or the fingers'
 /// opening [m].
@@ -48,11 +48,14 @@ typedef struct emulated_node {
   motor_model motor;
   magnetic_encoder rotor_encoder;
   magnetic_encoder coarse_encoder;
+  bool encoder_broken;  ///< of the rotor: its line stays high
   int limb;
   int node;
   bool powered;
   crux_frame heard[EMULATED_INBOX];  ///< since the last window
   uint32_t heard_count;
+  bool controlled;  ///< a period has passed since frames were last fetched
+  double dt;        ///< of the last period
   uint64_t window_start;
   uint64_t window_end;
   double from;  ///< position at the window's start
@@ -67,9 +70,13 @@ typedef struct emulated_node {
   uint8_t faults;
 } emulated_node;
 
-/// Builds the board around the image; NULL with the reason in `error`. The power comes with the first control period.
+/// Builds the board around the image; NULL with the reason in `error`. Without emulated_node_power_on the power comes
+/// with the first control period.
 emulated_node *emulated_node_new(const char *image, int limb, int node, const emulated_world *world, char *error,
                                  size_t error_bytes);
 void emulated_node_delete(emulated_node *node);
+
+/// Power comes on with the shaft at `position`; the board boots.
+void emulated_node_power_on(emulated_node *node, double position);
 
 #endif

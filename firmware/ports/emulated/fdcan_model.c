@@ -168,18 +168,27 @@ static void receive(fdcan_model *can, const crux_frame *frame) {
   can->registers[IR] |= ((fifo->fill == FIFO_LENGTH) ? (IR_RF0N | IR_RF0F) : IR_RF0N) << shift;
 }
 
-void fdcan_model_hear(fdcan_model *can, uint64_t now, const crux_frame *frame) {
+static void expect(fdcan_model *can, uint64_t arrives, const crux_frame *frame) {
   if (can->coming_count == FDCAN_WAITING) {
     can->overruns++;
     return;
   }
-  if (can->idle_at < now) {
-    can->idle_at = now;
-  }
-  can->idle_at += (can->kernel_hz > 0U) ? duration(can, frame->length) : 0U;
   can->coming[(can->coming_first + can->coming_count) % FDCAN_WAITING] =
-      (fdcan_waiting){.frame = *frame, .arrives = can->idle_at};
+      (fdcan_waiting){.frame = *frame, .arrives = arrives};
   can->coming_count++;
+}
+
+void fdcan_model_hear(fdcan_model *can, uint64_t now, const crux_frame *frame) {
+  can->idle_at = (can->idle_at < now) ? now : can->idle_at;
+  can->idle_at += (can->kernel_hz > 0U) ? duration(can, frame->length) : 0U;
+  expect(can, can->idle_at, frame);
+}
+
+void fdcan_model_flood(fdcan_model *can, uint64_t now, const crux_frame *frame, uint32_t count) {
+  can->idle_at = (can->idle_at < now) ? now : can->idle_at;
+  for (uint32_t i = 0U; i < count; i++) {
+    expect(can, can->idle_at, frame);
+  }
 }
 
 // --- sending ---

@@ -62,6 +62,9 @@ void fdcan_model_write(fdcan_model *can, uint64_t now, uint32_t offset, uint32_t
 /// A frame of somebody else begins at `now`, or when the bus is free.
 void fdcan_model_hear(fdcan_model *can, uint64_t now, const crux_frame *frame);
 
+/// So many of such frames at the same instant, as no bus can bring them: the FIFO is as full as it gets.
+void fdcan_model_flood(fdcan_model *can, uint64_t now, const crux_frame *frame, uint32_t count);
+
 /// What was due until `now`.
 void fdcan_model_advance(fdcan_model *can, uint64_t now);
 

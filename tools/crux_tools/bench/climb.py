@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,8 @@ class ClimbResult:
     reason: str
     log: Path
     courses: tuple[Course, ...] = ()
+    worst_interrupts: dict[str, int] | None = None
+    """instructions, of the emulated boards"""
 
     @property
     def ok(self) -> bool:
@@ -94,6 +96,8 @@ class ClimbResult:
             "log": str(self.log),
             "reason": self.reason,
         }
+        if self.worst_interrupts is not None:
+            result["worst_interrupts"] = self.worst_interrupts
         if self.outcome.robot_on_wall is not None:
             result["robot_on_wall"] = self.outcome.robot_on_wall
         if self.courses:
@@ -151,6 +155,9 @@ def climb(
     plant = Plant(model, plan, options.seed)
     recorder = Recorder(plant)
     with ExitStack() as stack:
+        boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
+        if boards is not None:
+            boards.power_on(plant)
         ports = stack.enter_context(run_ports())
         on_udp = options.bus == "udp"
         buses = ports.bus_urls() if on_udp else [f"socketcan:{interface}" for interface in INTERFACES]
@@ -162,7 +169,6 @@ def climb(
         runtime.await_answer(link)
         link.upload(plan)
         link.send(command_t.START, plan.plan_id, START_CYCLE)
-        boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
         nodes = stack.enter_context(FirmwareNodes(buses, robot, boards))
         plant.drive(
             [place.joint for place in options.emulated if place.joint is not None],
@@ -179,14 +185,16 @@ def climb(
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may make the bench late")
         outcome = loop.run()
-        if boards is not None and boards.faults():
-            raise WorkFailed(f"emulated boards: {'; '.join(boards.faults())}")
+        interrupts = None
+        if boards is not None:
+            boards.check()
+            interrupts = boards.worst_interrupts()
         if outcome.ending is not Ending.RUNTIME_DIED:
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
         last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
-    return _judged(plan, recorder, log, outcome, last_words, courses)
+    return replace(_judged(plan, recorder, log, outcome, last_words, courses), worst_interrupts=interrupts)
 
 
 def _judged(

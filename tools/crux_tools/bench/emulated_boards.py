@@ -12,6 +12,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 
 from crux_tools.bench.firmware_binding import binding
+from crux_tools.bench.plant import Plant
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.paths import built
 
@@ -78,15 +79,33 @@ class EmulatedBoards:
     ) -> None:
         self._held.close()
 
+    def power_on(self, plant: Plant) -> None:
+        """Boots them all where the plant stands, so that none is late for the runtime's first Sync."""
+        for place, board in self._boards.items():
+            joint = place.joint
+            board.power_on(
+                float(plant.finger_opening_m[place.limb] if joint is None else plant.joint_position_rad[joint])
+            )
+
     def ports(self) -> Iterator[tuple[Place, int]]:
         """Where each board plugs in: the address of its crux_outside_node."""
         for place, board in self._boards.items():
             yield place, board.port
 
-    def faults(self) -> list[str]:
-        """What images did wrong."""
-        return [f"{place}: {board.fault}" for place, board in self._boards.items() if board.fault]
+    def board(self, place: Place) -> Any:
+        """The crux_emulated.Board of a node."""
+        return self._boards[place]
 
-    def instructions(self) -> int:
-        """Executed by all boards."""
-        return sum(board.instructions for board in self._boards.values())
+    def worst_interrupts(self) -> dict[str, int]:
+        """Most instructions an interrupt took on any board, by its name."""
+        emulated = binding("emulated", "crux_emulated")
+        return {
+            name: max(board.cost(number).worst for board in self._boards.values())
+            for name, number in (("current_loop", emulated.ADC), ("can", emulated.FDCAN1))
+        }
+
+    def check(self) -> None:
+        """Raises WorkFailed when an image has done something wrong."""
+        faults = [f"{place}: {board.fault}" for place, board in self._boards.items() if board.fault]
+        if faults:
+            raise WorkFailed(f"emulated boards: {'; '.join(faults)}")

@@ -11,6 +11,7 @@ from crux_tools.output import add_json_option, note
 BENCHES = {
     "table2": ("time every method on the paper's two tasks, ten pairs each", "crux_tools.benches.table2"),
     "faults": ("break the buses in mid-climb in every way and time the hold", "crux_tools.benches.bus_faults"),
+    "firmware": ("count what the images' interrupts execute, against their time", "crux_tools.benches.firmware_cost"),
     "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
     "costs": ("the cost J of auto and of two-block ADMM on pairs of start and goal", "crux_tools.benches.costs"),
     "replan": ("plan again, warm, from every stance of a route over sixteen holds", "crux_tools.benches.replans"),
