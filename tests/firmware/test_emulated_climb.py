@@ -18,7 +18,7 @@ from crux_tools.paths import ROOT
 from crux_tools.telemetry.reader import Telemetry, read_log
 
 CRUX = [sys.executable, "-m", "crux_tools.cli"]
-EMULATED = "LF.1,LF.2,LF.3,LF.4,LF.5,LF.6"
+EMULATED = "LF"  # six joints and the gripper
 LF = slice(0, 6)
 
 
@@ -61,13 +61,11 @@ def test_reaches_the_goal_as_with_the_library(climbs: tuple[Climb, Climb]) -> No
     assert emulated.result["tracking"]["force_N"] == pytest.approx(library.result["tracking"]["force_N"], abs=0.2)
 
 
-def test_joints_go_the_same_way_under_the_same_torque(climbs: tuple[Climb, Climb]) -> None:
-    library, emulated = climbs
-    cycles = min(len(library.log.inputs), len(emulated.log.inputs))
+def test_ends_in_the_same_posture_under_the_same_torques(climbs: tuple[Climb, Climb]) -> None:
+    # Not compared cycle by cycle: a real gripper takes longer to let go and to grip, and the plan's clock waits for it.
     for field, bound in (("joint_position_rad", 0.01), ("joint_torque_nm", 0.5)):
-        one, two = (climb.log.inputs[field][1000:cycles, LF] for climb in climbs)
-        difference = np.sqrt(np.mean((one - two) ** 2, axis=0))
-        assert np.all(difference < bound), (field, difference)
+        one, two = (climb.log.inputs[field][-100:, LF].mean(axis=0) for climb in climbs)
+        assert np.all(np.abs(one - two) < bound), (field, one - two)
 
 
 def test_interrupts_stay_below_what_the_bench_counts_at_the_worst(climbs: tuple[Climb, Climb]) -> None:
