@@ -23,6 +23,7 @@ build/cmake/build.ninja build/asan/build.ninja: | setup
 
 build: setup build/cmake/build.ninja ## generate and compile everything
 	@cmake --build build/cmake -j $(JOBS)
+	@$(BIN)/python -m compileall -q msgs/python planner tools build/gen/python firmware/ports
 
 can-kernel: setup ## the kernel with CAN that tests run in; built when it is missing from ~/.cache/crux
 	@$(BIN)/crux can kernel
