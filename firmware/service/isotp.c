@@ -223,7 +223,7 @@ static void go_on(crux_isotp *isotp, crux_frame *frame) {
   } else if (isotp->block_left == 1U) {
     isotp->sending = CRUX_ISOTP_WAITS;
   } else {
-    isotp->block_left -= (isotp->block_left > 0U) ? 1U : 0U;
+    isotp->block_left = (uint8_t)((isotp->block_left > 0U) ? (isotp->block_left - 1U) : 0U);
   }
 }
 

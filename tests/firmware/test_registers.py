@@ -27,6 +27,7 @@ CORE = {
     "NVIC_ISER0": ("nvic", "iser", 0),
     "NVIC_IPR4": ("nvic", "ipr", 16),
     "NVIC_IPR5": ("nvic", "ipr", 20),
+    "SCB_AIRCR": ("scb", "aircr", 0),
     "SCB_SHPR3": ("scb", "shpr", 8),
     "SCB_CPACR": ("scb", "cpacr", 0),
 }
@@ -208,6 +209,8 @@ def field_values() -> dict[str, int]:
         found[expression] = right
     found |= {name: metapac.peripherals()[instance]["address"] for name, instance in OF_A_BASE.items()}
     found |= {f"IRQ_{name}": metapac.interrupts()[name] for name in ("ADC1_2", "FDCAN1_IT0")}
+    # PM0214, AIRCR: what is written without the key in the upper half is lost.
+    found |= {"SCB_AIRCR_KEY": 0x05FA << 16, "SCB_AIRCR_SYSRESETREQ": 1 << 2}
     # RM0440, FDCAN message RAM: a standard filter is SFT (31:30, 1: two ids), SFEC (29:27, 1: into FIFO 0), two ids.
     found["FDCAN_FILTER_TWO_IDS_TO_FIFO0(0x7FFUL, 0x123UL)"] = 1 << 30 | 1 << 27 | 0x7FF << 16 | 0x123
     return found

@@ -58,7 +58,13 @@ void fdcan_model_rates(const fdcan_model *can, uint32_t *nominal, uint32_t *data
 }
 
 void fdcan_model_reset(fdcan_model *can, uint32_t bit_rate, uint32_t data_bit_rate) {
-  *can = (fdcan_model){.bit_rate = bit_rate, .data_bit_rate = data_bit_rate, .sent_at = NEVER, .back_at = NEVER};
+  fdcan_model before = {.outbox_count = can->outbox_count, .outbox_first = can->outbox_first};
+  (void)memcpy(before.outbox, can->outbox, sizeof(before.outbox));
+  *can = before;  // what was sent has left
+  can->bit_rate = bit_rate;
+  can->data_bit_rate = data_bit_rate;
+  can->sent_at = NEVER;
+  can->back_at = NEVER;
   can->registers[CREL] = 0x32141218U;
   can->registers[DBTP] = 0x00000A33U;
   can->registers[CCCR] = CCCR_INIT;

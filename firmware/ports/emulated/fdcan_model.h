@@ -53,7 +53,8 @@ typedef struct fdcan_model {
   uint64_t overruns;  ///< frames lost because a FIFO was full
 } fdcan_model;
 
-/// As after a reset. Bit rates are those of the bus; a data bit rate of 0: a classic one.
+/// As after a reset; frames sent before it stay sent. Bit rates are those of the bus; a data bit rate of 0: a classic
+/// one.
 void fdcan_model_reset(fdcan_model *can, uint32_t bit_rate, uint32_t data_bit_rate);
 
 uint32_t fdcan_model_read(const fdcan_model *can, uint32_t offset);

@@ -111,6 +111,14 @@ uint8_t board_strapped_node(void) { return (uint8_t)(GPIO_IDR(GPIOC) & 7UL); }
 
 uint8_t board_strapped_limb(void) { return (uint8_t)((GPIO_IDR(GPIOC) >> 3UL) & 3UL); }
 
+_Noreturn void board_restart(void) {
+  __asm volatile("dsb" ::: "memory");
+  SCB_AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
+  __asm volatile("dsb" ::: "memory");
+  for (;;) {
+  }
+}
+
 bool board_wait_for_tick(void) {
   // Masked, so that a tick between the look and the sleep still wakes the core.
   __asm volatile("cpsid i" ::: "memory");

@@ -34,6 +34,9 @@ void board_spend(uint32_t cycles);
 uint8_t board_strapped_node(void);
 uint8_t board_strapped_limb(void);
 
+/// Resets the chip: the bridge opens, the image starts anew.
+_Noreturn void board_restart(void);
+
 /// Waits for the next interrupt; true once for each tick that has passed.
 bool board_wait_for_tick(void);
 

@@ -7,7 +7,7 @@
 #include "node_table.h"
 #include "registers.h"
 
-/// Power of two, some cycles' worth of a node's two identifiers.
+/// Power of two, some cycles' worth of a node's identifiers.
 #define RING_LENGTH 16U
 
 /// After the current loop, which must not wait; a frame waits in its FIFO, which holds three.
@@ -41,10 +41,13 @@ static void leave_bus(uint32_t can) {
   FDCAN_CCCR(can) |= FDCAN_CCCR_CCE;
 }
 
-/// Hears two identifiers and nothing else.
-static void set_filter(uint32_t can, uint32_t ram, uint16_t id, uint16_t other_id) {
-  FDCAN_FILTER(ram, 0U) = FDCAN_FILTER_TWO_IDS_TO_FIFO0((uint32_t)id, (uint32_t)other_id);
-  FDCAN_RXGFC(can) = FDCAN_RXGFC_REJECT_REMOTE | FDCAN_RXGFC_REJECT_OTHERS | FDCAN_RXGFC_STANDARD_FILTERS(1UL);
+static void set_filter(uint32_t ram, uint32_t index, uint16_t id, uint16_t other_id) {
+  FDCAN_FILTER(ram, index) = FDCAN_FILTER_TWO_IDS_TO_FIFO0((uint32_t)id, (uint32_t)other_id);
+}
+
+/// Hears the identifiers of the first filters and nothing else.
+static void hear_only(uint32_t can, uint32_t filters) {
+  FDCAN_RXGFC(can) = FDCAN_RXGFC_REJECT_REMOTE | FDCAN_RXGFC_REJECT_OTHERS | FDCAN_RXGFC_STANDARD_FILTERS(filters);
 }
 
 static void join_bus(uint32_t can) {
@@ -53,13 +56,15 @@ static void join_bus(uint32_t can) {
   }
 }
 
-void fdcan_init(uint16_t sync_id, uint16_t command_id) {
+void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id) {
   leave_bus(FDCAN1);
   FDCAN_CCCR(FDCAN1) |= FDCAN_CCCR_FDOE | FDCAN_CCCR_BRSE;
   FDCAN_NBTP(FDCAN1) = NOMINAL_TIMING(NODE_BIT_RATE);
   FDCAN_DBTP(FDCAN1) = FDCAN_DBTP_TDC | DATA_TIMING(NODE_DATA_BIT_RATE);
   FDCAN_TDCR(FDCAN1) = (BEFORE(NODE_DATA_BIT_RATE) + 1UL) << 8;  // secondary sample point at the sample point
-  set_filter(FDCAN1, FDCAN1_RAM, sync_id, command_id);
+  set_filter(FDCAN1_RAM, 0U, sync_id, command_id);
+  set_filter(FDCAN1_RAM, 1U, request_id, request_id);
+  hear_only(FDCAN1, 2UL);
   FDCAN_IE(FDCAN1) = FDCAN_IR_RF0N;
   FDCAN_ILS(FDCAN1) = 0UL;
   FDCAN_ILE(FDCAN1) = 1UL;
@@ -71,7 +76,8 @@ void fdcan_init(uint16_t sync_id, uint16_t command_id) {
 void fdcan_sensor_init(uint16_t first_id, uint16_t second_id) {
   leave_bus(FDCAN2);
   FDCAN_NBTP(FDCAN2) = NOMINAL_TIMING(SENSOR_BIT_RATE);
-  set_filter(FDCAN2, FDCAN2_RAM, first_id, second_id);
+  set_filter(FDCAN2_RAM, 0U, first_id, second_id);
+  hear_only(FDCAN2, 1UL);
   join_bus(FDCAN2);
 }
 
@@ -140,6 +146,8 @@ static void put_element(uint32_t can, uint32_t ram, const crux_frame *frame, uin
 }
 
 bool fdcan_can_send(void) { return can_send(FDCAN1); }
+
+bool fdcan_has_sent(void) { return FDCAN_TXBRP(FDCAN1) == 0UL; }
 
 void fdcan_send(const crux_frame *frame) {
   put_element(FDCAN1, FDCAN1_RAM, frame, BIT(20) | BIT(21));  // bit-rate switch, FD format

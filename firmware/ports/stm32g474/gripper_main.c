@@ -9,10 +9,12 @@
 #include "fdcan.h"
 #include "gripper_node.h"
 #include "node_table.h"
+#include "service.h"
 #include "wrench_sensor.h"
 
 static crux_gripper_node node;
 static crux_gripper_drive drive;
+static crux_service service;
 static crux_wrench_sensor sensor;
 
 /// Homes and starts the drive. Without a calibration there is none.
@@ -60,15 +62,18 @@ static void read_sensor(crux_gripper_inputs *inputs) {
 int main(void) {
   board_init();
   const uint8_t limb = board_strapped_limb();
-  const crux_gripper_parameters *parameters = &node_table_grippers[limb];
+  crux_gripper_parameters parameters = node_table_grippers[limb];
   const crux_gripper_drive_parameters *motor = &node_table_gripper_drives[limb];
-  if ((crux_gripper_parameters_fault(parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
+  if ((crux_gripper_parameters_fault(&parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
       (crux_screw_parameters_fault(&motor->screw) != NULL)) {
     return 1;
   }
-  crux_gripper_node_init(&node, limb, node_table_hash, parameters);
-  const bool driven = start(motor, parameters);
-  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND);
+  crux_service_init(&service, (uint8_t)CRUX_CAN_NODE_GRIPPER, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters,
+                    NULL);
+  crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
+  crux_service_attach(&service, &node.parameters);
+  const bool driven = start(motor, &parameters);
+  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST);
   crux_wrench_sensor_init(&sensor);
   fdcan_sensor_init((uint16_t)CRUX_WRENCH_SENSOR_FIRST_ID, (uint16_t)CRUX_WRENCH_SENSOR_SECOND_ID);
   crux_gripper_inputs inputs = {0};
@@ -79,6 +84,7 @@ int main(void) {
     const bool tick = board_wait_for_tick();
     while (fdcan_receive(&frame)) {
       crux_gripper_node_on_frame(&node, &frame);
+      crux_service_on_frame(&service, &frame, node.state);
     }
     if (tick) {
       measure(&inputs, driven);
@@ -88,10 +94,15 @@ int main(void) {
         const bool may_release = node.state == (uint8_t)CRUX_STATE_TRACK;
         crux_gripper_drive_tick(&drive, BOARD_TICK_S, outputs.force_N, may_release, inputs.temperature_degC);
       }
+      crux_service_tick(&service, BOARD_TICK_US, node.state);
     }
     crux_gripper_node_publish(&node, &inputs);
-    while ((node.link.queue_count > 0U) && fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    while (fdcan_can_send() &&
+           (crux_link_take_frame(&node.link, &frame) || crux_service_take_frame(&service, &frame))) {
       fdcan_send(&frame);
+    }
+    if (fdcan_has_sent() && crux_service_restarts(&service)) {
+      board_restart();
     }
   }
 }

@@ -8,9 +8,11 @@
 #include "fdcan.h"
 #include "joint_node.h"
 #include "node_table.h"
+#include "service.h"
 
 static crux_joint_node node;
 static crux_joint_drive drive;
+static crux_service service;
 
 /// Homes and starts the drive. Without a calibration there is none.
 static bool start(const crux_joint_drive_parameters *parameters, const crux_joint_parameters *limits) {
@@ -48,15 +50,18 @@ int main(void) {
     return 1;  // not strapped as a joint: stay off the bus
   }
   const uint32_t index = (limb * CRUX_CAN_JOINTS) + number - 1U;
-  const crux_joint_parameters *parameters = &node_table_joints[index];
+  crux_joint_parameters parameters = node_table_joints[index];
   const crux_joint_drive_parameters *motor = &node_table_joint_drives[index];
-  if ((crux_joint_parameters_fault(parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
+  if ((crux_joint_parameters_fault(&parameters) != NULL) || (crux_motor_parameters_fault(&motor->motor) != NULL) ||
       (crux_gear_parameters_fault(&motor->gear) != NULL)) {
     return 1;
   }
-  crux_joint_node_init(&node, limb, number, node_table_hash, parameters);
-  const bool driven = start(motor, parameters);
-  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number));
+  crux_service_init(&service, number, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters, NULL);
+  crux_joint_node_init(&node, limb, number, node_table_hash, &parameters);
+  crux_service_attach(&service, &node.parameters);
+  const bool driven = start(motor, &parameters);
+  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number),
+             (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number));
   crux_joint_inputs inputs = {0};
   measure(&inputs, driven);
   crux_joint_outputs outputs = {0};
@@ -65,6 +70,7 @@ int main(void) {
     const bool tick = board_wait_for_tick();
     while (fdcan_receive(&frame)) {
       crux_joint_node_on_frame(&node, &frame);
+      crux_service_on_frame(&service, &frame, node.state);
     }
     if (tick) {
       measure(&inputs, driven);
@@ -72,10 +78,15 @@ int main(void) {
       if (driven) {
         crux_joint_drive_tick(&drive, BOARD_TICK_S, outputs.torque_Nm, inputs.temperature_degC);
       }
+      crux_service_tick(&service, BOARD_TICK_US, node.state);
     }
     crux_joint_node_publish(&node, &inputs);
-    while ((node.link.queue_count > 0U) && fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    while (fdcan_can_send() &&
+           (crux_link_take_frame(&node.link, &frame) || crux_service_take_frame(&service, &frame))) {
       fdcan_send(&frame);
+    }
+    if (fdcan_has_sent() && crux_service_restarts(&service)) {
+      board_restart();
     }
   }
 }

@@ -8,13 +8,16 @@
 #define REGISTER16(address) (*(volatile uint16_t *)(address))
 #define BIT(n) (1UL << (n))
 
-// Cortex-M4: SysTick, NVIC, coprocessor access.
+// Cortex-M4: SysTick, NVIC, reset, coprocessor access.
 #define SYST_CSR REGISTER(0xE000E010UL)
 #define SYST_RVR REGISTER(0xE000E014UL)
 #define SYST_CVR REGISTER(0xE000E018UL)
 #define NVIC_ISER0 REGISTER(0xE000E100UL)
 #define NVIC_IPR4 REGISTER(0xE000E410UL)  ///< priorities of interrupts 16..19, a byte each, upper four bits used
 #define NVIC_IPR5 REGISTER(0xE000E414UL)  ///< 20..23
+#define SCB_AIRCR REGISTER(0xE000ED0CUL)
+#define SCB_AIRCR_KEY (0x05FAUL << 16)
+#define SCB_AIRCR_SYSRESETREQ BIT(2)
 #define SCB_SHPR3 REGISTER(0xE000ED20UL)  ///< SysTick in the uppermost byte
 #define SCB_CPACR REGISTER(0xE000ED88UL)
 #define IRQ_ADC1_2 18U
@@ -176,6 +179,7 @@
 #define FDCAN_RXF0S(can) REGISTER((can) + 0x90UL)
 #define FDCAN_RXF0A(can) REGISTER((can) + 0x94UL)
 #define FDCAN_TXFQS(can) REGISTER((can) + 0xC4UL)
+#define FDCAN_TXBRP(can) REGISTER((can) + 0xC8UL)
 #define FDCAN_TXBAR(can) REGISTER((can) + 0xCCUL)
 #define FDCAN_CCCR_INIT BIT(0)
 #define FDCAN_CCCR_CCE BIT(1)

@@ -1,0 +1,85 @@
+"""Services of the images: parameters and a restart, asked over ISO-TP of emulated boards."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import crux_emulated
+import pytest
+from crux_contracts.node_parameters import table
+from crux_contracts.node_services import number
+from crux_contracts.robot import Robot, load_robot
+from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
+from crux_tools.can.param_command import describe, write
+from emulated import GRIPPER, board
+from host import HOLD, TRACK, host
+from service_host import Desk
+
+LF = 0
+JOINT = 2
+ANSWER_S = 10.0  # an emulated board is slower than a real one
+TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("scaler")
+
+
+@pytest.fixture(scope="module")
+def boards(robot: Robot) -> Iterator[tuple[Desk, list[crux_emulated.Board]]]:
+    """LF's second joint and its gripper are emulated."""
+    with board(robot, LF, JOINT) as joint, board(robot, LF, GRIPPER) as gripper, host(robot) as spoken:
+        spoken.nodes.replace(LF, JOINT, joint.port)
+        spoken.nodes.replace(LF, GRIPPER, gripper.port)
+        running = Desk(spoken)
+        try:
+            yield running, [joint, gripper]
+        finally:
+            running.end()
+
+
+def link(desk: Desk, robot: Robot, node: str) -> NodeLink:
+    name = node_name(node)
+    return NodeLink(name, limb_bus(desk.base(), robot, name.limb), ANSWER_S)
+
+
+@pytest.mark.parametrize(("node", "kind"), [("LF.2", "joint"), ("LF.gripper", "gripper")])
+def test_an_image_tells_the_values_of_the_robot_description(
+    boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot, node: str, kind: str
+) -> None:
+    desk, emulated = boards
+    with link(desk, robot, node) as asked:
+        entries = describe(asked)
+        assert list(entries) == [parameter.name for parameter in table()[kind]]
+        version = asked.read(number("data", "VERSION"))
+    assert struct.unpack("<I", version[4:8])[0] == int(robot.hash[:8], 16)
+    if kind == "joint":
+        assert entries["torque_limit_Nm"].value == pytest.approx(robot.limbs[LF].joints[JOINT - 1].effort)
+    else:
+        assert entries["stiffness_N_m"].value == pytest.approx(robot.gripper.stiffness_N_m)
+    assert [one.fault for one in emulated] == ["", ""]
+
+
+def test_an_image_writes_at_rest_only_and_forgets_over_a_restart(
+    boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot
+) -> None:
+    desk, emulated = boards
+    described = robot.servo.setpoint_time_constant_s
+    with link(desk, robot, "LF.2") as joint:
+        desk.command(TRACKED)
+        entry = describe(joint)["setpoint_time_constant_s"]
+        with pytest.raises(Refused) as refusal:
+            write(joint, entry, 0.03)
+        assert refusal.value.code == number("refusal", "CONDITIONS")
+        desk.command(TRACKED | {"Mode": HOLD})
+        write(joint, entry, 0.03)
+        assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(0.03)
+        desk.command(None)
+        with pytest.raises(Refused):
+            joint.request("RESET", struct.pack("<BI", 1, 0))  # nobody says that the robot is off the wall
+        assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(0.03)
+        joint.restart()
+        assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(described)
+    assert [one.fault for one in emulated] == ["", ""]
