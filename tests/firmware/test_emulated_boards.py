@@ -149,15 +149,24 @@ def test_two_runs_execute_the_same_instructions_and_make_the_same_torque(robot: 
     assert one[0] > 1_000_000
 
 
-def test_an_image_that_touches_nothing_is_told_of(robot: Robot, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("instruction", "address", "told"),
+    [
+        (0x6801, 0x40005C00, "nothing to read at 0x40005C00"),  # ldr r1, [r0]
+        (0x6001, 0x0807F800, "programs flash that is locked or busy at 0x0007F800"),  # str r1, [r0]
+    ],
+)
+def test_an_image_that_touches_what_it_should_not_is_told_of(
+    robot: Robot, tmp_path: Path, instruction: int, address: int, told: str
+) -> None:
     broken = tmp_path / "broken.elf"
-    # Vectors; then ldr r0, =0x40005C00; ldr r1, [r0]; b .
-    code = struct.pack("<IIHHHHI", 0x20018000, 0x08000009, 0x4801, 0x6801, 0xE7FE, 0xBF00, 0x40005C00)
+    # Vectors; then ldr r0, =address; the instruction; b .
+    code = struct.pack("<IIHHHHI", 0x20018000, 0x08000009, 0x4801, instruction, 0xE7FE, 0xBF00, address)
     broken.write_bytes(elf(code))
     with board(robot, LF, NODE, broken) as emulated, host(robot) as bus:
         bus.nodes.replace(LF, NODE, emulated.port)
         bus.control()
-        assert emulated.fault.startswith("nothing to read at 0x40005C00")
+        assert emulated.fault.startswith(told)
 
 
 def test_what_is_no_image_is_refused(robot: Robot, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Iterator
 
 import crux_emulated
@@ -11,13 +12,14 @@ from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
-from crux_tools.can.param_command import describe, write
+from crux_tools.can.param_command import describe, run_routine, write
 from emulated import GRIPPER, board
 from host import HOLD, TRACK, host
 from service_host import Desk
 
 LF = 0
 JOINT = 2
+PAGE_BYTES = 2048
 ANSWER_S = 10.0  # an emulated board is slower than a real one
 TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}
 
@@ -82,4 +84,46 @@ def test_an_image_writes_at_rest_only_and_forgets_over_a_restart(
         assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(0.03)
         joint.restart()
         assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(described)
+    assert [one.fault for one in emulated] == ["", ""]
+
+
+def power_off_and_on(desk: Desk) -> None:
+    desk.nodes.reset(LF, JOINT)
+    time.sleep(0.1)  # it boots, and hears nothing meanwhile
+
+
+def test_saved_values_outlive_the_power(boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot) -> None:
+    desk, emulated = boards
+    described = robot.servo.setpoint_time_constant_s
+    with link(desk, robot, "LF.2") as joint:
+        for value in (0.03, 0.025):  # the second snapshot goes behind the first
+            write(joint, describe(joint)["setpoint_time_constant_s"], value)
+            run_routine(joint, "SAVE")
+            power_off_and_on(desk)
+            assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(value)
+        run_routine(joint, "FORGET")
+        power_off_and_on(desk)
+        assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(described)
+    assert [one.fault for one in emulated] == ["", ""]
+
+
+def test_pages_are_erased_when_they_are_full_and_the_calibration_stays(
+    boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot
+) -> None:
+    desk, emulated = boards
+    with link(desk, robot, "LF.2") as joint:
+        writable = [entry for entry in describe(joint).values() if entry.writable]
+        snapshot_bytes = 8 * (1 + len(writable))
+        for entry in writable:
+            write(joint, entry, entry.least)
+        for _ in range(2 * PAGE_BYTES // snapshot_bytes + 2):  # both pages, and the first one again
+            run_routine(joint, "SAVE")
+        power_off_and_on(desk)
+        entries = describe(joint)
+        assert [entries[entry.name].value for entry in writable] == [entry.least for entry in writable]
+        run_routine(joint, "FORGET")
+    power_off_and_on(desk)
+    desk.command(TRACKED)  # with no calibration it would be in FAULT
+    desk.command(TRACKED | {"Mode": HOLD})
+    desk.command(None)
     assert [one.fault for one in emulated] == ["", ""]

@@ -58,6 +58,16 @@ FIELDS = [
     ("FLASH_ACR_PREFETCH", "FLASH.acr", "prften", 1),
     ("FLASH_ACR_ICACHE", "FLASH.acr", "icen", 1),
     ("FLASH_ACR_DCACHE", "FLASH.acr", "dcen", 1),
+    ("FLASH_ACR_DCRST", "FLASH.acr", "dcrst", 1),
+    ("FLASH_SR_BSY", "FLASH.sr", "bsy", 1),
+    ("FLASH_CR_PG", "FLASH.cr", "pg", 1),
+    ("FLASH_CR_PER", "FLASH.cr", "per", 1),
+    ("FLASH_CR_PNB(127)", "FLASH.cr", "pnb", None),
+    ("FLASH_CR_BKER", "FLASH.cr", "bker", 1),
+    ("FLASH_CR_STRT", "FLASH.cr", "strt", 1),
+    ("FLASH_CR_LOCK", "FLASH.cr", "lock", 1),
+    ("FLASH_ECCR_ECCD", "FLASH.eccr", "eccd", 1),
+    ("FLASH_OPTR_DBANK", "FLASH.optr", "dbank", 1),
     ("RCC_CR_HSEON", "RCC.cr", "hseon", 1),
     ("RCC_CR_HSERDY", "RCC.cr", "hserdy", 1),
     ("RCC_CR_PLLON", "RCC.cr", "pllon", 1),
@@ -142,10 +152,14 @@ FIELDS = [
 ]
 # Where the crate errs: the reference manual RM0440 and ST's own headers have R1MODE in bit 8.
 CRATE_ERRS = {"PWR_CR5_R1MODE": (1 << 8, "PWR.cr5", "r1mode")}
-# Values that span two fields: each must be the sum.
+FLASH_ERRORS = (
+    "operr", "progerr", "wrperr", "pgaerr", "sizerr", "pgserr", "miserr", "fasterr", "rderr", "optverr",
+)  # fmt: skip
+# Values that span several fields: each must be the sum.
 SUMS = [
     ("FDCAN_RXGFC_REJECT_REMOTE", "FDCAN1.rxgfc", {"rrfe": 1, "rrfs": 1}),
     ("FDCAN_RXGFC_REJECT_OTHERS", "FDCAN1.rxgfc", {"anfe": 2, "anfs": 2}),
+    ("FLASH_SR_ERRORS", "FLASH.sr", dict.fromkeys(FLASH_ERRORS, 1)),
 ]
 # Not registers: fields of a filter and length of an element in the FDCAN's message RAM, checked by what lies there.
 OTHERS = {"FDCAN_FILTER_TWO_IDS_TO_FIFO0", "FDCAN_ELEMENT_WORDS", "ADC_SAMPLE_12_CYCLES", "ADC_SAMPLE_247_CYCLES"}
@@ -209,6 +223,8 @@ def field_values() -> dict[str, int]:
         found[expression] = right
     found |= {name: metapac.peripherals()[instance]["address"] for name, instance in OF_A_BASE.items()}
     found |= {f"IRQ_{name}": metapac.interrupts()[name] for name in ("ADC1_2", "FDCAN1_IT0")}
+    # RM0440, FLASH_KEYR: the two words that unlock it.
+    found |= {"FLASH_KEY_1": 0x45670123, "FLASH_KEY_2": 0xCDEF89AB}
     # PM0214, AIRCR: what is written without the key in the upper half is lost.
     found |= {"SCB_AIRCR_KEY": 0x05FA << 16, "SCB_AIRCR_SYSRESETREQ": 1 << 2}
     # RM0440, FDCAN message RAM: a standard filter is SFT (31:30, 1: two ids), SFEC (29:27, 1: into FIFO 0), two ids.

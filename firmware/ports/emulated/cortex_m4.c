@@ -61,6 +61,15 @@ static void write_chip(uc_engine *engine, uint64_t offset, unsigned size, uint64
   }
 }
 
+/// The flash is mapped read-only: the engine asks here what to do with a write, and the chip does it.
+static bool program_flash(uc_engine *engine, uc_mem_type type, uint64_t address, int size, int64_t value,
+                          void *context) {
+  cortex_m4 *core = context;
+  (void)engine;
+  (void)type;
+  return core->chip.program(core->chip.context, (uint32_t)address - FLASH_START, (uint32_t)size, (uint32_t)value);
+}
+
 // --- execution ---
 
 static uint16_t count_instructions(const cortex_m4 *core, uint32_t offset, uint32_t bytes) {
@@ -186,6 +195,10 @@ bool cortex_open(cortex_m4 *core, const cortex_chip *chip) {
     void (*function)(uc_engine *, uint64_t, uint32_t, void *);
     void *object;
   } on_block_pointer = {.function = on_block};
+  const union {
+    bool (*function)(uc_engine *, uc_mem_type, uint64_t, int, int64_t, void *);
+    void *object;
+  } program_flash_pointer = {.function = program_flash};
   *core = (cortex_m4){.chip = *chip, .chip_at = CORTEX_NEVER, .systick_at = CORTEX_NEVER, .dead = true};
   core->flash = aligned_alloc(4096U, CORTEX_FLASH_BYTES);
   core->ram = aligned_alloc(4096U, CORTEX_RAM_BYTES);
@@ -213,6 +226,9 @@ bool cortex_open(cortex_m4 *core, const cortex_chip *chip) {
                                              cortex_write_control, core);
   error = (error != UC_ERR_OK) ? error
                                : uc_hook_add(core->engine, &hook, UC_HOOK_BLOCK, on_block_pointer.object, core, 1, 0);
+  error = (error != UC_ERR_OK) ? error
+                               : uc_hook_add(core->engine, &hook, UC_HOOK_MEM_WRITE_PROT, program_flash_pointer.object,
+                                             core, FLASH_START, FLASH_START + CORTEX_FLASH_BYTES - 1U);
   if (error != UC_ERR_OK) {
     (void)snprintf(core->fault, sizeof(core->fault), "unicorn: %s", uc_strerror(error));
     cortex_close(core);

@@ -23,6 +23,8 @@ typedef struct cortex_chip {
   /// False: nothing answers there, a bus fault.
   bool (*read)(void *context, uint32_t offset, uint32_t *value);
   bool (*write)(void *context, uint32_t offset, uint32_t value);
+  /// The image writes `size` bytes into the flash, `offset` from its start. False: refused, a fault.
+  bool (*program)(void *context, uint32_t offset, uint32_t size, uint32_t value);
   /// The time of cortex_wake_at has come.
   void (*on_time)(void *context);
   /// The image asks for a reset; calls cortex_power_on.

@@ -200,7 +200,7 @@ static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
       *value = chip->pwr[word];
       break;
     case FLASH:
-      *value = chip->flash_control[word];
+      *value = stm32g4_read_flash(chip, word);
       break;
     default:
       break;
@@ -250,7 +250,7 @@ static bool write_chip(void *context, uint32_t offset, uint32_t value) {
       chip->pwr[word] = value;
       break;
     case FLASH:
-      chip->flash_control[word] = value;
+      stm32g4_write_flash(chip, word, value);
       break;
     default:
       break;
@@ -260,11 +260,19 @@ static bool write_chip(void *context, uint32_t offset, uint32_t value) {
 
 bool stm32g4_pin(const stm32g4 *chip, unsigned pin) { return ((chip->gpio[0][GPIO_ODR] >> pin) & 1U) != 0U; }
 
+static bool program(void *context, uint32_t offset, uint32_t size, uint32_t value) {
+  return stm32g4_program_flash(context, offset, size, value);
+}
+
 static void restart(void *context) { stm32g4_power_on(context); }
 
 bool stm32g4_open(stm32g4 *chip, const stm32g4_board *board, uint32_t bit_rate, uint32_t data_bit_rate) {
-  const cortex_chip around = {
-      .context = chip, .read = read_chip, .write = write_chip, .on_time = on_time, .restart = restart};
+  const cortex_chip around = {.context = chip,
+                              .read = read_chip,
+                              .write = write_chip,
+                              .program = program,
+                              .on_time = on_time,
+                              .restart = restart};
   *chip = (stm32g4){.board = *board, .bit_rate = bit_rate, .data_bit_rate = data_bit_rate, .update_at = NEVER};
   return cortex_open(&chip->core, &around);
 }
@@ -274,7 +282,7 @@ void stm32g4_close(stm32g4 *chip) { cortex_close(&chip->core); }
 void stm32g4_power_on(stm32g4 *chip) {
   (void)memset(chip->rcc, 0, sizeof(chip->rcc));
   (void)memset(chip->pwr, 0, sizeof(chip->pwr));
-  (void)memset(chip->flash_control, 0, sizeof(chip->flash_control));
+  stm32g4_reset_flash(chip);
   (void)memset(chip->gpio, 0, sizeof(chip->gpio));
   (void)memset(chip->timer1, 0, sizeof(chip->timer1));
   (void)memset(chip->spi1, 0, sizeof(chip->spi1));

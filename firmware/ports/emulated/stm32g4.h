@@ -38,6 +38,9 @@ typedef struct stm32g4 {
   uint32_t rcc[64];
   uint32_t pwr[64];
   uint32_t flash_control[64];
+  uint64_t flash_busy_until;
+  uint32_t flash_unit;  ///< the double word that was written last
+  bool flash_half_written;
   uint32_t gpio[3][64];
   uint32_t timer1[64];
   uint32_t spi1[64];

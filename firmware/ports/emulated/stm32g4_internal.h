@@ -13,6 +13,14 @@ void stm32g4_write_timer1(stm32g4 *chip, uint32_t word, uint32_t value);
 uint32_t stm32g4_read_adc(stm32g4 *chip, uint32_t word);
 void stm32g4_write_adc(stm32g4 *chip, uint32_t word, uint32_t value);
 
+/// The flash's controller as after a reset; what is in the flash stays.
+void stm32g4_reset_flash(stm32g4 *chip);
+
+/// A write of `size` bytes into the flash, `offset` from its start. False when it is refused.
+bool stm32g4_program_flash(stm32g4 *chip, uint32_t offset, uint32_t size, uint32_t value);
+uint32_t stm32g4_read_flash(const stm32g4 *chip, uint32_t word);
+void stm32g4_write_flash(stm32g4 *chip, uint32_t word, uint32_t value);
+
 /// Level of the converters' interrupt.
 bool stm32g4_converted(const stm32g4 *chip);
 

@@ -130,3 +130,5 @@ bool board_wait_for_tick(void) {
   ticks_seen += passed ? 1U : 0U;
   return passed;
 }
+
+bool board_is_behind(void) { return ticks_passed != ticks_seen; }

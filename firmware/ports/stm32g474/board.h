@@ -40,4 +40,7 @@ _Noreturn void board_restart(void);
 /// Waits for the next interrupt; true once for each tick that has passed.
 bool board_wait_for_tick(void);
 
+/// True when ticks have passed that nobody has waited for yet: they come at once.
+bool board_is_behind(void);
+
 #endif

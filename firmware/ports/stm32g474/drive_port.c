@@ -45,6 +45,7 @@ static volatile float supply_V;
 static float temperature_degC = NAN;
 static volatile uint32_t periods;
 static uint32_t periods_seen;
+static bool was_behind;  ///< at the last tick
 static bool supply_is_next;
 
 void drive_port_on_sample(void);
@@ -180,8 +181,10 @@ static float thermistor_degC(float counts) {
 }
 
 bool drive_port_tick(void) {
-  const bool runs = periods != periods_seen;
+  // Between ticks that come at once, after flash was erased for instance, there is no time for a period.
+  const bool runs = (periods != periods_seen) || was_behind;
   periods_seen = periods;
+  was_behind = board_is_behind();
   const float counts = (float)(ADC_DR(ADC1) & 0xFFFFUL);
   if (supply_is_next) {
     supply_V = counts * SUPPLY_V_PER_COUNT;

@@ -7,6 +7,7 @@
 #include "drive/gripper_drive.h"
 #include "drive_port.h"
 #include "fdcan.h"
+#include "flash_port.h"
 #include "gripper_node.h"
 #include "node_table.h"
 #include "service.h"
@@ -69,7 +70,7 @@ int main(void) {
     return 1;
   }
   crux_service_init(&service, (uint8_t)CRUX_CAN_NODE_GRIPPER, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters,
-                    NULL);
+                    &flash_port_store);
   crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);

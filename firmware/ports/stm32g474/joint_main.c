@@ -6,6 +6,7 @@
 #include "drive/joint_drive.h"
 #include "drive_port.h"
 #include "fdcan.h"
+#include "flash_port.h"
 #include "joint_node.h"
 #include "node_table.h"
 #include "service.h"
@@ -56,7 +57,7 @@ int main(void) {
       (crux_gear_parameters_fault(&motor->gear) != NULL)) {
     return 1;
   }
-  crux_service_init(&service, number, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters, NULL);
+  crux_service_init(&service, number, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters, &flash_port_store);
   crux_joint_node_init(&node, limb, number, node_table_hash, &parameters);
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);

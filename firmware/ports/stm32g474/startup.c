@@ -2,6 +2,7 @@
 #include <stdint.h>
 
 #include "drive_port.h"
+#include "flash_port.h"
 #include "registers.h"
 
 extern uint32_t stack_top;
@@ -43,12 +44,20 @@ static void fault_handler(void) {
   }
 }
 
+/// The flash found a double word it cannot correct, where a write was cut short for instance. Where the store is read
+/// that is expected, anywhere else a fault.
+static void nmi_handler(void) {
+  if (!flash_port_on_nmi()) {
+    fault_handler();
+  }
+}
+
 typedef void (*vector)(void);
 
 __attribute__((section(".vectors"), used)) static const vector vectors[16 + 102] = {
     (vector)(uintptr_t)&stack_top,
     reset_handler,
-    fault_handler,  // NMI
+    nmi_handler,
     fault_handler,  // HardFault
     fault_handler,  // MemManage
     fault_handler,  // BusFault
