@@ -5,7 +5,8 @@
 #include "crux_services.h"
 
 void crux_update_init(crux_update *update, const crux_slots *slots, const crux_running *running) {
-  *update = (crux_update){.slots = slots, .running = *running};
+  *update = (crux_update){.slots = slots, .running = *running, .target = (running->slot == 0U) ? 1U : 0U};
+  (void)crux_slot_is_valid(slots, update->target, &update->target_version);
 }
 
 void crux_update_abort(crux_update *update) { update->active = false; }
@@ -22,14 +23,13 @@ uint8_t crux_update_begin(crux_update *update, const uint8_t header[CRUX_IMAGE_H
              (image.length > crux_slot_capacity(slots)) || !update->running.confirmed) {
     refusal = (uint8_t)CRUX_REFUSAL_NOT_ACCEPTED;
   } else {
-    const uint8_t target = (update->running.slot == 0U) ? 1U : 0U;
-    const uint32_t address = slots->address[target];
+    const uint32_t address = slots->address[update->target];
     // The header first: an image that was tried in vain must not lose its marks and come back.
     const bool erased = slots->flash->erase(slots->flash->context, address) &&
                         slots->flash->erase(slots->flash->context, address + slots->size - CRUX_FLASH_PAGE);
     refusal = erased ? (uint8_t)CRUX_REFUSAL_NONE : (uint8_t)CRUX_REFUSAL_MEMORY;
     update->active = erased;
-    update->target = target;
+    update->target_version = 0U;
     update->block = 0U;
     update->received = 0U;
     (void)memcpy(update->header, header, CRUX_IMAGE_HEADER);
@@ -88,13 +88,12 @@ uint8_t crux_update_end(crux_update *update) {
              !crux_slot_payload_is(slots, update->target, &image)) {
     refusal = (uint8_t)CRUX_REFUSAL_SIGNATURE;
   } else {
-    uint32_t version = 0U;
     bool written = true;
     for (uint32_t done = 0U; written && (done < CRUX_IMAGE_HEADER); done += CRUX_FLASH_UNIT) {
       written =
           slots->flash->write(slots->flash->context, slots->address[update->target] + done, &update->header[done]);
     }
-    written = written && crux_slot_is_valid(slots, update->target, &version);
+    written = written && crux_slot_is_valid(slots, update->target, &update->target_version);
     refusal = written ? (uint8_t)CRUX_REFUSAL_NONE : (uint8_t)CRUX_REFUSAL_MEMORY;
   }
   update->active = false;

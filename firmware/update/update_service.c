@@ -41,12 +41,9 @@ uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t 
 }
 
 void crux_update_tell(const crux_update *update, crux_reply *reply) {
-  const uint8_t other = (update->running.slot == 0U) ? 1U : 0U;
-  uint32_t version = 0U;
-  (void)crux_slot_is_valid(update->slots, other, &version);
   crux_reply_byte(reply, update->running.slot);
   crux_reply_byte(reply, update->running.confirmed ? 1U : 0U);
   crux_reply_word(reply, update->running.version);
-  crux_reply_word(reply, version);
+  crux_reply_word(reply, update->target_version);
   crux_reply_word(reply, crux_slot_capacity(update->slots));
 }

@@ -14,6 +14,7 @@ extern "C" {
 #include "monocypher.h"
 #include "sha512.h"
 #include "update.h"
+#include "update_service.h"
 }
 
 namespace {
@@ -276,6 +277,27 @@ TEST(Update, BlocksComeInTurnAndADamagedPayloadIsNoImage) {
   EXPECT_EQ(board.load(image, 1016), CRUX_REFUSAL_NONE);
   board.boot();
   EXPECT_EQ(board.running.version, 2U);
+}
+
+TEST(Update, TellingOfTheSlotsReadsNoFlash) {
+  Board board(with_version_one());
+  const std::array<std::uint8_t, 10> before{0, 1, 1, 0, 0, 0, 0, 0, 0, 0};  // slot 0, confirmed, version 1; no other
+  const auto told = [&board] {
+    const auto read = board.flash.read;
+    board.flash.read = nullptr;  // a signature takes too long while a node tracks
+    crux_reply reply{};
+    crux_update_tell(&board.update, &reply);
+    board.flash.read = read;
+    return Bytes(reply.bytes, reply.bytes + 10);
+  };
+  EXPECT_EQ(told(), Bytes(before.begin(), before.end()));
+  ASSERT_EQ(board.load(Image(2)), CRUX_REFUSAL_NONE);
+  EXPECT_EQ(told()[6], 2);
+  board.boot();
+  EXPECT_EQ(told()[6], 1);
+  board.confirm();
+  ASSERT_EQ(crux_update_begin(&board.update, Image(3).header.data()), CRUX_REFUSAL_NONE);
+  EXPECT_EQ(told()[6], 0);
 }
 
 TEST(Update, AnImageMayFillTheSlot) {
