@@ -35,6 +35,9 @@
 /// The current loop comes first: its duties must be there before the next update.
 #define ADC_PRIORITY 0x00UL
 
+/// So many ticks without a period: the current loop does not run.
+#define STILL_TICKS 2U
+
 // A sample was latched at the start of the interrupt before.
 const crux_drive_timing drive_port_timing = {.period_s = PERIOD_S, .encoder_age_s = PERIOD_S};
 
@@ -45,7 +48,8 @@ static volatile float supply_V;
 static float temperature_degC = NAN;
 static volatile uint32_t periods;
 static uint32_t periods_seen;
-static bool was_behind;  ///< at the last tick
+static uint32_t still_ticks;  ///< without a period since the tick before
+static bool was_behind;       ///< at the last tick
 static bool supply_is_next;
 
 void drive_port_on_sample(void);
@@ -181,8 +185,15 @@ static float thermistor_degC(float counts) {
 }
 
 bool drive_port_tick(void) {
-  // Between ticks that come at once, after flash was erased for instance, there is no time for a period.
-  const bool runs = (periods != periods_seen) || was_behind;
+  // Between ticks that come at once, after flash was erased for instance, there is no time for a period; nor, perhaps,
+  // between the last of them and the next one.
+  if (periods != periods_seen) {
+    still_ticks = 0U;
+  } else if (!was_behind && (still_ticks < STILL_TICKS)) {
+    still_ticks++;
+  } else {
+    // no verdict, or the same
+  }
   periods_seen = periods;
   was_behind = board_is_behind();
   const float counts = (float)(ADC_DR(ADC1) & 0xFFFFUL);
@@ -192,7 +203,7 @@ bool drive_port_tick(void) {
     temperature_degC = thermistor_degC(counts);
   }
   start_slow_conversion();
-  return runs;
+  return still_ticks < STILL_TICKS;
 }
 
 float drive_port_temperature_degC(void) { return temperature_degC; }

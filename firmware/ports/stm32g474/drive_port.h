@@ -21,8 +21,8 @@ bool drive_port_read_encoders(uint32_t *motor_raw, uint32_t *coarse_raw);
 /// Starts the current loop on a drive, which stays with the interrupt from now on.
 void drive_port_start(crux_drive *drive, const calibration *zeros);
 
-/// Once a tick: reads supply and winding temperature in turn. False when the current loop has not run since the last
-/// tick: then nothing of the drive is measured any more.
+/// Once a tick: reads supply and winding temperature in turn. False when the current loop has not run for two
+/// ticks: then nothing of the drive is measured any more.
 bool drive_port_tick(void);
 
 /// Of the winding [degC].
