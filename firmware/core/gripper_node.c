@@ -30,6 +30,17 @@ void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame
       node->guard.command_waiting = true;
     }
     crux_link_count(&node->link, cause, &node->link.counters.commands);
+  } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
+    crux_gripper_command command;
+    const uint8_t content = crux_gripper_broadcast_accept(frame, &node->parameters, &command);
+    const uint8_t cause = crux_guard_broadcast(&node->guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
+    crux_link_count(&node->link, cause, &node->link.counters.syncs);
+    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
+      crux_link_count(&node->link, content, &node->link.counters.commands);
+      if (node->guard.take) {
+        node->taken = command;
+      }
+    }
   } else {
     // for somebody else
   }
@@ -193,10 +204,37 @@ static void publish_wrench(crux_gripper_node *node, const crux_gripper_inputs *i
   crux_link_send(&node->link, CRUX_SENT_FORCE_TORQUE, &frame);
 }
 
+/// Status and wrench in one frame: the broadcast's answer. Its fields are those of the two frames.
+static void publish_answer(crux_gripper_node *node, const crux_gripper_inputs *inputs) {
+  const struct crux_can_gripper_answer_t answer = {
+      .state = node->state,
+      .opening_m = (isfinite(inputs->opening_m) != 0) ? inputs->opening_m : node->last_opening_m,
+      .speed_m_s = crux_can_gripper_answer_speed_m_s_encode_clipped(inputs->speed_m_s),
+      .force_n = crux_can_gripper_answer_force_n_encode_clipped(inputs->force_N),
+      .cycle_echo = (uint16_t)(node->guard.cycle & 0xFFFFU),
+      .faults = node->link.faults,
+      .temperature_deg_c = crux_whole_degrees(inputs->temperature_degC),
+      .wrench_status = wrench_status(node, inputs),
+      .force_x_n = crux_can_gripper_answer_force_x_n_encode_clipped(inputs->wrench[0]),
+      .force_y_n = crux_can_gripper_answer_force_y_n_encode_clipped(inputs->wrench[1]),
+      .force_z_n = crux_can_gripper_answer_force_z_n_encode_clipped(inputs->wrench[2]),
+      .moment_x_nm = crux_can_gripper_answer_moment_x_nm_encode_clipped(inputs->wrench[3]),
+      .moment_y_nm = crux_can_gripper_answer_moment_y_nm_encode_clipped(inputs->wrench[4]),
+      .moment_z_nm = crux_can_gripper_answer_moment_z_nm_encode_clipped(inputs->wrench[5]),
+  };
+  crux_frame frame = {.id = (uint16_t)CRUX_CAN_ID_GRIPPER_ANSWER, .length = (uint8_t)CRUX_CAN_LENGTH_GRIPPER_ANSWER};
+  (void)crux_can_gripper_answer_pack(frame.data, &answer, sizeof(frame.data));
+  crux_link_send(&node->link, CRUX_SENT_ANSWER, &frame);
+}
+
 void crux_gripper_node_publish(crux_gripper_node *node, const crux_gripper_inputs *inputs) {
-  if (node->guard.answer_due) {
+  if (node->guard.answer_due && node->guard.by_broadcast) {
+    publish_answer(node, inputs);
+  } else if (node->guard.answer_due) {
     publish_status(node, inputs);
     publish_wrench(node, inputs);
-    node->guard.answer_due = false;
+  } else {
+    // nobody asked
   }
+  node->guard.answer_due = false;
 }

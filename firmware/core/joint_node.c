@@ -31,6 +31,17 @@ void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
       node->guard.command_waiting = true;
     }
     crux_link_count(&node->link, cause, &node->link.counters.commands);
+  } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
+    crux_joint_command command;
+    const uint8_t content = crux_joint_broadcast_accept(frame, node->link.node, &node->parameters, &command);
+    const uint8_t cause = crux_guard_broadcast(&node->guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
+    crux_link_count(&node->link, cause, &node->link.counters.syncs);
+    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
+      crux_link_count(&node->link, content, &node->link.counters.commands);
+      if (node->guard.take) {
+        node->taken = command;
+      }
+    }
   } else {
     // for somebody else
   }

@@ -24,14 +24,16 @@ typedef struct crux_receiver {
 typedef struct crux_guard {
   crux_receiver sync;
   crux_receiver command;
+  crux_receiver broadcast;
   uint32_t limit_us;   ///< silence that trips the watchdog: watchdog cycles times the bus period
   uint32_t silent_us;  ///< since the last good period, saturated at limit_us
-  uint32_t cycle;      ///< of the last valid Sync
+  uint32_t cycle;      ///< of the last valid Sync; of a broadcast its low half
   uint8_t window;
   bool command_waiting;  ///< valid, waits for its Sync
-  bool take;             ///< the last valid Sync took the waiting command over
+  bool take;             ///< the last valid Sync took the waiting command over, the last broadcast its own
   bool command_fresh;    ///< taken over since the last tick
   bool answer_due;       ///< a Sync has not been answered with a status yet
+  bool by_broadcast;     ///< the last valid Sync was a broadcast
 } crux_guard;
 
 typedef struct crux_joint_command {
@@ -59,12 +61,19 @@ typedef struct crux_gripper_command {
 void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cycles);
 
 /// Judges a Sync and takes the waiting command over. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
-/// A host sends one command a Sync. Where more of them came, somebody else sends too and nobody knows whose command
-/// waits: none is taken over, and if that lasts the watchdog holds the node where it is.
+/// A host sends one command a Sync. Where more of them came, or broadcasts within the watchdog's time, somebody else
+/// sends too and nobody knows whose command waits: none is taken over, and if that lasts the watchdog holds the node
+/// where it is.
 uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame);
 
 /// Judges a command frame's length, CRC and counter. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
 uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t length);
+
+/// Judges a broadcast, which is command and Sync at once. `sensible`: its command for this node passed judgement; if
+/// not, it still is a Sync. Returns the cause of rejection, CRUX_CAUSE_NONE when valid. A host that broadcasts sends
+/// nothing else and moves the counter by one a frame. Where more frames came than the counter has steps, or commands
+/// for single nodes within the watchdog's time, somebody else sends too: nothing is taken over.
+uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool sensible);
 
 /// Ends a control period. True in the one period in which the silence reaches the limit.
 bool crux_guard_tick(crux_guard *guard, uint32_t dt_us);
@@ -75,6 +84,13 @@ uint8_t crux_joint_command_accept(const crux_frame *frame, const crux_joint_para
                                   crux_joint_command *command);
 uint8_t crux_gripper_command_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,
                                     crux_gripper_command *command);
+
+/// As above, of a broadcast's part for a joint (1..CRUX_CAN_JOINTS) and for the gripper. Frames of another length are
+/// INVALID_COMMAND too.
+uint8_t crux_joint_broadcast_accept(const crux_frame *frame, uint8_t node, const crux_joint_parameters *parameters,
+                                    crux_joint_command *command);
+uint8_t crux_gripper_broadcast_accept(const crux_frame *frame, const crux_gripper_parameters *parameters,
+                                      crux_gripper_command *command);
 
 /// Whether a measurement can be one: within lower..upper, which not a number never is. What is further off than that is
 /// a broken sensor, not a place, and would carry its nonsense into the torque.

@@ -1,19 +1,26 @@
-"""C codec of the CAN database: cantools' output with one layout per kind of joint message, and the identifiers."""
+"""C codec of the CAN database: cantools' output with one layout per kind of joint message, and the identifiers.
+
+The broadcast command is cut into its parts (header, one joint, gripper), each with a codec of its own.
+"""
 
 from __future__ import annotations
 
+import copy
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import cantools
-from cantools.database.can import Database, Message
+from cantools.database.can import Database, Message, Signal
 from cantools.database.can.c_source import camel_to_snake_case, generate
 
 JOINTS = 6
 GRIPPER_NODE = JOINTS + 1
 PREFIX = "crux_can"
+BROADCAST = "Broadcast"
 _JOINT_MESSAGE = re.compile(r"Joint([1-9])(\w+)")
+_JOINT_SIGNAL = re.compile(r"Joint([1-9])(\w+)")
+_GRIPPER_SIGNAL = re.compile(r"Gripper(\w+)")
 
 
 class CanDatabaseError(Exception):
@@ -22,10 +29,14 @@ class CanDatabaseError(Exception):
 
 @dataclass(frozen=True)
 class Kind:
-    """One layout. `base` is the identifier without the node; joint messages have identifier base + node."""
+    """One layout. `base` is the identifier without the node; joint messages have identifier base + node.
+
+    A part of the broadcast command begins at byte `offset` of it; of joints there is one every `message.length` bytes.
+    """
 
     message: Message
     is_joint: bool
+    offset: int | None = None
 
 
 def _layout(message: Message) -> tuple[object, ...]:
@@ -77,6 +88,8 @@ def collapse(database: Database) -> list[Kind]:
             raise CanDatabaseError(f"{message.name}: nodes and identifiers must both count upwards by one")
         if _layout(message) != _layout(group[0]):
             raise CanDatabaseError(f"{message.name}: its layout differs from {group[0].name}'s")
+    for message in [kind.message for kind in kinds if kind.message.name == BROADCAST]:
+        kinds += _parts(message)
     for name, group in joints.items():
         if len(group) != JOINTS:
             raise CanDatabaseError(f"Joint*{name}: {len(group)} messages for {JOINTS} joints")
@@ -87,10 +100,57 @@ def collapse(database: Database) -> list[Kind]:
     return sorted(kinds, key=lambda kind: kind.message.frame_id)
 
 
+def _part(message: Message, name: str, signals: dict[str, Signal], byte: int, end_byte: int) -> Kind:
+    """The bytes byte .. end_byte of a message as a message, its signals under the names given."""
+    moved = []
+    for short, signal in signals.items():
+        if signal.start < 8 * byte or signal.start + signal.length > 8 * end_byte:
+            raise CanDatabaseError(f"{message.name}: {signal.name} is not within bytes {byte} .. {end_byte - 1}")
+        copied = copy.copy(signal)
+        copied.name = short
+        copied.start = signal.start - 8 * byte
+        moved.append(copied)
+    # Codecs want identifiers that differ; nobody uses those of the parts.
+    part = Message(message.frame_id + byte, f"{message.name}{name}", end_byte - byte, moved, is_fd=True)
+    return Kind(part, is_joint=False, offset=byte)
+
+
+def _parts(message: Message) -> list[Kind]:
+    """Header, joint and gripper of the broadcast command. Joints follow the header at equal distances, alike."""
+    joints: list[dict[str, Signal]] = [{} for _ in range(JOINTS)]
+    gripper: dict[str, Signal] = {}
+    header: dict[str, Signal] = {}
+    for signal in message.signals:
+        if match := _JOINT_SIGNAL.fullmatch(signal.name):
+            joints[int(match.group(1)) - 1][match.group(2)] = signal
+        elif match := _GRIPPER_SIGNAL.fullmatch(signal.name):
+            gripper[match.group(1)] = signal
+        else:
+            header[signal.name] = signal
+    starts = [min(signal.start for signal in joint.values()) // 8 for joint in joints]
+    first, length = starts[0], starts[1] - starts[0]
+    end = first + JOINTS * length
+    kinds = [
+        _part(message, "Joint", joint, first + i * length, first + (i + 1) * length) for i, joint in enumerate(joints)
+    ]
+    if any(_layout(kind.message) != _layout(kinds[0].message) for kind in kinds):
+        raise CanDatabaseError(f"{message.name}: the joints' layouts differ")
+    return [
+        _part(message, "Header", header, 0, first),
+        kinds[0],
+        _part(message, "Gripper", gripper, end, message.length),
+    ]
+
+
+def _coded(kinds: list[Kind]) -> list[Kind]:
+    """Layouts with a codec of their own: the broadcast command has them by its parts."""
+    return [kind for kind in kinds if kind.message.name != BROADCAST]
+
+
 def codec(kinds: list[Kind]) -> tuple[str, str]:
     """Header and source by cantools: float quantities, encoded values rounded. The date is taken out."""
     header, source, _, _ = generate(
-        Database(messages=[kind.message for kind in kinds]),
+        Database(messages=[kind.message for kind in _coded(kinds)]),
         PREFIX,
         f"{PREFIX}.h",
         f"{PREFIX}.c",
@@ -114,14 +174,18 @@ def identifiers(kinds: list[Kind], database: Database) -> str:
     lines = []
     for kind in kinds:
         name = _snake(kind.message.name).upper()
-        if kind.is_joint:
+        if kind.offset is not None:
+            lines.append(f"#define CRUX_CAN_OFFSET_{name} {kind.offset}u")
+        elif kind.is_joint:
             lines.append(f"#define CRUX_CAN_ID_{name}_BASE 0x{kind.message.frame_id:03X}u")
             lines.append(f"#define CRUX_CAN_ID_{name}(node) (CRUX_CAN_ID_{name}_BASE + (uint32_t)(node))")
         else:
             lines.append(f"#define CRUX_CAN_ID_{name} 0x{kind.message.frame_id:03X}u")
         lines.append(f"#define CRUX_CAN_LENGTH_{name} {kind.message.length}u")
     longest = max(kind.message.length for kind in kinds)
-    clipped = "\n".join(_clipped_encoder(kind.message, signal) for kind in kinds for signal in _scaled(kind.message))
+    clipped = "\n".join(
+        _clipped_encoder(kind.message, signal) for kind in _coded(kinds) for signal in _scaled(kind.message)
+    )
     defines = "\n".join(lines)
     return f"""// Generated from msgs/can/crux.dbc by msgs/generate. Do not edit.
 #ifndef CRUX_CAN_IDS_H

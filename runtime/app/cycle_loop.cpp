@@ -29,8 +29,8 @@ constexpr const char* kClimbing = "the robot is climbing; hold it first";
 
 std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
 
-PerLimb<LimbBus> make_limbs(const RobotDescription& robot) {
-  return {LimbBus(0, robot), LimbBus(1, robot), LimbBus(2, robot), LimbBus(3, robot)};
+PerLimb<LimbBus> make_limbs(const RobotDescription& robot, CommandFrames frames) {
+  return {LimbBus(0, robot, frames), LimbBus(1, robot, frames), LimbBus(2, robot, frames), LimbBus(3, robot, frames)};
 }
 
 }  // namespace
@@ -39,7 +39,7 @@ CycleLoop::CycleLoop(const RobotDescription& robot, PerLimb<std::unique_ptr<Bus>
                      SpscRing<CycleRecord>& records, const CycleOptions& options)
     : robot_(robot),
       buses_(std::move(buses)),
-      limbs_(make_limbs(robot)),
+      limbs_(make_limbs(robot, options.commands)),
       exchange_(exchange),
       records_(records),
       options_(options),

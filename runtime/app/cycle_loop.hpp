@@ -25,6 +25,7 @@ enum class Pace : std::uint8_t {
 struct CycleOptions {
   Pace pace = Pace::kClock;
   std::chrono::nanoseconds guard_time{};  ///< pace bus: how long to wait for the nodes' answers to a cycle
+  CommandFrames commands = CommandFrames::kEachNode;
 };
 
 struct CycleReport {

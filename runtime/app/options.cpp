@@ -28,6 +28,12 @@ Pace parse_pace(const std::string& value) {
   throw OptionError("--pace '" + value + "': right is bus (lockstep) or clock (real time)");
 }
 
+CommandFrames parse_commands(const std::string& value) {
+  if (value == "each") return CommandFrames::kEachNode;
+  if (value == "broadcast") return CommandFrames::kBroadcast;
+  throw OptionError("--commands '" + value + "': right is each (a frame a node) or broadcast (one for all)");
+}
+
 std::chrono::nanoseconds parse_guard_time(const std::string& value) {
   double seconds = 0.0;
   const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), seconds);
@@ -62,8 +68,8 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    constexpr std::array<std::string_view, 7> kNames = {"--robot", "--bus", "--bus-base",  "--pace",
-                                                        "--lcm",   "--log", "--guard-time"};
+    constexpr std::array<std::string_view, 8> kNames = {"--robot", "--bus", "--bus-base", "--commands",
+                                                        "--pace",  "--lcm", "--log",      "--guard-time"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help tells which");
@@ -71,6 +77,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--robot") options.robot = value;
     if (name == "--bus") set_bus(options, value);
     if (name == "--bus-base") options.buses = consecutive_udp_buses(value);
+    if (name == "--commands") options.cycle.commands = parse_commands(value);
     if (name == "--pace") options.cycle.pace = parse_pace(value);
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
@@ -87,6 +94,8 @@ usage: crux-runtime [options]
   --robot DIR       folder with robot.yaml and the URDF it names       (msgs/robots/scaler)
   --bus LIMB=NAME   the bus of LF, RF, LR or RR; four times            NAME: socketcan:can0 or udp:GROUP:PORT
   --bus-base NAME   four UDP buses on consecutive ports                (udp:239.74.163.2:43113)
+  --commands HOW    each: a frame a node and a Sync; broadcast: one
+                    frame for all nodes of a bus, which 1 kHz needs    (each)
   --pace PACE       clock: real time; bus: lockstep, a cycle follows
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)

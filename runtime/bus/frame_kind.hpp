@@ -15,6 +15,7 @@ enum class FrameKind : std::uint8_t {
   kJointStatus,
   kGripperStatus,
   kForceTorque,
+  kGripperAnswer,  ///< gripper status and wrench in one frame
   kEmergency,
   kHeartbeat,
   kIdentity,
@@ -31,6 +32,7 @@ inline constexpr std::size_t kStandardIds = 0x800;
 constexpr std::array<FrameMeaning, kStandardIds> make_frame_meanings() {
   std::array<FrameMeaning, kStandardIds> table{};
   table[CRUX_CAN_ID_SYNC] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_SYNC};
+  table[CRUX_CAN_ID_BROADCAST] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_BROADCAST};
   table[CRUX_CAN_ID_HOST_HEARTBEAT] = {FrameKind::kFromHost, 0, CRUX_CAN_LENGTH_HOST_HEARTBEAT};
   for (std::uint8_t node = 1; node <= CRUX_CAN_JOINTS; ++node) {
     table[CRUX_CAN_ID_JOINT_COMMAND(node)] = {FrameKind::kFromHost, node, CRUX_CAN_LENGTH_JOINT_COMMAND};
@@ -42,6 +44,7 @@ constexpr std::array<FrameMeaning, kStandardIds> make_frame_meanings() {
   constexpr std::uint8_t kGripper = CRUX_CAN_NODE_GRIPPER;
   table[CRUX_CAN_ID_GRIPPER_COMMAND] = {FrameKind::kFromHost, kGripper, CRUX_CAN_LENGTH_GRIPPER_COMMAND};
   table[CRUX_CAN_ID_GRIPPER_STATUS] = {FrameKind::kGripperStatus, kGripper, CRUX_CAN_LENGTH_GRIPPER_STATUS};
+  table[CRUX_CAN_ID_GRIPPER_ANSWER] = {FrameKind::kGripperAnswer, kGripper, CRUX_CAN_LENGTH_GRIPPER_ANSWER};
   table[CRUX_CAN_ID_FORCE_TORQUE] = {FrameKind::kForceTorque, kGripper, CRUX_CAN_LENGTH_FORCE_TORQUE};
   table[CRUX_CAN_ID_GRIPPER_EMERGENCY] = {FrameKind::kEmergency, kGripper, CRUX_CAN_LENGTH_GRIPPER_EMERGENCY};
   table[CRUX_CAN_ID_GRIPPER_HEARTBEAT] = {FrameKind::kHeartbeat, kGripper, CRUX_CAN_LENGTH_GRIPPER_HEARTBEAT};

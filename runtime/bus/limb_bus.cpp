@@ -1,6 +1,7 @@
 #include "bus/limb_bus.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <string>
 
 #include "bus/bus.hpp"
@@ -24,7 +25,28 @@ LimbStatistics& LimbStatistics::operator+=(const LimbStatistics& other) noexcept
   return *this;
 }
 
-LimbBus::LimbBus(int limb, const RobotDescription& robot) : limb_(limb) {
+namespace {
+
+/// A broadcast has 8 bits for a gain: none may be cut off, and none that holds the joint may become zero.
+void check_gains(const RobotDescription& robot, std::size_t joint) {
+  const double kp = robot.servo.position_gain_Nm_rad[joint], kd = robot.servo.velocity_gain_Nms_rad[joint];
+  constexpr std::uint8_t kLargest = std::numeric_limits<std::uint8_t>::max();
+  const double least_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(1));
+  const double most_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(kLargest));
+  const double most_kd = static_cast<double>(crux_can_broadcast_joint_kd_nms_rad_decode(kLargest));
+  const auto refuse = [&](const char* key, double value, double low, double high) {
+    if (value < low || value > high)
+      throw BusError("robot '" + robot.name + "': servo." + key + " of joint " + std::to_string(joint + 1) + " is " +
+                     std::to_string(value) + ", a broadcast carries " + std::to_string(low) + " to " +
+                     std::to_string(high));
+  };
+  refuse("position_gain_Nm_rad", kp, least_kp, most_kp);
+  refuse("velocity_gain_Nms_rad", kd, 0.0, most_kd);
+}
+
+}  // namespace
+
+LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames) : limb_(limb), command_frames_(frames) {
   constexpr std::size_t kHashDigits = 8;  // of robot_hash() in Identity.ParameterHash
   parameter_hash_ = static_cast<std::uint32_t>(std::stoul(robot.sha256.substr(0, kHashDigits), nullptr, 16));
   if (robot.can.gripper_node != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
@@ -39,10 +61,9 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot) : limb_(limb) {
                      ", each once");
     node_of_joint_[joint] = static_cast<std::uint8_t>(node);
     joint_of_node_[static_cast<std::size_t>(node)] = static_cast<int>(joint);
-    kp_[joint] =
-        crux_can_joint_command_kp_nm_rad_encode_clipped(static_cast<float>(robot.servo.position_gain_Nm_rad[joint]));
-    kd_[joint] =
-        crux_can_joint_command_kd_nms_rad_encode_clipped(static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]));
+    kp_Nm_rad_[joint] = static_cast<float>(robot.servo.position_gain_Nm_rad[joint]);
+    kd_Nms_rad_[joint] = static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]);
+    if (frames == CommandFrames::kBroadcast) check_gains(robot, joint);
   }
 }
 
@@ -55,65 +76,6 @@ Frame& LimbBus::next(std::uint32_t id, std::uint8_t length) noexcept {
 
 void LimbBus::protect(Frame& frame) noexcept {
   crux_e2e_protect(frame.id, ++send_counters_[frame.id], frame.data.data(), frame.length);
-}
-
-void LimbBus::add_sync(std::uint32_t cycle) noexcept {
-  Frame& frame = next(CRUX_CAN_ID_SYNC, CRUX_CAN_LENGTH_SYNC);
-  crux_can_sync_t sync{};
-  sync.cycle = cycle;
-  crux_can_sync_pack(frame.data.data(), &sync, frame.length);
-  protect(frame);
-}
-
-std::span<const Frame> LimbBus::pack_wake_up() noexcept {
-  n_frames_ = 0;
-  add_sync(0);
-  return {frames_.data(), n_frames_};
-}
-
-std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& output, std::uint32_t cycle,
-                                           const HostHeartbeat* heartbeat) noexcept {
-  n_frames_ = 0;
-  if (heartbeat != nullptr) {
-    Frame& frame = next(CRUX_CAN_ID_HOST_HEARTBEAT, CRUX_CAN_LENGTH_HOST_HEARTBEAT);
-    crux_can_host_heartbeat_t message{};
-    message.host_state = heartbeat->state;
-    message.uptime_ms = heartbeat->uptime_ms;
-    crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
-    protect(frame);
-  }
-  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
-    const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
-    Frame& frame = next(CRUX_CAN_ID_JOINT_COMMAND(node_of_joint_[joint]), CRUX_CAN_LENGTH_JOINT_COMMAND);
-    crux_can_joint_command_t command{};
-    command.mode = static_cast<std::uint8_t>(output.joint_mode[i]);
-    command.position_rad = static_cast<float>(output.joint_position_rad[i]);
-    command.velocity_rad_s =
-        crux_can_joint_command_velocity_rad_s_encode_clipped(static_cast<float>(output.joint_velocity_rad_s[i]));
-    command.torque_nm = crux_can_joint_command_torque_nm_encode_clipped(static_cast<float>(output.joint_torque_nm[i]));
-    command.kp_nm_rad = kp_[joint];
-    command.kd_nms_rad = kd_[joint];
-    crux_can_joint_command_pack(frame.data.data(), &command, frame.length);
-    protect(frame);
-  }
-  Frame& frame = next(CRUX_CAN_ID_GRIPPER_COMMAND, CRUX_CAN_LENGTH_GRIPPER_COMMAND);
-  crux_can_gripper_command_t command{};
-  command.mode = static_cast<std::uint8_t>(output.gripper_mode[limb_]);
-  command.opening_m = static_cast<float>(output.finger_opening_m[limb_]);
-  command.speed_limit_m_s =
-      crux_can_gripper_command_speed_limit_m_s_encode_clipped(static_cast<float>(output.finger_speed_limit_m_s[limb_]));
-  command.force_limit_n =
-      crux_can_gripper_command_force_limit_n_encode_clipped(static_cast<float>(output.finger_force_limit_n[limb_]));
-  crux_can_gripper_command_pack(frame.data.data(), &command, frame.length);
-  protect(frame);
-  add_sync(cycle);
-
-  awaited_cycle_ = static_cast<std::uint16_t>(cycle);
-  answered_ = 0;
-  foreign_host_ = false;
-  restarted_ = 0;
-  sync_stamp_ns_ = answer_stamp_ns_ = 0;
-  return {frames_.data(), n_frames_};
 }
 
 bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept {
@@ -169,6 +131,10 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
       answer_stamp_ns_ = std::max(answer_stamp_ns_, frame.stamp_ns);
       take_force_torque(frame);
       return false;
+    case FrameKind::kGripperAnswer:
+      answer_stamp_ns_ = std::max(answer_stamp_ns_, frame.stamp_ns);
+      take_gripper_answer(frame);
+      return false;
     case FrameKind::kHeartbeat:
       ++statistics_.heartbeats;
       return false;
@@ -200,7 +166,7 @@ void LimbBus::take_from_host(const Frame& frame) noexcept {
   if (!echo) {
     ++statistics_.foreign;
     foreign_host_ = true;
-  } else if (frame.id == CRUX_CAN_ID_SYNC) {
+  } else if (frame.id == CRUX_CAN_ID_SYNC || frame.id == CRUX_CAN_ID_BROADCAST) {
     sync_stamp_ns_ = frame.stamp_ns;
   }
 }
@@ -252,6 +218,25 @@ void LimbBus::take_force_torque(const Frame& frame) noexcept {
   force_torque_.moment_Nm = {static_cast<double>(crux_can_force_torque_moment_x_nm_decode(sample.moment_x_nm)),
                              static_cast<double>(crux_can_force_torque_moment_y_nm_decode(sample.moment_y_nm)),
                              static_cast<double>(crux_can_force_torque_moment_z_nm_decode(sample.moment_z_nm))};
+}
+
+void LimbBus::take_gripper_answer(const Frame& frame) noexcept {
+  crux_can_gripper_answer_t answer{};
+  crux_can_gripper_answer_unpack(&answer, frame.data.data(), frame.length);
+  if (!accept_answer(CRUX_CAN_NODE_GRIPPER, answer.cycle_echo)) return;
+  if (answer.cycle_echo == awaited_cycle_) answered_ |= 1U << kForceTorqueBit;
+  gripper_.state = static_cast<std::int8_t>(answer.state);
+  gripper_.faults = answer.faults;
+  gripper_.opening_m = static_cast<double>(answer.opening_m);
+  gripper_.speed_m_s = static_cast<double>(crux_can_gripper_answer_speed_m_s_decode(answer.speed_m_s));
+  gripper_.force_N = static_cast<double>(crux_can_gripper_answer_force_n_decode(answer.force_n));
+  force_torque_.status = answer.wrench_status;
+  force_torque_.force_N = {static_cast<double>(crux_can_gripper_answer_force_x_n_decode(answer.force_x_n)),
+                           static_cast<double>(crux_can_gripper_answer_force_y_n_decode(answer.force_y_n)),
+                           static_cast<double>(crux_can_gripper_answer_force_z_n_decode(answer.force_z_n))};
+  force_torque_.moment_Nm = {static_cast<double>(crux_can_gripper_answer_moment_x_nm_decode(answer.moment_x_nm)),
+                             static_cast<double>(crux_can_gripper_answer_moment_y_nm_decode(answer.moment_y_nm)),
+                             static_cast<double>(crux_can_gripper_answer_moment_z_nm_decode(answer.moment_z_nm))};
 }
 
 bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept {

@@ -49,14 +49,21 @@ struct HostHeartbeat {
   std::uint32_t uptime_ms = 0;
 };
 
+/// How the commands of a cycle go out. Nodes understand both, and answer as they are asked.
+enum class CommandFrames : std::uint8_t {
+  kEachNode,   ///< a frame a node, then Sync
+  kBroadcast,  ///< one frame for all, which is the Sync as well
+};
+
 class LimbBus {
  public:
   /// @param limb 0..3 in the order LF, RF, LR, RR
-  /// @throws BusError when the robot's node numbers are not those of the CAN database
-  LimbBus(int limb, const RobotDescription& robot);
+  /// @throws BusError when the robot's node numbers are not those of the CAN database, or its gains not among those a
+  ///         broadcast can carry
+  LimbBus(int limb, const RobotDescription& robot, CommandFrames frames = CommandFrames::kEachNode);
 
-  /// The frames of one cycle in sending order: heartbeat if given, joint commands, gripper command, Sync. From here on
-  /// the answers to `cycle` are awaited. Valid until the next pack_ call.
+  /// The frames of one cycle in sending order: heartbeat if given, joint commands, gripper command, Sync, or in the
+  /// place of these the broadcast. From here on the answers to `cycle` are awaited. Valid until the next pack_ call.
   std::span<const Frame> pack_cycle(const crux_msgs::control_output_t& output, std::uint32_t cycle,
                                     const HostHeartbeat* heartbeat) noexcept;
 
@@ -93,10 +100,13 @@ class LimbBus {
   Frame& next(std::uint32_t id, std::uint8_t length) noexcept;
   void protect(Frame& frame) noexcept;
   void add_sync(std::uint32_t cycle) noexcept;
+  void add_commands(const crux_msgs::control_output_t& output) noexcept;
+  void add_broadcast(const crux_msgs::control_output_t& output, std::uint32_t cycle) noexcept;
   bool trusted(const Frame& frame, const FrameMeaning& meaning) noexcept;
   void take_joint_status(const Frame& frame, std::uint8_t node) noexcept;
   void take_gripper_status(const Frame& frame) noexcept;
   void take_force_torque(const Frame& frame) noexcept;
+  void take_gripper_answer(const Frame& frame) noexcept;
   bool take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept;
   bool accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept;
   void take_from_host(const Frame& frame) noexcept;
@@ -119,7 +129,8 @@ class LimbBus {
   int limb_;
   std::array<std::uint8_t, CRUX_CAN_JOINTS> node_of_joint_{};
   std::array<int, CRUX_CAN_NODES + 1> joint_of_node_{};
-  std::array<std::uint16_t, CRUX_CAN_JOINTS> kp_{}, kd_{};
+  std::array<float, CRUX_CAN_JOINTS> kp_Nm_rad_{}, kd_Nms_rad_{};
+  CommandFrames command_frames_;
   std::uint32_t parameter_hash_ = 0;  ///< what nodes made for this robot description say
 
   std::array<Frame, kMaxFrames> frames_{};

@@ -40,7 +40,7 @@ SERVICE_SOURCES = (
 SAFETY_TESTS = (
     *(
         ROOT / f"tests/firmware/{name}_test.cpp"
-        for name in ("acceptance", "guard", "permission", "watchdog", "random_stream")
+        for name in ("acceptance", "broadcast", "guard", "permission", "watchdog", "random_stream")
     ),
     ROOT / "tests/msgs/e2e_test.cpp",
 )

@@ -131,6 +131,48 @@ inline crux_frame sync_frame(std::uint32_t cycle, std::uint8_t counter) {
   return frame;
 }
 
+// A broadcast, its bits laid down one by one here: joints from byte 5 on, nine bytes each, the gripper in the last
+// five. Every joint but the one asked for gets REARM and zeros, so that a node that reads another's part shows.
+struct Broadcast {
+  JointCommand joint = {};
+  std::uint8_t node = kJoint;
+  GripperCommand gripper = {};
+};
+
+inline void lay(crux_frame& frame, unsigned first_bit, unsigned bits, double steps) {
+  const auto value = static_cast<std::int64_t>(std::llround(steps));
+  for (unsigned i = 0; i < bits; ++i) {
+    const auto bit = static_cast<unsigned>((value >> i) & 1);
+    frame.data[(first_bit + i) / 8] |= static_cast<std::uint8_t>(bit << ((first_bit + i) % 8));
+  }
+}
+
+inline crux_frame frame_of(const Broadcast& all, std::uint16_t cycle, std::uint8_t counter) {
+  crux_frame frame{};
+  frame.id = 0x011;
+  frame.length = 64;
+  lay(frame, 24, 16, cycle);
+  for (unsigned node = 1; node <= 6; ++node) {
+    const unsigned start = 40 + (72 * (node - 1));
+    if (node != all.node) {
+      lay(frame, start, 4, CRUX_MODE_REARM);
+      continue;
+    }
+    lay(frame, start, 4, all.joint.mode);
+    lay(frame, start + 4, 20, static_cast<double>(all.joint.position_rad) / 1e-5);
+    lay(frame, start + 24, 16, static_cast<double>(all.joint.velocity_rad_s) / 0.001);
+    lay(frame, start + 40, 16, static_cast<double>(all.joint.torque_Nm) / 0.001);
+    lay(frame, start + 56, 8, static_cast<double>(all.joint.kp) / 2.0);
+    lay(frame, start + 64, 8, static_cast<double>(all.joint.kd) / 0.05);
+  }
+  lay(frame, 472, 2, all.gripper.mode);
+  lay(frame, 474, 14, static_cast<double>(all.gripper.opening_m) / 5e-6);
+  lay(frame, 488, 10, static_cast<double>(all.gripper.speed_limit_m_s) / 1e-4);
+  lay(frame, 498, 14, static_cast<double>(all.gripper.force_limit_N) / 0.02);
+  seal(frame, counter);
+  return frame;
+}
+
 // All frames in the node's transmit queue, by identifier.
 inline std::multimap<std::uint16_t, crux_frame> take_all(crux_link& link) {
   std::multimap<std::uint16_t, crux_frame> frames;

@@ -1,8 +1,11 @@
 // The generated C codec reads and writes the golden CAN frames as Python does.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <set>
+#include <string>
+#include <vector>
 
 #include "crux_can_ids.h"
 #include "e2e.h"
@@ -83,6 +86,17 @@ struct Codec {
   F(k, moment_y_nm, "MomentY_Nm") \
   F(k, moment_z_nm, "MomentZ_Nm") \
   F(k, cycle_echo, "CycleEcho")
+#define GRIPPER_ANSWER_FIELDS(F, k) \
+  GRIPPER_STATUS_FIELDS(F, k) \
+  F(k, wrench_status, "WrenchStatus") \
+  F(k, force_x_n, "ForceX_N") \
+  F(k, force_y_n, "ForceY_N") \
+  F(k, force_z_n, "ForceZ_N") \
+  F(k, moment_x_nm, "MomentX_Nm") \
+  F(k, moment_y_nm, "MomentY_Nm") \
+  F(k, moment_z_nm, "MomentZ_Nm")
+#define BROADCAST_HEADER_FIELDS(F, k) \
+  F(k, cycle, "Cycle")
 #define IDENTITY_FIELDS(F, k) \
   F(k, protocol, "Protocol") \
   F(k, node_kind, "NodeKind") \
@@ -90,9 +104,56 @@ struct Codec {
   F(k, limb, "Limb")
 // clang-format on
 
+// The broadcast is coded by its parts, each under the names it has in the whole.
+const Codec kBroadcastHeader = KIND(broadcast_header, CRUX_CAN_LENGTH_BROADCAST_HEADER, BROADCAST_HEADER_FIELDS);
+const Codec kBroadcastJoint = KIND(broadcast_joint, CRUX_CAN_LENGTH_BROADCAST_JOINT, JOINT_COMMAND_FIELDS);
+const Codec kBroadcastGripper = KIND(broadcast_gripper, CRUX_CAN_LENGTH_BROADCAST_GRIPPER, GRIPPER_COMMAND_FIELDS);
+
+struct Part {
+  std::string prefix;
+  const Codec& codec;
+  std::size_t offset, length;
+};
+
+std::vector<Part> broadcast_parts() {
+  std::vector<Part> parts = {
+      {"", kBroadcastHeader, CRUX_CAN_OFFSET_BROADCAST_HEADER, CRUX_CAN_LENGTH_BROADCAST_HEADER},
+      {"Gripper", kBroadcastGripper, CRUX_CAN_OFFSET_BROADCAST_GRIPPER, CRUX_CAN_LENGTH_BROADCAST_GRIPPER}};
+  for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
+    parts.push_back({"Joint" + std::to_string(joint + 1), kBroadcastJoint,
+                     CRUX_CAN_OFFSET_BROADCAST_JOINT + joint * CRUX_CAN_LENGTH_BROADCAST_JOINT,
+                     CRUX_CAN_LENGTH_BROADCAST_JOINT});
+  }
+  return parts;
+}
+
+Signals decode_broadcast(const Bytes& data) {
+  Signals all;
+  for (const Part& part : broadcast_parts()) {
+    const auto first = data.begin() + static_cast<std::ptrdiff_t>(part.offset);
+    const Bytes bytes(first, first + static_cast<std::ptrdiff_t>(part.length));
+    for (const auto& [name, value] : part.codec.decode(bytes)) all[part.prefix + name] = value;
+  }
+  return all;
+}
+
+Bytes encode_broadcast(const Signals& all) {
+  Bytes data(CRUX_CAN_LENGTH_BROADCAST);
+  for (const Part& part : broadcast_parts()) {
+    Signals own;
+    for (const auto& [name, value] : all) {
+      if (name.starts_with(part.prefix)) own[name.substr(part.prefix.size())] = value;
+    }
+    std::ranges::copy(part.codec.encode(own), data.begin() + static_cast<std::ptrdiff_t>(part.offset));
+  }
+  return data;
+}
+
 const std::map<std::string, Codec>& codecs() {
   static const std::map<std::string, Codec> all = {
       {"Sync", KIND(sync, CRUX_CAN_LENGTH_SYNC, SYNC_FIELDS)},
+      {"Broadcast", {decode_broadcast, encode_broadcast}},
+      {"GripperAnswer", KIND(gripper_answer, CRUX_CAN_LENGTH_GRIPPER_ANSWER, GRIPPER_ANSWER_FIELDS)},
       {"HostHeartbeat", KIND(host_heartbeat, CRUX_CAN_LENGTH_HOST_HEARTBEAT, HOST_FIELDS)},
       {"JointEmergency", KIND(joint_emergency, CRUX_CAN_LENGTH_JOINT_EMERGENCY, EMERGENCY_FIELDS)},
       {"GripperEmergency", KIND(gripper_emergency, CRUX_CAN_LENGTH_GRIPPER_EMERGENCY, EMERGENCY_FIELDS)},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -123,4 +124,11 @@ def test_frame_times_bracket_a_frame_counted_bit_by_bit() -> None:
 
 def test_the_robots_cycle_is_within_the_budget() -> None:
     least, most = planned_load(ROBOT)
-    assert 0.45 < least < most <= BUDGET
+    assert 0.45 < least < most <= BUDGET["each"]
+
+
+def test_a_kilohertz_has_room_for_broadcasts_only() -> None:
+    fast = dataclasses.replace(ROBOT, can=dataclasses.replace(ROBOT.can, rate_Hz=1000.0))
+    assert planned_load(fast)[1] > 1.0
+    least, most = planned_load(fast, "broadcast")
+    assert 0.55 < least < most <= BUDGET["broadcast"]

@@ -81,7 +81,8 @@ void crux_nodes_close(crux_nodes *nodes) {
 }
 
 static bool concerns(const crux_frame *frame, int index) {
-  return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1)) ||
+  return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) ||
+         (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1)) ||
          (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(index + 1));
 }
 
@@ -125,6 +126,13 @@ static void listen(crux_nodes *nodes, int limb_index, const crux_frame *frame) {
     (void)crux_can_sync_unpack(&sync, frame->data, frame->length);
     nodes->limbs[limb_index].sync_cycle = sync.cycle;
     nodes->limbs[limb_index].sync_new = true;
+  } else if ((frame->id == CRUX_CAN_ID_BROADCAST) && is_whole(frame, CRUX_CAN_LENGTH_BROADCAST)) {
+    struct crux_can_broadcast_header_t header;
+    (void)crux_can_broadcast_header_unpack(&header, frame->data, frame->length);
+    // It carries the low half of the cycle; the rest follows from the cycle before.
+    limb *owner = &nodes->limbs[limb_index];
+    owner->sync_cycle += (uint16_t)(header.cycle - (uint16_t)owner->sync_cycle);
+    owner->sync_new = true;
   } else if ((frame->id == CRUX_CAN_ID_HOST_HEARTBEAT) && is_whole(frame, CRUX_CAN_LENGTH_HOST_HEARTBEAT)) {
     struct crux_can_host_heartbeat_t heartbeat;
     (void)crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length);

@@ -56,14 +56,14 @@ static void join_bus(uint32_t can) {
   }
 }
 
-void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id) {
+void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id) {
   leave_bus(FDCAN1);
   FDCAN_CCCR(FDCAN1) |= FDCAN_CCCR_FDOE | FDCAN_CCCR_BRSE;
   FDCAN_NBTP(FDCAN1) = NOMINAL_TIMING(NODE_BIT_RATE);
   FDCAN_DBTP(FDCAN1) = FDCAN_DBTP_TDC | DATA_TIMING(NODE_DATA_BIT_RATE);
   FDCAN_TDCR(FDCAN1) = (BEFORE(NODE_DATA_BIT_RATE) + 1UL) << 8;  // secondary sample point at the sample point
   set_filter(FDCAN1_RAM, 0U, sync_id, command_id);
-  set_filter(FDCAN1_RAM, 1U, request_id, request_id);
+  set_filter(FDCAN1_RAM, 1U, request_id, broadcast_id);
   hear_only(FDCAN1, 2UL);
   FDCAN_IE(FDCAN1) = FDCAN_IR_RF0N;
   FDCAN_ILS(FDCAN1) = 0UL;

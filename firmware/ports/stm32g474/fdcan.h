@@ -1,5 +1,5 @@
-/// FDCAN1 for one node: hears the Sync, the node's command and its requests, sends what the node queues. FDCAN2 for a
-/// gripper's force/torque sensor, classic CAN at 1 Mbit/s: looked at once a tick, without an interrupt.
+/// FDCAN1 for one node: hears the Sync, the node's command, its requests and the broadcast, sends what the node queues.
+/// FDCAN2 for a gripper's force/torque sensor, classic CAN at 1 Mbit/s: looked at once a tick, without an interrupt.
 #ifndef CRUX_STM32G474_FDCAN_H
 #define CRUX_STM32G474_FDCAN_H
 
@@ -9,7 +9,7 @@
 #include "frame.h"
 
 /// Sets bit rates and filters and joins the bus.
-void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id);
+void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id);
 
 /// Pops a received frame; false when there is none.
 bool fdcan_receive(crux_frame *frame);

@@ -74,7 +74,8 @@ int main(void) {
   crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);
-  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST);
+  fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST,
+             (uint16_t)CRUX_CAN_ID_BROADCAST);
   crux_wrench_sensor_init(&sensor);
   fdcan_sensor_init((uint16_t)CRUX_WRENCH_SENSOR_FIRST_ID, (uint16_t)CRUX_WRENCH_SENSOR_SECOND_ID);
   crux_gripper_inputs inputs = {0};

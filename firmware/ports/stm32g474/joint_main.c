@@ -62,7 +62,7 @@ int main(void) {
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number),
-             (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number));
+             (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number), (uint16_t)CRUX_CAN_ID_BROADCAST);
   crux_joint_inputs inputs = {0};
   measure(&inputs, driven);
   crux_joint_outputs outputs = {0};

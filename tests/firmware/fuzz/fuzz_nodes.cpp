@@ -22,6 +22,22 @@ void count_frame() {
   }
 }
 
+// Whole, with any bits inside; half of them with a mode for everybody.
+crux_frame broadcast(Bytes& bytes, std::uint8_t counter) {
+  crux_frame frame = frame_of(Broadcast{}, bytes.take<std::uint16_t>(), counter);
+  for (int i = 5; i < frame.length; ++i) {
+    frame.data[i] = bytes.take<std::uint8_t>();
+  }
+  if (bytes.take<std::uint8_t>() < 128) {
+    const auto mode = static_cast<std::uint8_t>(bytes.take<std::uint8_t>() % 3U);
+    const std::size_t mine = 5 + (9 * (kJoint - 1));
+    frame.data[mine] = static_cast<std::uint8_t>((frame.data[mine] & 0xF0U) | mode);
+    frame.data[59] = static_cast<std::uint8_t>((frame.data[59] & 0xFCU) | mode);
+  }
+  seal(frame, counter);
+  return frame;
+}
+
 template <typename Node>
 void hear(Node& node, const crux_frame& frame) {
   node.hear(frame);
@@ -43,10 +59,13 @@ void play_joint(Bytes& bytes) {
   Joint joint(limits, bytes.number(-2.0F, 1.5F));
   std::uint8_t commands = 0;
   std::uint8_t syncs = 0;
+  std::uint8_t broadcasts = 0;
   while (!bytes.empty()) {
-    const auto step = bytes.take<std::uint8_t>() % 8U;
+    const auto step = bytes.take<std::uint8_t>() % 10U;
     if (step == 0) {
       hear(joint, noise(bytes));
+    } else if (step >= 8) {
+      hear(joint, broadcast(bytes, counter(bytes, broadcasts)));
     } else if (step <= 2) {
       JointCommand command;
       command.mode = bytes.take<std::uint8_t>() % 5U;
@@ -84,10 +103,18 @@ void play_gripper(Bytes& bytes) {
   float widest_asked_m = 0.0F;
   std::uint8_t commands = 0;
   std::uint8_t syncs = 0;
+  std::uint8_t broadcasts = 0;
   while (!bytes.empty()) {
-    const auto step = bytes.take<std::uint8_t>() % 8U;
+    const auto step = bytes.take<std::uint8_t>() % 10U;
     if (step == 0) {
       hear(gripper, noise(bytes));
+    } else if (step >= 8) {
+      const crux_frame frame = broadcast(bytes, counter(bytes, broadcasts));
+      crux_gripper_command command{};
+      if (crux_gripper_broadcast_accept(&frame, &limits, &command) == CRUX_CAUSE_NONE) {
+        widest_asked_m = std::max(widest_asked_m, command.opening_m);
+      }
+      hear(gripper, frame);
     } else if (step <= 2) {
       GripperCommand command;
       command.mode = bytes.take<std::uint8_t>() % 5U;

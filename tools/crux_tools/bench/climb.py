@@ -51,6 +51,8 @@ class ClimbOptions:
     faults: tuple[Fault, ...] = ()
     emulated: tuple[Place, ...] = ()
     """nodes that run their image on an emulated microcontroller"""
+    commands: str = "each"
+    """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def climb(
         buses = ports.bus_urls() if on_udp else [f"socketcan:{interface}" for interface in INTERFACES]
         guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
         runtime = stack.enter_context(
-            RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log, guard_s)
+            RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log, guard_s, options.commands)
         )
         link = stack.enter_context(OperatorLink(ports.lcm_url))
         runtime.await_answer(link)

@@ -42,6 +42,12 @@ def add_parser(subparsers: Any) -> None:
         help="CAN over UDP multicast, or can0..can3 of this machine",
     )
     parser.add_argument(
+        "--commands",
+        choices=["each", "broadcast"],
+        default="each",
+        help="a CAN frame for each node, or one for all nodes of a bus, as 1 kHz needs it (default: %(default)s)",
+    )
+    parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
     )
     parser.add_argument(
@@ -111,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     options.output.parent.mkdir(parents=True, exist_ok=True)
     emulated = read_places(options.emulate) if options.emulate is not None else ()
-    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults, emulated)
+    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults, emulated, options.commands)
     with progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

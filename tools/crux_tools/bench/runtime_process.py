@@ -27,13 +27,20 @@ class RuntimeProcess:
     """Starts crux-runtime; leaving the context ends it."""
 
     def __init__(
-        self, robot_dir: Path, bus_urls: list[str], pace: str, lcm_url: str, log: Path, guard_s: float = GUARD_TIME_S
+        self,
+        robot_dir: Path,
+        bus_urls: list[str],
+        pace: str,
+        lcm_url: str,
+        log: Path,
+        guard_s: float = GUARD_TIME_S,
+        commands: str = "each",
     ) -> None:
-        """`guard_s`: how long the runtime waits for the nodes in lockstep."""
+        """`guard_s`: how long the runtime waits for the nodes in lockstep; `commands`: each or broadcast."""
         self._arguments = [
             str(built(BINARY)),
             *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
-            *("--guard-time", str(guard_s)),
+            *("--guard-time", str(guard_s), "--commands", commands),
             *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__

@@ -17,7 +17,11 @@ SHORT_CRC, LONG_CRC = (17, 6), (21, 7)  # bits, fixed stuff bits about stuff cou
 SHORT_BYTES = 16
 STUFF_EVERY = 4  # after five equal bits one is put in, which may be the first of the next five
 HEARTBEAT_HZ = 10.0
-BUDGET = 0.65  # of the bus, in every control cycle
+# Of the bus, in every control cycle. A broadcast is for rates at which commands for each node have no room at all.
+BUDGET = {"each": 0.65, "broadcast": 0.75}
+COMMANDS = {"each": ("Sync", "GripperCommand"), "broadcast": ("Broadcast",)}  # of the host, beside the joints' commands
+ANSWERS = {"each": ("GripperStatus", "ForceTorque"), "broadcast": ("GripperAnswer",)}
+JOINT_FRAMES = {"each": ("JointCommand", "JointStatus"), "broadcast": ("JointStatus",)}
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
@@ -32,15 +36,16 @@ def frame_time_s(length: int, bit_rate: int, data_bit_rate: int) -> tuple[float,
     return least, least + nominal_stuff / bit_rate + (all_stuff - nominal_stuff) / data_bit_rate
 
 
-def planned_load(robot: Robot) -> tuple[float, float]:
-    """Share of a limb's bus that the control cycle and the heartbeats take, least and most."""
-    per_cycle = ["Sync", "GripperCommand", "GripperStatus", "ForceTorque"]
+def planned_load(robot: Robot, commands: str = "each") -> tuple[float, float]:
+    """Share of a limb's bus that the control cycle and the heartbeats take, least and most.
+
+    `commands`: a frame for each node, or one broadcast for all.
+    """
+    per_cycle = (*COMMANDS[commands], *ANSWERS[commands])
     lengths = [(can_codec.message(name).length, robot.can.rate_Hz) for name in per_cycle]
     joints = range(1, len(robot.limbs[0].joints) + 1)
     for node in joints:
-        lengths += [
-            (can_codec.message(f"Joint{kind}", node).length, robot.can.rate_Hz) for kind in ("Command", "Status")
-        ]
+        lengths += [(can_codec.message(name, node).length, robot.can.rate_Hz) for name in JOINT_FRAMES[commands]]
     heartbeats = len(joints) + 2  # of the joints, the gripper and the host
     lengths.append((can_codec.message("HostHeartbeat").length, HEARTBEAT_HZ * heartbeats))
     times = [(frame_time_s(length, robot.can.bit_rate, robot.can.data_bit_rate), rate) for length, rate in lengths]

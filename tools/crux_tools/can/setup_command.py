@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import subprocess
 from typing import Any
@@ -49,6 +50,13 @@ def add_check(actions: Any) -> None:
         run_check,
     )
     parser.add_argument("--measure", type=float, default=0.0, metavar="S", help="listen so long to each bus")
+    parser.add_argument(
+        "--commands",
+        choices=["each", "broadcast"],
+        default="each",
+        help="frames of the commands: one a node, or one for all (default: %(default)s)",
+    )
+    parser.add_argument("--rate", type=float, metavar="HZ", help="cycles a second (default: the robot's)")
 
 
 def _robot(name: str) -> Any:
@@ -117,7 +125,10 @@ def run_check(options: argparse.Namespace) -> int:
     from crux_tools.can.interfaces import defects
 
     robot = _robot(options.robot)
-    least, most = planned_load(robot)
+    if options.rate is not None:
+        robot = dataclasses.replace(robot, can=dataclasses.replace(robot.can, rate_Hz=options.rate))
+    least, most = planned_load(robot, options.commands)
+    budget = BUDGET[options.commands]
     problems: dict[str, list[str]] = {}
     report = []
     for name, interface in _found(options.interfaces).items():
@@ -125,16 +136,16 @@ def run_check(options: argparse.Namespace) -> int:
         entry: dict[str, Any] = {"name": name, "kind": interface.kind, "state": interface.state}
         if options.measure > 0 and interface.up:
             load = entry["load"] = _load(interface, robot, options.measure)
-            if load["most"] > BUDGET:
-                problems[name].append(f"load {100 * load['most']:.0f} %, the budget is {100 * BUDGET:.0f} %")
+            if load["most"] > budget:
+                problems[name].append(f"load {100 * load['most']:.0f} %, the budget is {100 * budget:.0f} %")
         report.append(entry | {"errors": interface.errors, "problems": problems[name]})
-    ok = most <= BUDGET and not any(problems.values())
+    ok = most <= budget and not any(problems.values())
     if options.json:
-        planned = {"least": least, "most": most, "budget": BUDGET}
+        planned = {"least": least, "most": most, "budget": budget}
         print_json({"ok": ok, "planned_load": planned, "interfaces": report})
         return 0 if ok else 1
     first = f"planned load {100 * least:.0f} .. {100 * most:.0f} % of a bus at {robot.can.rate_Hz:g} Hz"
-    note(f"{first}, budget {100 * BUDGET:.0f} %")
+    note(f"{first}, budget {100 * budget:.0f} %")
     for entry in report:
         remarks = "; ".join(entry["problems"]) or "well"
         note(f"{entry['name']}: {entry['kind']}{_measured(entry)}: {remarks}")
