@@ -100,7 +100,7 @@ def test_can_frames_decode(vector: dict[str, Any]) -> None:
     frame = can_codec.Frame(vector["identifier"], bytes.fromhex(vector["data"]))
     decoded = can_codec.decode(frame)
     expected_node = vector["node"]
-    if expected_node is None and not vector["message"].startswith(("Sync", "Host")):
+    if expected_node is None and not vector["message"].startswith(("Sync", "Broadcast", "Host")):
         expected_node = can_codec.GRIPPER_NODE
     assert (decoded.name, decoded.node) == (vector["message"], expected_node)
     assert decoded.values.pop("Counter") == vector["counter"]

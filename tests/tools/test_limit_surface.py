@@ -24,7 +24,7 @@ def pad_on_face(spines: bool, mixed_faces: bool) -> mujoco.MjModel:
     friction = (MU, MU, 0.1, 0.1, MU) if mixed_faces else (MU,) * 5
     plan = standing_plan(Wall(friction=friction, spines=(int(spines),) * 5))
     spec = mujoco.MjSpec()
-    set_solver_options(spec)
+    set_solver_options(spec, 0.002)
     spec.option.gravity = [0, 0, 0]
     faces = add_wall(spec, plan)
     radius_m = load_robot("scaler").gripper.pad_radius_m

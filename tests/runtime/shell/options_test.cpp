@@ -26,6 +26,7 @@ TEST(Options, DefaultsAreFourUdpBusesInRealTime) {
   EXPECT_EQ(options.buses[0], "udp:239.74.163.2:43113");
   EXPECT_EQ(options.buses[3], "udp:239.74.163.2:43116");
   EXPECT_EQ(options.cycle.pace, Pace::kClock);
+  EXPECT_EQ(options.cycle.commands, CommandFrames::kEachNode);
   EXPECT_TRUE(options.log.empty());
 }
 
@@ -44,6 +45,8 @@ TEST(Options, EveryOptionIsRead) {
 TEST(Options, MistakesAreNamed) {
   EXPECT_NE(error_of({"--speed", "2"}).find("--speed"), std::string::npos);
   EXPECT_NE(error_of({"--pace"}).find("--pace needs a value"), std::string::npos);
+  EXPECT_EQ(parse({"--commands", "broadcast"}).cycle.commands, CommandFrames::kBroadcast);
+  EXPECT_NE(error_of({"--commands", "all"}).find("'all'"), std::string::npos);
   EXPECT_NE(error_of({"--pace", "fast"}).find("'fast'"), std::string::npos);
   EXPECT_NE(error_of({"--guard-time", "-1"}).find("'-1'"), std::string::npos);
   EXPECT_NE(error_of({"--guard-time", "nan"}).find("'nan'"), std::string::npos);

@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
         "--pace",
         choices=["lockstep", "realtime"],
         default="lockstep",
-        help="lockstep: as fast as possible, the same bytes for the same seed; realtime: 500 Hz by the clock",
+        help="lockstep: as fast as possible, the same bytes for the same seed; realtime: by the clock",
     )
     parser.add_argument(
         "--bus",

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from crux_tools.bench.wall import Face, add_wall
 
-TIMESTEP_S = 0.002
 CONTACT_SOLREF = (0.008, 1.0)  # stiff enough that a 20 N pad sinks in 0.05 mm, soft enough for 2 ms steps
 CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 COUPLING_SOLREF = (0.005, 1.0)
@@ -132,10 +131,13 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
             spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_motor()
 
 
-def set_solver_options(spec: mujoco.MjSpec) -> None:
-    """What keeps a loaded pad where it is: Euler, pyramidal cones or impratio 1 creep by centimetres a minute."""
+def set_solver_options(spec: mujoco.MjSpec, timestep_s: float) -> None:
+    """What keeps a loaded pad where it is: Euler, pyramidal cones or impratio 1 creep by centimetres a minute.
+
+    A step is as long as a control cycle.
+    """
     option = spec.option
-    option.timestep = TIMESTEP_S
+    option.timestep = timestep_s
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -171,7 +173,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     """
     spec = urdf_spec(robot)
     spec.modelname = robot.name
-    set_solver_options(spec)
+    set_solver_options(spec, robot.can.dt_s)
     spec.option.gravity = plan.gravity_w_m_s2
     _use_visuals_as_collision_shapes(spec)
     spec.body(robot.body_link).add_freejoint(name="root")
