@@ -40,13 +40,18 @@ bool crux_slot_payload_is(const crux_slots *slots, uint8_t slot, const crux_imag
   return readable && (memcmp(digest, image->digest, sizeof(digest)) == 0);
 }
 
+bool crux_slot_suits(const crux_slots *slots, uint8_t slot, const crux_image *image) {
+  const uint32_t wanted = (slots->origin == 0U) ? 0U : (slots->origin + slots->address[slot] + CRUX_SLOT_PAYLOAD);
+  return image->address == wanted;
+}
+
 bool crux_slot_is_valid(const crux_slots *slots, uint8_t slot, uint32_t *version) {
   uint8_t header[CRUX_IMAGE_HEADER];
   crux_image image = {0};
   const bool valid = (slots->key != NULL) &&
                      slots->flash->read(slots->flash->context, slots->address[slot], header, sizeof(header)) &&
                      crux_image_read(header, slots->key, &image) && (image.kind == slots->kind) &&
-                     crux_slot_payload_is(slots, slot, &image);
+                     crux_slot_suits(slots, slot, &image) && crux_slot_payload_is(slots, slot, &image);
   *version = valid ? image.version : 0U;
   return valid;
 }
@@ -92,4 +97,14 @@ bool crux_boot_confirm(const crux_slots *slots, crux_running *running) {
     running->confirmed = put_mark(slots, running->slot, CONFIRMED);
   }
   return running->confirmed;
+}
+
+void crux_boot_running(const crux_slots *slots, uint8_t slot, crux_running *running) {
+  uint8_t header[CRUX_IMAGE_HEADER];
+  crux_image image = {0};
+  *running = (crux_running){.slot = slot, .confirmed = is_marked(slots, slot, CONFIRMED)};
+  if ((slots->key != NULL) && slots->flash->read(slots->flash->context, slots->address[slot], header, sizeof(header)) &&
+      crux_image_read(header, slots->key, &image)) {
+    running->version = image.version;
+  }
 }

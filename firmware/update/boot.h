@@ -21,6 +21,7 @@ typedef struct crux_slots {
   const crux_flash *flash;
   uint32_t address[CRUX_SLOTS];
   uint32_t size;       ///< whole pages
+  uint32_t origin;     ///< where the processor sees the flash; 0: it does not run from it
   uint32_t kind;       ///< of node
   const uint8_t *key;  ///< that images must be signed with; NULL: none is trusted
 } crux_slots;
@@ -36,6 +37,12 @@ bool crux_slot_is_valid(const crux_slots *slots, uint8_t slot, uint32_t *version
 
 /// Whether the flash from the slot's payload on has this digest.
 bool crux_slot_payload_is(const crux_slots *slots, uint8_t slot, const crux_image *image);
+
+/// Whether an image runs from the slot: it is linked for it, or for no place.
+bool crux_slot_suits(const crux_slots *slots, uint8_t slot, const crux_image *image);
+
+/// For the image that runs from a slot: who it is.
+void crux_boot_running(const crux_slots *slots, uint8_t slot, crux_running *running);
 
 /// Longest payload of a slot.
 uint32_t crux_slot_capacity(const crux_slots *slots);

@@ -5,7 +5,7 @@
 #include "monocypher.h"
 #include "sha512.h"
 
-#define ZERO_FROM 20U
+#define ZERO_FROM 24U
 #define DIGEST_AT 64U
 
 static const uint8_t MAGIC[8] = {'C', 'R', 'U', 'X', 'I', 'M', 'G', '1'};
@@ -37,6 +37,7 @@ bool crux_image_read(const uint8_t header[CRUX_IMAGE_HEADER], const uint8_t key[
   *image = (crux_image){.kind = word(&header[8]),
                         .version = word(&header[12]),
                         .length = word(&header[16]),
+                        .address = word(&header[20]),
                         .digest = &header[DIGEST_AT]};
   return good && is_signed(header, key);
 }

@@ -5,7 +5,8 @@
 ///   8    4   kind of node (DBC enumeration NodeKind)
 ///   12   4   version; a node takes none that is not newer than its own
 ///   16   4   length of the payload
-///   20   44  zero
+///   20   4   address the payload is linked for; zero: it fits either slot
+///   24   40  zero
 ///   64   64  SHA-512 of the payload
 ///   128  64  Ed25519 signature of bytes 0..127
 #ifndef CRUX_FIRMWARE_IMAGE_H
@@ -22,6 +23,7 @@ typedef struct crux_image {
   uint32_t kind;
   uint32_t version;
   uint32_t length;
+  uint32_t address;
   const uint8_t *digest;  ///< within the header
 } crux_image;
 

@@ -19,7 +19,8 @@ uint8_t crux_update_begin(crux_update *update, const uint8_t header[CRUX_IMAGE_H
   // Everything is judged before anything is erased.
   if ((slots->key == NULL) || !crux_image_read(header, slots->key, &image)) {
     refusal = (uint8_t)CRUX_REFUSAL_SIGNATURE;
-  } else if ((image.kind != slots->kind) || (image.version <= update->running.version) || (image.length == 0U) ||
+  } else if ((image.kind != slots->kind) || !crux_slot_suits(slots, update->target, &image) ||
+             (image.version <= update->running.version) || (image.length == 0U) ||
              (image.length > crux_slot_capacity(slots)) || !update->running.confirmed) {
     refusal = (uint8_t)CRUX_REFUSAL_NOT_ACCEPTED;
   } else {

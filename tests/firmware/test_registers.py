@@ -27,6 +27,7 @@ CORE = {
     "NVIC_ISER0": ("nvic", "iser", 0),
     "NVIC_IPR4": ("nvic", "ipr", 16),
     "NVIC_IPR5": ("nvic", "ipr", 20),
+    "SCB_VTOR": ("scb", "vtor", 0),
     "SCB_AIRCR": ("scb", "aircr", 0),
     "SCB_SHPR3": ("scb", "shpr", 8),
     "SCB_CPACR": ("scb", "cpacr", 0),

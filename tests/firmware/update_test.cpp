@@ -91,7 +91,7 @@ struct Board {
   Board() {
     crux_flash_model_init(&model, bytes.data(), damaged.data(), static_cast<std::uint32_t>(bytes.size()));
     flash = crux_flash_model_interface(&model);
-    slots = {&flash, {0, kSlot}, kSlot, kJoint, signer().key.data()};
+    slots = {&flash, {0, kSlot}, kSlot, 0, kJoint, signer().key.data()};
     boot();
   }
   Board(const Board& other) : Board() {

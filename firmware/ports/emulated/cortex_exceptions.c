@@ -75,7 +75,10 @@ static bool in_ram(uint32_t address, uint32_t bytes) {
 
 uint32_t cortex_vector(const cortex_m4 *core, uint32_t exception) {
   uint32_t value;
-  (void)memcpy(&value, core->flash + (4U * (size_t)exception), sizeof(value));
+  // After a reset the table is looked for at address 0, where the flash shows, too.
+  const uint32_t table = core->control_space[SCB_VTOR / 4U] % FLASH_START;
+  const uint32_t at = (table + (4U * exception)) % CORTEX_FLASH_BYTES;
+  (void)memcpy(&value, core->flash + at, sizeof(value));
   return value;
 }
 

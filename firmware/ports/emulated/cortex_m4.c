@@ -6,7 +6,6 @@
 
 #include "cortex_internal.h"
 
-#define FLASH_START 0x08000000U
 #define CHIP_START 0x40000000U
 #define CHIP_BYTES 0x20000000U
 #define CONTROL_START 0xE000E000U
@@ -260,6 +259,9 @@ void cortex_power_on(cortex_m4 *core) {
   }
   (void)memset(core->ram, RUBBISH, CORTEX_RAM_BYTES);
   (void)memset(core->control_space, 0, sizeof(core->control_space));
+  // The program may be another one now.
+  (void)uc_ctl_flush_tb(core->engine);
+  (void)memset(core->blocks, 0, (CORTEX_FLASH_BYTES / 2U) * sizeof(*core->blocks));
   (void)memset(core->line, 0, sizeof(core->line));
   (void)memset(core->enabled, 0, sizeof(core->enabled));
   (void)memset(core->pended, 0, sizeof(core->pended));

@@ -25,17 +25,19 @@ static void set_up_clocks(void) {
   }
   PWR_CR5 &= ~PWR_CR5_R1MODE;  // boost: needed above 150 MHz
   FLASH_ACR = (FLASH_ACR & ~FLASH_ACR_LATENCY_MASK) | 4UL | FLASH_ACR_PREFETCH | FLASH_ACR_ICACHE | FLASH_ACR_DCACHE;
-  // 24 MHz / 6 * 85 / 2 = 170 MHz
-  RCC_PLLCFGR = RCC_PLLCFGR_SRC_HSE | RCC_PLLCFGR_M(6UL) | RCC_PLLCFGR_N(85UL) | RCC_PLLCFGR_REN;
-  RCC_CR |= RCC_CR_PLLON;
-  while ((RCC_CR & RCC_CR_PLLRDY) == 0U) {
+  if ((RCC_CFGR & RCC_CFGR_SWS_MASK) != RCC_CFGR_SWS_PLL) {  // else the boot stage has done it
+    // 24 MHz / 6 * 85 / 2 = 170 MHz
+    RCC_PLLCFGR = RCC_PLLCFGR_SRC_HSE | RCC_PLLCFGR_M(6UL) | RCC_PLLCFGR_N(85UL) | RCC_PLLCFGR_REN;
+    RCC_CR |= RCC_CR_PLLON;
+    while ((RCC_CR & RCC_CR_PLLRDY) == 0U) {
+    }
+    // Half speed for the first microsecond after the switch, as the manual asks.
+    RCC_CFGR = (RCC_CFGR & ~RCC_CFGR_HPRE_MASK) | RCC_CFGR_HPRE_DIV2 | RCC_CFGR_SW_PLL;
+    while ((RCC_CFGR & RCC_CFGR_SWS_MASK) != RCC_CFGR_SWS_PLL) {
+    }
+    board_spend(100U);
+    RCC_CFGR &= ~RCC_CFGR_HPRE_MASK;
   }
-  // Half speed for the first microsecond after the switch, as the manual asks.
-  RCC_CFGR = (RCC_CFGR & ~RCC_CFGR_HPRE_MASK) | RCC_CFGR_HPRE_DIV2 | RCC_CFGR_SW_PLL;
-  while ((RCC_CFGR & RCC_CFGR_SWS_MASK) != RCC_CFGR_SWS_PLL) {
-  }
-  board_spend(100U);
-  RCC_CFGR &= ~RCC_CFGR_HPRE_MASK;
   RCC_CCIPR |= RCC_CCIPR_FDCAN_PCLK1;
   RCC_AHB2ENR |= RCC_AHB2ENR_GPIOA | RCC_AHB2ENR_GPIOB | RCC_AHB2ENR_GPIOC | RCC_AHB2ENR_ADC12;
   RCC_APB1ENR1 |= RCC_APB1ENR1_FDCAN;

@@ -3,14 +3,16 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "calibration.h"
+#include "flash_layout.h"
 #include "registers.h"
 
-#define FLASH_START 0x08000000UL
 #define BANK_PAGES 128UL
-#define CALIBRATION (CALIBRATION_ADDRESS - FLASH_START)
-#define STORE (CALIBRATION - (2UL * CRUX_FLASH_PAGE))
-_Static_assert((CALIBRATION % CRUX_FLASH_PAGE) == 0U, "the calibration begins a page");
+_Static_assert((FLASH_STORE + (2UL * CRUX_FLASH_PAGE)) <= FLASH_CALIBRATION, "the store would lie in the calibration");
+_Static_assert((FLASH_SLOT_1 + FLASH_SLOT_BYTES) <= FLASH_STORE, "the second slot would lie in the store");
+_Static_assert((FLASH_SLOT_0 + FLASH_SLOT_BYTES) <= FLASH_SLOT_1, "the slots would overlap");
+
+/// Of the program that runs, by its linker script.
+extern uint32_t program_start;
 
 static volatile bool reading;
 static volatile bool unreadable;
@@ -37,9 +39,34 @@ static bool read(void *context, uint32_t address, uint8_t *bytes, uint32_t lengt
   return !unreadable;
 }
 
-/// Nothing but the store's pages may change; and pages have other numbers in single-bank mode.
+static bool lies_in(uint32_t address, uint32_t start, uint32_t bytes) { return (address - start) < bytes; }
+
+uint8_t flash_port_running_slot(void) {
+  const uint32_t start = (uint32_t)(uintptr_t)&program_start - FLASH_START;
+  uint8_t slot = CRUX_NO_SLOT;
+  if (start >= FLASH_SLOT_1) {
+    slot = 1U;
+  } else if (start >= FLASH_SLOT_0) {
+    slot = 0U;
+  } else {
+    // below both
+  }
+  return slot;
+}
+
+/// The store, the marks of the slots, and of a slot's program what does not run. A program that is linked for the
+/// flash's start may reach into the first slot: it changes the store alone. Pages have other numbers in single-bank
+/// mode.
 static bool may_change(uint32_t address) {
-  return (address >= STORE) && (address < CALIBRATION) && ((FLASH_OPTR & FLASH_OPTR_DBANK) != 0U);
+  const uint8_t running = flash_port_running_slot();
+  const uint32_t slots[CRUX_SLOTS] = {FLASH_SLOT_0, FLASH_SLOT_1};
+  bool may = lies_in(address, FLASH_STORE, 2UL * CRUX_FLASH_PAGE);
+  for (uint8_t slot = 0U; slot < CRUX_SLOTS; slot++) {
+    const bool is_mark = lies_in(address, slots[slot] + FLASH_SLOT_BYTES - CRUX_FLASH_PAGE, CRUX_FLASH_PAGE);
+    may = may || is_mark ||
+          ((running < CRUX_SLOTS) && (slot != running) && lies_in(address, slots[slot], FLASH_SLOT_BYTES));
+  }
+  return may && ((FLASH_OPTR & FLASH_OPTR_DBANK) != 0U);
 }
 
 static void begin(uint32_t operation) {
@@ -94,4 +121,14 @@ static bool erase(void *context, uint32_t address) {
 }
 
 static const crux_flash flash = {.context = NULL, .read = read, .write = write, .erase = erase};
-const crux_store flash_port_store = {.flash = &flash, .pages = {STORE, STORE + CRUX_FLASH_PAGE}};
+const crux_store flash_port_store = {.flash = &flash, .pages = {FLASH_STORE, FLASH_STORE + CRUX_FLASH_PAGE}};
+
+void flash_port_slots(crux_slots *slots, uint32_t kind) {
+  const uint8_t *key = (const uint8_t *)(FLASH_START + FLASH_KEY);
+  *slots = (crux_slots){.flash = &flash,
+                        .address = {FLASH_SLOT_0, FLASH_SLOT_1},
+                        .size = FLASH_SLOT_BYTES,
+                        .origin = FLASH_START,
+                        .kind = kind,
+                        .key = crux_flash_is_erased(&flash, FLASH_KEY) ? NULL : key};
+}

@@ -6,10 +6,17 @@
 
 #include <stdbool.h>
 
+#include "boot.h"
 #include "store.h"
 
 /// Where the node's parameters are kept.
 extern const crux_store flash_port_store;
+
+/// The slot whose program runs, CRUX_NO_SLOT for the boot stage and for programs linked for the flash's start.
+uint8_t flash_port_running_slot(void);
+
+/// The two slots; the image that runs changes the other one only, the boot stage only marks.
+void flash_port_slots(crux_slots *slots, uint32_t kind);
 
 /// For the handler of the non-maskable interrupt: true when it came from a read of a double word that the flash cannot
 /// correct, which the reader now knows of.

@@ -11,6 +11,7 @@
 #include "gripper_node.h"
 #include "node_table.h"
 #include "service.h"
+#include "update_port.h"
 #include "wrench_sensor.h"
 
 static crux_gripper_node node;
@@ -69,9 +70,10 @@ int main(void) {
       (crux_screw_parameters_fault(&motor->screw) != NULL)) {
     return 1;
   }
-  crux_service_init(&service, (uint8_t)CRUX_CAN_NODE_GRIPPER, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters,
-                    &flash_port_store);
+  crux_service_init(&service, (uint8_t)CRUX_CAN_NODE_GRIPPER, update_port_init((uint32_t)CRUX_KIND_GRIPPER),
+                    node_table_hash, &parameters, &flash_port_store);
   crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
+  update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST,

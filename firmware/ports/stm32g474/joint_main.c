@@ -10,6 +10,7 @@
 #include "joint_node.h"
 #include "node_table.h"
 #include "service.h"
+#include "update_port.h"
 
 static crux_joint_node node;
 static crux_joint_drive drive;
@@ -57,8 +58,10 @@ int main(void) {
       (crux_gear_parameters_fault(&motor->gear) != NULL)) {
     return 1;
   }
-  crux_service_init(&service, number, CRUX_FIRMWARE_VERSION, node_table_hash, &parameters, &flash_port_store);
+  crux_service_init(&service, number, update_port_init((uint32_t)CRUX_KIND_JOINT), node_table_hash, &parameters,
+                    &flash_port_store);
   crux_joint_node_init(&node, limb, number, node_table_hash, &parameters);
+  update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
   const bool driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number),

@@ -15,6 +15,7 @@
 #define NVIC_ISER0 REGISTER(0xE000E100UL)
 #define NVIC_IPR4 REGISTER(0xE000E410UL)  ///< priorities of interrupts 16..19, a byte each, upper four bits used
 #define NVIC_IPR5 REGISTER(0xE000E414UL)  ///< 20..23
+#define SCB_VTOR REGISTER(0xE000ED08UL)
 #define SCB_AIRCR REGISTER(0xE000ED0CUL)
 #define SCB_AIRCR_KEY (0x05FAUL << 16)
 #define SCB_AIRCR_SYSRESETREQ BIT(2)

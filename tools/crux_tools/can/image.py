@@ -65,8 +65,11 @@ def new_key(path: Path) -> bytes:
     return key.public_key().public_bytes_raw()
 
 
-def sign(payload: bytes, kind: str, version: int, key_file: Path) -> tuple[bytes, bytes]:
-    """The image, and the public half of the key. Raises UsageError for a file that holds no Ed25519 key."""
+def sign(payload: bytes, kind: str, version: int, key_file: Path, address: int = 0) -> tuple[bytes, bytes]:
+    """The image of a program linked for an address (0: for none), and the public half of the key.
+
+    Raises UsageError for a file that holds no Ed25519 key.
+    """
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -77,7 +80,7 @@ def sign(payload: bytes, kind: str, version: int, key_file: Path) -> tuple[bytes
         raise UsageError(f"{key_file}: no private key in PEM without a password ({error})") from None
     if not isinstance(key, Ed25519PrivateKey):
         raise UsageError(f"{key_file}: not an Ed25519 key")
-    head = MAGIC + struct.pack("<3I", node_kinds()[kind], version, len(payload)) + bytes(44)
+    head = MAGIC + struct.pack("<4I", node_kinds()[kind], version, len(payload), address) + bytes(40)
     head += hashlib.sha512(payload).digest()
     return head + key.sign(head) + payload, key.public_key().public_bytes_raw()
 

@@ -1,0 +1,23 @@
+#include "update_port.h"
+
+#include "flash_port.h"
+#include "link.h"
+
+static crux_slots slots;
+static crux_update update;
+
+uint32_t update_port_init(uint32_t kind) {
+  crux_running running = {.slot = flash_port_running_slot(), .confirmed = true, .version = CRUX_FIRMWARE_VERSION};
+  if (running.slot != CRUX_NO_SLOT) {
+    flash_port_slots(&slots, kind);
+    crux_boot_running(&slots, running.slot, &running);
+    crux_update_init(&update, &slots, &running);
+  }
+  return running.version;
+}
+
+void update_port_offer(crux_service *service) {
+  if (update.slots != NULL) {
+    crux_service_offer_update(service, &update);
+  }
+}
