@@ -41,6 +41,8 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
 
     Raises ScenarioError and InfeasibleError.
     """
+    if scenario.contact.model != "patch":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: this is about climbs")
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)

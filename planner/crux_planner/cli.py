@@ -15,12 +15,19 @@ if TYPE_CHECKING:
 
 DONE, FAILED, USAGE = 0, 1, 2
 
-EPILOG = """exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
+EPILOG = """examples:
+  crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
+  crux plan msgs/scenarios/walk-flat.yaml -o out/walk.mcap --method two_block --time-limit 30
+  crux plan msgs/scenarios/climb-four-holds.yaml -o out/again.mcap --from out/plan.mcap --at 20
+
+exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
 and where), 2 the scenario or the usage is wrong"""
 
 
 def add_plan_parser(subparsers: Any) -> None:
     """Add `plan` to the subcommands of crux."""
+    from crux_contracts.scenario import METHODS
+
     parser = subparsers.add_parser(
         "plan",
         help="plan a climb for a scenario",
@@ -30,19 +37,27 @@ def add_plan_parser(subparsers: Any) -> None:
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a scenario file (YAML)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PLAN.mcap", help="where the plan goes")
-    parser.add_argument("--method", default=None, metavar="M", help="how to plan; default: the scenario's, else auto")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default=None,
+        metavar="M",
+        help=f"{', '.join(METHODS)}; default: the scenario's, else auto",
+    )
     parser.add_argument("--time-limit", type=_positive, default=None, metavar="S", help="seconds the search may take")
     parser.add_argument(
         "--prove",
         type=_positive,
         default=None,
         metavar="S",
-        help="seconds to go on for a tighter gap (default: a fixed amount of work)",
+        help="on climbs: seconds to go on for a tighter gap (default: a fixed amount of work)",
     )
     parser.add_argument(
         "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"
     )
-    parser.add_argument("--at", type=float, default=0.0, metavar="S", help="the first stance from then on (default: 0)")
+    parser.add_argument(
+        "--at", type=_seconds, default=None, metavar="S", help="with --from: the first stance from then on (default: 0)"
+    )
     parser.add_argument(
         "--without", action="append", default=[], metavar="HOLD", help="with --from: a hold that is lost (repeatable)"
     )
@@ -59,6 +74,9 @@ def run_plan(args: argparse.Namespace) -> int:
 
     from crux_planner.errors import InfeasibleError
 
+    lone = _astray(args)
+    if lone:
+        return _fail(args, lone, USAGE)
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
@@ -68,7 +86,7 @@ def run_plan(args: argparse.Namespace) -> int:
 
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
-                result = again.replan(read_plan(args.running), args.at, without=args.without, log=log, **limit)
+                result = again.replan(read_plan(args.running), args.at or 0.0, without=args.without, log=log, **limit)
             else:
                 from crux_planner.entry import plan
 
@@ -97,11 +115,32 @@ def run_plan(args: argparse.Namespace) -> int:
     return DONE
 
 
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of seconds")
+    return value
+
+
 def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
+    value = _seconds(text)
+    if value == 0.0:
         raise argparse.ArgumentTypeError(f"{text!r}: expected a number of seconds above 0")
     return value
+
+
+def _astray(args: argparse.Namespace) -> str:
+    """What is wrong with the options as a whole: those of planning again need --from, others do not go with it."""
+    if args.running is None:
+        given = {"--at": args.at is not None, "--without": bool(args.without)}
+        reason = "is about a plan that runs: give it by --from PLAN.mcap"
+    else:
+        given = {"--method": args.method is not None, "--prove": args.prove is not None}
+        reason = "does not go with --from, which always keeps to the running plan where it can"
+    return "; ".join(f"{name} {reason}" for name, is_given in given.items() if is_given)
 
 
 def _fail(args: argparse.Namespace, message: str, status: int, **more: str | bool) -> int:

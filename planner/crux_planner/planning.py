@@ -60,10 +60,6 @@ def plan(
 
     Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
     """
-    if scenario.contact.model == "point":
-        from crux_planner.walk.planning import plan as plan_walk
-
-        return plan_walk(scenario, robot, method=method, time_limit_s=time_limit_s, progress=progress, log=log)
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)

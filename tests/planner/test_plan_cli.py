@@ -60,3 +60,21 @@ def test_a_missing_scenario_and_a_missing_folder_are_usage_errors(
     wall, _ = write(tmp_path, two_rows())
     assert crux_plan(wall, "-o", str(tmp_path / "nowhere" / "plan.mcap")) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--at", "3"], "--at is about a plan that runs"),
+        (["--without", "left"], "--without is about a plan that runs"),
+        (["--from", "plan.mcap", "--method", "auto"], "--method does not go with --from"),
+        (["--from", "plan.mcap", "--prove", "5"], "--prove does not go with --from"),
+    ],
+)
+def test_options_that_do_not_go_together_are_told(
+    words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wall, output = write(tmp_path, two_rows())
+    assert crux_plan(wall, "-o", str(output), *words) == 2
+    assert named in capsys.readouterr().err
+    assert not output.exists()

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import ScenarioError, load_scenario
 from crux_planner import planning
 from crux_planner.build import build_problem
 from crux_planner.errors import InfeasibleError
 from crux_planner.result import PlanResult
+from crux_planner.walk.problem import build_walk
 from walls import scenario, two_rows
+
+SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
 
 def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
@@ -88,9 +94,20 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
     monkeypatch.setattr(planning, "_plan_level", level)
     monkeypatch.setattr(planning, "plan_wider", wider)
     content = two_rows()
-    content["planner"] = {"time_limit_s": 2.0}
+    content["planner"] = {"time_limit_s": 4.0}
     began = time.monotonic()
     with pytest.raises(InfeasibleError, match="as made up"):
         planning.plan(scenario(content), robot)
     assert len(deadlines) == 2  # the quickest sequence, and after other headings any
-    assert max(deadlines) - began < 2.0 - 0.4 + 0.1
+    assert max(deadlines) - began < 4.0 - 0.8 + 0.1
+
+
+@pytest.mark.parametrize(
+    ("build", "scene", "right"),
+    [(build_problem, "walk-flat", "point: expected patch"), (build_walk, "climb-one-step", "patch: expected point")],
+)
+def test_walks_and_climbs_are_not_taken_for_each_other(
+    robot: Robot, build: Callable[..., object], scene: str, right: str
+) -> None:
+    with pytest.raises(ScenarioError, match=f"contact.model: {right}"):
+        build(load_scenario(SCENES / f"{scene}.yaml"), robot)

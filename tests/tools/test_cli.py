@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
+import importlib
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -95,3 +98,60 @@ def test_interrupted_by_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("crux_tools.operator_commands.run_status", interrupt)
     assert main(["status"]) == 130
+
+
+def _leaves(parser: argparse.ArgumentParser, words: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """A command, and all that hang below it, by their words."""
+    yield words, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield from _leaves(below, f"{words} {name}")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_teaches_by_an_example(name: str) -> None:
+    parser = argparse.ArgumentParser()
+    command = COMMANDS[name]
+    below = parser.add_subparsers()
+    getattr(importlib.import_module(command.module), command.adder)(below)
+    for words, leaf in _leaves(below.choices[name], f"crux {name}"):
+        lines = [line.strip().removeprefix("sudo .venv/bin/") for line in (leaf.epilog or "").splitlines()]
+        assert any(line.startswith(words) for line in lines), words
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["climb", "p.mcap", "-o", "l.mcap", "--seed", "-1"], "--seed: '-1': expected a whole number, 0 or more"),
+        (["bench", "table2", "--count", "0"], "--count: '0': expected a whole number, 1 or more"),
+        (["bench", "fields", "--limit", "nan"], "--limit: 'nan': expected a number above 0"),
+        (["can", "check", "--measure", "soon"], "--measure: 'soon': expected a number above 0"),
+        (["plan", "wall.yaml", "-o", "p.mcap", "--method", "best"], "--method: invalid choice: 'best'"),
+        (["plan", "wall.yaml", "-o", "p.mcap", "--from", "o.mcap", "--at", "nan"], "--at: 'nan': expected a number"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused_before_anything_runs(
+    words: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+def test_every_mistake_of_a_file_has_a_line_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, faults = tmp_path / "plan.mcap", tmp_path / "faults.yaml"
+    write_plan(plan, standing_plan())
+    faults.write_text("fault: []\n")
+    assert main(["climb", str(plan), "-o", str(tmp_path / "log.mcap"), "--faults", str(faults), "--json"]) == 2
+    said = capsys.readouterr()
+    assert len(said.err.strip().splitlines()) == 2
+    assert json.loads(said.out)["error"].count("faults.yaml:1: ") == 2
+
+
+def test_a_report_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = tmp_path / "plan.mcap"
+    write_plan(plan, standing_plan())
+    assert main(["report", str(plan), "-o", str(tmp_path)]) == 2
+    assert f"{tmp_path}: is a folder" in capsys.readouterr().err

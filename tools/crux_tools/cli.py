@@ -43,7 +43,7 @@ COMMANDS: dict[str, Command] = {
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
-    "bench": Command("reproduce a figure: many random climbs, …", "crux_tools.benches.command"),
+    "bench": Command("reproduce a figure of merit", "crux_tools.benches.command"),
 }
 EPILOG = """a first climb:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
@@ -72,10 +72,11 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
 
 
 def _error(command: str, text: str, as_json: bool, status: int) -> int:
-    line = " ".join(text.split())
-    note(f"crux {command}: {line}" if command else f"crux: {line}")
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    for line in lines:
+        note(f"crux {command}: {line}" if command else f"crux: {line}")
     if as_json:
-        print_json({"ok": False, "error": line})
+        print_json({"ok": False, "error": "\n".join(lines)})
     return status
 
 

@@ -7,15 +7,15 @@ import time
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
-_EPILOG = "the runtime listens on the LCM URL it was started with; --lcm names another"
 
-
-def _add(subparsers: Any, name: str, text: str, runner: Any) -> argparse.ArgumentParser:
+def _add(subparsers: Any, name: str, text: str, example: str, runner: Any) -> argparse.ArgumentParser:
     from crux_tools.operator_link import DEFAULT_URL
 
-    parser: argparse.ArgumentParser = subparsers.add_parser(name, help=text, description=text + ".", epilog=_EPILOG)
+    teaching = taught(f"{text}. The runtime listens on the LCM URL it was started with; --lcm names another.", example)
+    parser: argparse.ArgumentParser = subparsers.add_parser(name, help=text, **teaching)
     parser.add_argument(
         "--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (default: %(default)s)"
     )
@@ -50,9 +50,8 @@ def _send(options: argparse.Namespace, command: str, plan_id: str = "") -> int:
 
 def add_upload_parser(subparsers: Any) -> None:
     """crux upload PLAN.mcap."""
-    parser = _add(
-        subparsers, "upload", "Send a plan to a running runtime, which checks it against its robot", run_upload
-    )
+    text = "Send a plan to a running runtime, which checks it against its robot"
+    parser = _add(subparsers, "upload", text, "crux upload out/plan.mcap && crux start", run_upload)
     parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
 
 
@@ -67,7 +66,7 @@ def run_upload(options: argparse.Namespace) -> int:
 
 def add_start_parser(subparsers: Any) -> None:
     """crux start."""
-    parser = _add(subparsers, "start", "Let the runtime climb the plan it holds", run_start)
+    parser = _add(subparsers, "start", "Let the runtime climb the plan it holds", "crux start", run_start)
     parser.add_argument(
         "--plan-id", default="", metavar="ID", help="refuse to start when the runtime holds another plan"
     )
@@ -84,7 +83,7 @@ def run_start(options: argparse.Namespace) -> int:
 
 def add_hold_parser(subparsers: Any) -> None:
     """crux hold."""
-    _add(subparsers, "hold", "Stop climbing and hold on", run_hold)
+    _add(subparsers, "hold", "Stop climbing and hold on", "crux hold", run_hold)
 
 
 def run_hold(options: argparse.Namespace) -> int:
@@ -94,7 +93,7 @@ def run_hold(options: argparse.Namespace) -> int:
 
 def add_resume_parser(subparsers: Any) -> None:
     """crux resume."""
-    _add(subparsers, "resume", "Go on with the climb after a hold", run_resume)
+    _add(subparsers, "resume", "Go on with the climb after a hold", "crux resume", run_resume)
 
 
 def run_resume(options: argparse.Namespace) -> int:
@@ -104,7 +103,7 @@ def run_resume(options: argparse.Namespace) -> int:
 
 def add_clear_parser(subparsers: Any) -> None:
     """crux clear-fault."""
-    _add(subparsers, "clear-fault", "Leave the fault state once its cause is gone", run_clear)
+    _add(subparsers, "clear-fault", "Leave the fault state once its cause is gone", "crux clear-fault", run_clear)
 
 
 def run_clear(options: argparse.Namespace) -> int:
@@ -114,7 +113,7 @@ def run_clear(options: argparse.Namespace) -> int:
 
 def add_status_parser(subparsers: Any) -> None:
     """crux status."""
-    _add(subparsers, "status", "Ask the runtime for its state and plan", run_status)
+    _add(subparsers, "status", "Ask the runtime for its state and plan", "crux status --json", run_status)
 
 
 def run_status(options: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from crux_tools.errors import UsageError
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD_DIR = ROOT / "build" / "cmake"
+SCENARIOS = ROOT / "msgs" / "scenarios"
 
 
 def built(relative: str) -> Path:

@@ -16,7 +16,11 @@ OK, VIOLATED, UNREADABLE = 0, 1, 2
 SHOWN_VIOLATIONS = 20
 SHOWN_TIGHTEST = 8
 
-EPILOG = """what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
+EPILOG = """examples:
+  crux check out/plan.mcap
+  crux check out/plan.mcap --json
+
+what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
 joint speeds and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them
 
 exit status: 0 the plan passes, 1 it violates a constraint, 2 the file cannot be read"""

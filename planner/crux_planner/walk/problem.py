@@ -71,6 +71,8 @@ class WalkProblem:
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     """P1 of a scenario with point contacts. Raises ScenarioError and InfeasibleError."""
+    if scenario.contact.model != "point":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected point: this is about walks")
     if scenario.cuboids:
         name = scenario.cuboids[0].name
         raise wrong(

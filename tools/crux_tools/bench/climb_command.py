@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import whole
 from crux_tools.output import add_json_option, note, print_json, progress
 
 _DESCRIPTION = """Runs a plan on the hardware-in-the-loop bench: starts the runtime as its own process, 24 joint and 4
@@ -14,6 +15,7 @@ climbs, and judges the climb on what happened in physics. Runs side by side do n
 _EPILOG = """examples:
   crux climb out/plan.mcap -o out/climb.mcap
   crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json
+  crux climb out/plan.mcap -o out/climb.mcap --emulate LF.1 --report out/climb.html
   crux can run --virtual-time -i can0,can1,can2,can3 -- \\
     crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime"""
 
@@ -48,13 +50,13 @@ def add_parser(subparsers: Any) -> None:
         help="a CAN frame for each node, or one for all nodes of a bus, as 1 kHz needs it (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
+        "--seed", type=whole(0), default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
     )
     parser.add_argument(
         "--faults",
         type=Path,
         metavar="FILE.yaml",
-        help="what goes wrong on the buses when (crux_tools/bench/fault_file.py)",
+        help="what goes wrong on the buses, and when (tools/README.md has the kinds)",
     )
     parser.add_argument(
         "--emulate",

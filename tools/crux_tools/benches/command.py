@@ -4,24 +4,49 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from dataclasses import dataclass
 from typing import Any
 
+from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note
 
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench: what it does, the module that does it, and how it is called, for example."""
+
+    help: str
+    module: str
+    options: str = ""
+
+
+_HERE = "crux_tools.benches"
 BENCHES = {
-    "table2": ("time every method on the paper's two tasks, ten pairs each", "crux_tools.benches.table2"),
-    "faults": ("break the buses in mid-climb in every way and time the hold", "crux_tools.benches.bus_faults"),
-    "firmware": ("count what the images' interrupts execute, against their time", "crux_tools.benches.firmware_cost"),
-    "climbs": ("plan and climb random walls like the four-hold scene", "crux_tools.benches.random_climbs"),
-    "costs": ("the cost J of auto and of two-block ADMM on pairs of start and goal", "crux_tools.benches.costs"),
-    "replan": ("plan again, warm, from every stance of a route over sixteen holds", "crux_tools.benches.replans"),
-    "scenes": ("plan, check and climb every scene that ships", "crux_tools.benches.scenes"),
-    "fig7": ("the faces that are gripped where others are slippery", "crux_tools.benches.slippery"),
-    "fig8": ("shear of a finger at zero normal force", "crux_tools.benches.spines"),
-    "fields": ("decide random hold fields: solved, or proven infeasible", "crux_tools.benches.hold_fields"),
-    "fig4": ("residuals of the ADMMs on a walk over their iterations", "crux_tools.benches.figure4"),
-    "fig5": ("residuals of the ADMMs on a climb over their iterations", "crux_tools.benches.figure5"),
-    "fig6": ("the gait with and without moments in the contact block", "crux_tools.benches.figure6"),
+    "table2": Bench(
+        "time every method on the paper's two tasks, ten pairs each", f"{_HERE}.table2", "--count 3 --methods auto"
+    ),
+    "fig4": Bench("residuals of the ADMMs on a walk over their iterations", f"{_HERE}.figure4"),
+    "fig5": Bench("residuals of the ADMMs on a climb over their iterations", f"{_HERE}.figure5"),
+    "fig6": Bench("the gait with and without moments in the contact block", f"{_HERE}.figure6"),
+    "fig7": Bench("the faces that are gripped where others are slippery", f"{_HERE}.slippery"),
+    "fig8": Bench("shear of a finger at zero normal force", f"{_HERE}.spines"),
+    "costs": Bench(
+        "the cost J of auto and of two-block ADMM on pairs of start and goal", f"{_HERE}.costs", "--task climbing"
+    ),
+    "fields": Bench(
+        "decide random hold fields: solved, or proven infeasible", f"{_HERE}.hold_fields", "--count 5 --seed 101"
+    ),
+    "scenes": Bench("plan, check and climb every scene that ships", f"{_HERE}.scenes", "climb-vertical walk-flat"),
+    "climbs": Bench(
+        "plan and climb random walls like the four-hold scene", f"{_HERE}.random_climbs", "--count 5 --slope 70"
+    ),
+    "replan": Bench(
+        "plan again, warm, from every stance of a route over sixteen holds", f"{_HERE}.replans", "--walls 0 --plain"
+    ),
+    "faults": Bench(
+        "break the buses in mid-climb in every way and time the hold", f"{_HERE}.bus_faults", "--kinds cut reset"
+    ),
+    "firmware": Bench("count what the images' interrupts execute, against their time", f"{_HERE}.firmware_cost"),
 }
 
 
@@ -30,26 +55,32 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "bench",
         help="reproduce a figure of merit",
-        description="Reproduces a figure of merit; exit status 1 when it is missed.",
+        **taught(
+            "Reproduces a figure of merit; exit status 1 when it is missed.",
+            "crux bench fig6",
+            "crux bench table2 --count 3 --methods auto",
+        ),
     )
     names = parser.add_subparsers(dest="bench", metavar="NAME", required=True)
-    for name, (text, module) in BENCHES.items():
-        bench = names.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-        importlib.import_module(module).add_arguments(bench)
-        add_json_option(bench)
-        bench.set_defaults(func=run)
-    everything = names.add_parser("all", help="every bench with its defaults", description="Every bench, one by one.")
+    for name, bench in BENCHES.items():
+        example = f"crux bench {name} {bench.options}".strip()
+        one = names.add_parser(name, help=bench.help, **taught(bench.help[0].upper() + bench.help[1:] + ".", example))
+        importlib.import_module(bench.module).add_arguments(one)
+        add_json_option(one)
+        one.set_defaults(func=run)
+    teaching = taught("Every bench, one by one.", "crux bench all")
+    everything = names.add_parser("all", help="every bench with its defaults", **teaching)
     add_json_option(everything)
     everything.set_defaults(func=run)
 
 
 def _run_one(name: str, options: argparse.Namespace) -> int:
-    return int(importlib.import_module(BENCHES[name][1]).run(options))
+    return int(importlib.import_module(BENCHES[name].module).run(options))
 
 
 def _defaults(name: str, as_json: bool) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    importlib.import_module(BENCHES[name][1]).add_arguments(parser)
+    importlib.import_module(BENCHES[name].module).add_arguments(parser)
     return argparse.Namespace(**vars(parser.parse_args([])), json=as_json)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.pairs import TASKS, pairs
 from crux_tools.output import note, print_json, progress
@@ -54,8 +55,12 @@ class Pair:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench costs`."""
-    parser.add_argument("--count", type=int, default=10, metavar="N", help="pairs of each task (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first pair (default: %(default)s)")
+    parser.add_argument(
+        "--count", type=whole(1), default=10, metavar="N", help="pairs of each task (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first pair (default: %(default)s)"
+    )
     parser.add_argument("--task", choices=TASKS, action="append", help="climbing or walking (default: both)")
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-costs"), metavar="DIR", help="for scenarios and plans"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from crux_tools.benches.residuals import FORCE, POSITION, draw, print_table, summary
 from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 
 PANELS = (POSITION, FORCE)  # point feet: no finger turns, none carries a moment
 ITERATIONS = {"two_block": 10, "multi_block": 30}
@@ -19,9 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario",
         type=Path,
-        default=Path("msgs/scenarios/walk-flat.yaml"),
+        default=SCENARIOS / "walk-flat.yaml",
         metavar="FILE",
-        help="another walk (default: %(default)s)",
+        help="another walk (default: walk-flat)",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("out/fig4.png"), metavar="PNG", help="picture (default: %(default)s)"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from crux_tools.benches.residuals import FORCE, MOMENT, ORIENTATION, POSITION, draw, print_table, summary
 from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 
 PANELS = (POSITION, FORCE, ORIENTATION, MOMENT)
 ITERATIONS = {"two_block": 10, "multi_block": 30}
@@ -17,9 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario",
         type=Path,
-        default=Path("msgs/scenarios/climb-four-holds.yaml"),
+        default=SCENARIOS / "climb-four-holds.yaml",
         metavar="FILE",
-        help="another climb (default: %(default)s)",
+        help="another climb (default: climb-four-holds)",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("out/fig5.png"), metavar="PNG", help="picture (default: %(default)s)"

@@ -103,7 +103,7 @@ def gait_planned(scenario: Scenario) -> Gait:
     """The gait of `crux plan --method two_block`, exact NLP and check included."""
     from crux_contracts.robot import load_robot
     from crux_msgs import limb_knot_t
-    from crux_planner.planning import plan
+    from crux_planner import plan
 
     result = plan(scenario, load_robot(scenario.robot), method="two_block")
     knots = result.plan.knots

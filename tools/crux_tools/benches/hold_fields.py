@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import positive, whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.random_fields import random_field
 from crux_tools.output import note, print_json, progress
@@ -41,11 +42,13 @@ class FieldResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench fields`."""
-    parser.add_argument("--count", type=int, default=20, metavar="N", help="fields to draw (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first field (default: %(default)s)")
+    parser.add_argument("--count", type=whole(1), default=20, metavar="N", help="fields to draw (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first field (default: %(default)s)"
+    )
     parser.add_argument(
         "--limit",
-        type=float,
+        type=positive,
         default=LIMIT_S,
         metavar="S",
         help="seconds a field may take, start of the process included (default: %(default)s)",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.random_walls import random_wall
 from crux_tools.output import note, print_json, progress
@@ -40,8 +41,10 @@ class WallResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench climbs`."""
-    parser.add_argument("--count", type=int, default=20, metavar="N", help="walls to draw (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first wall (default: %(default)s)")
+    parser.add_argument("--count", type=whole(1), default=20, metavar="N", help="walls to draw (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first wall (default: %(default)s)"
+    )
     parser.add_argument("--slope", type=float, default=45.0, metavar="DEG", help="of the walls (default: %(default)s)")
     parser.add_argument(
         "--all-limbs", action="store_true", help="demand that every limb moves to the hold above it, not the body alone"
@@ -81,6 +84,9 @@ def _print_table(results: list[WallResult]) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when 95 % of the walls were planned and every planned one climbed."""
+    from crux_contracts.scenario import parse_scenario
+
+    parse_scenario(random_wall(options.seed, options.slope), f"walls of --slope {options.slope:g}")
     options.output.mkdir(parents=True, exist_ok=True)
     results: list[WallResult] = []
     with progress("climbing random walls", options.count) as bar:

@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from crux_tools.arguments import whole
 from crux_tools.output import note, print_json, progress
+from crux_tools.paths import SCENARIOS
 
 LIMIT_S = 0.3  # of the planning, from a stance as the plan has it; the check is timed apart
 OFF_M = (0.01, 0.02)  # how far off the body is
@@ -41,10 +43,15 @@ class Case:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench replan`."""
-    default = Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "climb-obstacles.yaml"
-    parser.add_argument("--scenario", type=Path, default=default, metavar="FILE", help="default: climb-obstacles")
-    parser.add_argument("--walls", type=int, default=3, metavar="N", help="random ladders beside it (default: 3)")
-    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="times each is planned (default: 3)")
+    parser.add_argument(
+        "--scenario",
+        type=Path,
+        default=SCENARIOS / "climb-obstacles.yaml",
+        metavar="FILE",
+        help="default: climb-obstacles",
+    )
+    parser.add_argument("--walls", type=whole(0), default=3, metavar="N", help="random ladders beside it (default: 3)")
+    parser.add_argument("--repeat", type=whole(1), default=3, metavar="N", help="times each is planned (default: 3)")
     parser.add_argument("--plain", action="store_true", help="only from the stances as the plan has them")
 
 
@@ -96,8 +103,8 @@ def _summary(cases: list[Case]) -> dict[str, dict[str, float]]:
 
 def _wall(wall: Any, repeat: int, names: tuple[str, ...]) -> list[Case]:
     from crux_contracts.robot import load_robot
+    from crux_planner import plan
     from crux_planner.errors import InfeasibleError
-    from crux_planner.planning import plan
     from crux_planner.replanning import Planner, stances
 
     robot = load_robot(wall.robot)

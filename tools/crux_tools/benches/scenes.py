@@ -9,9 +9,7 @@ from typing import Any
 
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.output import note, print_json, progress
-from crux_tools.paths import ROOT
-
-FOLDER = ROOT / "msgs" / "scenarios"
+from crux_tools.paths import SCENARIOS
 
 
 @dataclass(frozen=True)
@@ -46,13 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def scene_names() -> list[str]:
     """Every scene that ships."""
-    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+    return sorted(path.stem for path in SCENARIOS.glob("*.yaml"))
 
 
 def run_scene(name: str, folder: Path) -> SceneResult:
     """Plans, checks and climbs one scene; its plan and log stay in `folder`."""
     plan, log = folder / f"{name}.plan.mcap", folder / f"{name}.log.mcap"
-    planned, cold_s = crux_json("plan", str(FOLDER / f"{name}.yaml"), "-o", str(plan))
+    planned, cold_s = crux_json("plan", str(SCENARIOS / f"{name}.yaml"), "-o", str(plan))
     checked: dict[str, Any] = {}
     climbed: dict[str, Any] = {}
     if planned.get("ok"):

@@ -13,8 +13,8 @@ from crux_contracts.plan_file import read_plan
 from crux_contracts.scenario import FACE_NAMES
 
 from crux_tools.benches.cold_process import crux_json
-from crux_tools.benches.scenes import FOLDER
 from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 from crux_tools.report.plan_series import plan_series
 
 SCENE = "climb-slippery"
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when no finger sits on a slippery face and the grippers had to turn for it."""
     options.output.mkdir(parents=True, exist_ok=True)
     path, picture = options.output / "plan.mcap", options.output / "fig7.png"
-    planned, _ = crux_json("plan", str(FOLDER / f"{SCENE}.yaml"), "-o", str(path))
+    planned, _ = crux_json("plan", str(SCENARIOS / f"{SCENE}.yaml"), "-o", str(path))
     if not planned.get("ok"):
         note(f"crux bench fig7: {planned.get('error')}")
         return 1

@@ -13,8 +13,8 @@ from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
 from crux_tools.benches.cold_process import crux_json
-from crux_tools.benches.scenes import FOLDER
 from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 from crux_tools.report.plan_series import plan_series
 
 SCENE = "climb-spines-only"
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the finger never presses, carries shear, and stays within what its spines hold."""
     options.output.mkdir(parents=True, exist_ok=True)
     path, picture = options.output / "plan.mcap", options.output / "fig8.png"
-    planned, _ = crux_json("plan", str(FOLDER / f"{SCENE}.yaml"), "-o", str(path))
+    planned, _ = crux_json("plan", str(SCENARIOS / f"{SCENE}.yaml"), "-o", str(path))
     if not planned.get("ok"):
         note(f"crux bench fig8: {planned.get('error')}")
         return 1

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from crux_tools.arguments import positive, whole
 from crux_tools.benches.cold_process import crux_json, measured
 from crux_tools.benches.pairs import TASKS, pair
 from crux_tools.output import note, print_json, progress
@@ -76,9 +77,13 @@ class Row:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench table2`."""
-    parser.add_argument("--count", type=int, default=10, metavar="N", help="pairs a task (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first pair (default: %(default)s)")
-    parser.add_argument("--time-limit", type=float, default=30.0, metavar="S", help="of a run (default: %(default)g)")
+    parser.add_argument("--count", type=whole(1), default=10, metavar="N", help="pairs a task (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first pair (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--time-limit", type=positive, default=30.0, metavar="S", help="of a run (default: %(default)g)"
+    )
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK", help=", ".join(TASKS))
     parser.add_argument(
         "--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="M", help=", ".join(METHODS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from crux_tools.arguments import taught
 from crux_tools.can.param_command import add_param
 from crux_tools.can.run_command import add_kernel, add_run
 from crux_tools.can.setup_command import add_check, add_up
@@ -16,8 +17,13 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "can",
         help="CAN interfaces: set up, check, or a kernel that has them; parameters and firmware of nodes",
-        description="CAN interfaces of this machine: set up and check them; or a kernel that has some. Nodes on the "
-        "buses: their parameters, their firmware.",
+        **taught(
+            "CAN interfaces of this machine: set up and check them; or a kernel that has some. Nodes on the buses: "
+            "their parameters, their firmware.",
+            "crux can check --measure 2",
+            "crux can param LF.joint3",
+            "crux can ACTION --help",
+        ),
     )
     actions = parser.add_subparsers(dest="can_action", metavar="ACTION", required=True)
     add_up(actions)

@@ -19,7 +19,8 @@ DESCRIPTION = """Lists, reads, writes and saves parameters of a node over ISO-TP
 description; what is written stands in for them and is kept without power only after --save. A node takes a
 value when it is at rest (HOLD, or not commanded since its start), and only within its range; what carries
 the robot is read-only."""
-EPILOG = """  crux can param LF.joint3
+EPILOG = """examples:
+  crux can param LF.joint3
   crux can param LF.joint3 setpoint_time_constant_s 0.03 --save
   crux can param LF.joint3 --forget"""
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from crux_tools.arguments import positive, taught, whole
 from crux_tools.can.job import DEFAULT_INTERFACE, DEFAULT_TIMEOUT_S, NO_KERNEL, Job, NoKernel
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json
@@ -43,16 +44,6 @@ def _interfaces(text: str) -> tuple[str, ...]:
     return names
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
-    return value
-
-
 def add_run(actions: Any) -> None:
     """crux can run."""
     parser = actions.add_parser(
@@ -74,14 +65,14 @@ def add_run(actions: Any) -> None:
     )
     parser.add_argument(
         "--timeout",
-        type=_positive,
+        type=positive,
         default=DEFAULT_TIMEOUT_S,
         metavar="S",
         help="for the command (default: %(default)g)",
     )
     parser.add_argument("--virtual-time", action="store_true", help="time jumps on when all programs wait (uml)")
     parser.add_argument(
-        "--memory", type=int, default=1024, metavar="MIB", help="of a guest kernel (default: %(default)s MiB)"
+        "--memory", type=whole(1), default=1024, metavar="MIB", help="of a guest kernel (default: %(default)s MiB)"
     )
     parser.add_argument("-v", "--verbose", action="store_true", help="say which kernel it is and how long it took")
     parser.add_argument("cmd", nargs=argparse.REMAINDER, metavar="CMD", help="the command and its arguments")
@@ -93,7 +84,10 @@ def add_kernel(actions: Any) -> None:
     parser = actions.add_parser(
         "kernel",
         help="build the user-mode kernel if it is missing",
-        description="Builds the user-mode kernel from Debian's source into ~/.cache/crux/kernels, if it is missing.",
+        **taught(
+            "Builds the user-mode kernel from Debian's source into ~/.cache/crux/kernels, if it is missing.",
+            "crux can kernel",
+        ),
     )
     add_json_option(parser)
     parser.set_defaults(action=run_kernel)

@@ -8,14 +8,15 @@ import os
 import subprocess
 from typing import Any
 
+from crux_tools.arguments import positive, taught
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json
 
 INTERFACES = ["can0", "can1", "can2", "can3"]
 
 
-def _add(actions: Any, name: str, text: str, description: str, action: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, description=description)
+def _add(actions: Any, name: str, text: str, teaching: dict[str, Any], action: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, **teaching)
     parser.add_argument(
         "interfaces", nargs="*", default=INTERFACES, metavar="NAME", help=f"which (default: {' '.join(INTERFACES)})"
     )
@@ -31,8 +32,12 @@ def add_up(actions: Any) -> None:
         actions,
         "up",
         "set interfaces up for the robot's buses",
-        "Sets bit rates, sample points, transmit queue and restart as the robot's buses need them, and brings the "
-        "interfaces up. Needs root; --dry-run prints the commands.",
+        taught(
+            "Sets bit rates, sample points, transmit queue and restart as the robot's buses need them, and brings the "
+            "interfaces up. Needs root; --dry-run prints the commands.",
+            "sudo .venv/bin/crux can up",
+            "crux can up can4 can5 can6 can7 --dry-run",
+        ),
         run_up,
     )
     parser.add_argument("--dry-run", action="store_true", help="only print what root would have to run")
@@ -44,19 +49,23 @@ def add_check(actions: Any) -> None:
         actions,
         "check",
         "check interfaces and measure the load of the buses",
-        "Checks bit rates, sample points, transmit queue, restart and the controllers' states, and the load of the "
-        "buses against the budget: planned from the CAN database, and measured when --measure says how long. Exit "
-        "status 1 when something is wrong.",
+        taught(
+            "Checks bit rates, sample points, transmit queue, restart and the controllers' states, and the load of the "
+            "buses against the budget: planned from the CAN database, and measured when --measure says how long. Exit "
+            "status 1 when something is wrong.",
+            "crux can check --measure 2",
+            "crux can check can0 --commands broadcast --rate 1000",
+        ),
         run_check,
     )
-    parser.add_argument("--measure", type=float, default=0.0, metavar="S", help="listen so long to each bus")
+    parser.add_argument("--measure", type=positive, metavar="S", help="listen so long to each bus")
     parser.add_argument(
         "--commands",
         choices=["each", "broadcast"],
         default="each",
         help="frames of the commands: one a node, or one for all (default: %(default)s)",
     )
-    parser.add_argument("--rate", type=float, metavar="HZ", help="cycles a second (default: the robot's)")
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="cycles a second (default: the robot's)")
 
 
 def _robot(name: str) -> Any:
@@ -134,7 +143,7 @@ def run_check(options: argparse.Namespace) -> int:
     for name, interface in _found(options.interfaces).items():
         problems[name] = defects(interface, robot)
         entry: dict[str, Any] = {"name": name, "kind": interface.kind, "state": interface.state}
-        if options.measure > 0 and interface.up:
+        if options.measure is not None and interface.up:
             load = entry["load"] = _load(interface, robot, options.measure)
             if load["most"] > budget:
                 problems[name].append(f"load {100 * load['most']:.0f} %, the budget is {100 * budget:.0f} %")

@@ -10,6 +10,7 @@ from typing import Any
 
 from crux_contracts.node_services import number
 
+from crux_tools.arguments import taught
 from crux_tools.can.image import new_key, node_kinds, read_image, sign, version_number, version_text
 from crux_tools.can.node_link import NodeLink
 from crux_tools.can.param_command import add_node_options, open_link
@@ -25,8 +26,11 @@ def add_sign(actions: Any) -> None:
     parser = actions.add_parser(
         "sign",
         help="sign a node's firmware",
-        description="Makes a signed image (Ed25519) of a program for `crux can update`. Nodes take images signed with "
-        "the key whose public half they were built with, which this command prints. --new-key makes a key first.",
+        **taught(
+            "Makes a signed image (Ed25519) of a program for `crux can update`. Nodes take images signed with the key "
+            "whose public half they were built with, which this command prints. --new-key makes a key first.",
+            "crux can sign joint.bin --kind joint --firmware-version 0.2.0 --key firmware.pem -o joint.image",
+        ),
     )
     parser.add_argument("program", type=Path, metavar="PROGRAM", help="the program's bytes (objcopy -O binary)")
     parser.add_argument("--kind", required=True, choices=sorted(node_kinds()), help="which nodes it is for")
@@ -43,9 +47,12 @@ def add_update(actions: Any) -> None:
     parser = actions.add_parser(
         "update",
         help="give a node new firmware",
-        description="Sends a signed image to a node, restarts the node and waits until the new firmware has confirmed "
-        "itself; if it does not, the node goes back to the old one. The restart drops what the joint carries: "
-        "the robot must be off the wall, and --off-the-wall says so.",
+        **taught(
+            "Sends a signed image to a node, restarts the node and waits until the new firmware has confirmed itself; "
+            "if it does not, the node goes back to the old one. The restart drops what the joint carries: the robot "
+            "must be off the wall, and --off-the-wall says so.",
+            "crux can update LF.joint3 joint.image --off-the-wall",
+        ),
     )
     add_node_options(parser)
     parser.add_argument("image", type=Path, metavar="IMAGE", help="from `crux can sign`")

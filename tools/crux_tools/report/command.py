@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
@@ -47,6 +48,8 @@ def add_parser(subparsers: Any) -> None:
 
 def _write(path: Path, content: bytes) -> None:
     """All of it or nothing: a broken write leaves an older file as it was."""
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder; name the file to write")
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
