@@ -3,25 +3,28 @@ and the wall.
 
 Clearance is measured exactly for capsules against cuboids (the distance to a convex set is convex along a segment) and
 by the separating axis theorem for boxes. Pads, which pass closest, are followed along the chords between samples.
+Only what may be a violation, or the tightest place of its kind, is measured: bounds settle the rest.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, box_to_box, segment_to_box, signed_distance_to_box
-from crux_planner.checker.parts import Part
+from crux_planner.checker.parts import BLOCK, Part
 from crux_planner.checker.plan_arrays import Cuboids
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
 
+Indices = NDArray[np.int_]
+
 NEAR_M = 0.03
 """Beyond this much clearance a lower bound of it is good enough."""
-
-BLOCK = 32
-"""Samples in a row that are looked at together, before each by itself."""
 
 
 def check_clearance(
@@ -34,101 +37,186 @@ def check_clearance(
     findings: Findings,
 ) -> None:
     """Clearance of every part of the limbs (in limb order) and of the body to every cuboid and to the wall."""
-    n_cuboids = len(cuboids.names)
-    for index, parts in enumerate([*limbs, body]):
-        limb = index if index < len(limbs) else None
-        usual = np.full((len(samples.time_s), n_cuboids), tolerances.MOVING_CLEARANCE_M)
-        for part in parts:
-            required = _required(samples, limb, n_cuboids) if part.kind == "finger" and limb is not None else usual
-            gaps = _gaps(part, cuboids)
-            for c in range(n_cuboids):
-                findings.add_series(
-                    f"clearance_{part.kind}",
-                    _or_nothing(required[:, c] - gaps[c]),
-                    samples.time_s,
-                    "m",
-                    tolerance=tolerances.LENGTH_M,
-                    limb=limb,
-                    finger=part.finger,
-                    detail=f"to {cuboids.names[c]!r}",
-                )
-            if point_model and part.kind in ("finger", "palm"):
-                continue  # feet stand on the wall
+    owners = [(index if index < len(limbs) else None, parts) for index, parts in enumerate([*limbs, body])]
+    looks = [_Look(part, cuboids, samples, limb) for limb, parts in owners for part in parts]
+    cuts: dict[str, float] = {}
+    closest = [look.closest() for look in looks]
+    for look, place, gap in zip(looks, closest, _measured(looks, closest), strict=True):
+        lacks = max(look.settled_need(), float((look.required(*place) - gap).max(initial=-np.inf)))
+        cuts[look.part.kind] = max(cuts.get(look.part.kind, -np.inf), min(lacks, tolerances.LENGTH_M))
+    open_places = [look.unsettled(cuts[look.part.kind]) for look in looks]
+    for look, places, gaps in zip(looks, open_places, _measured(looks, open_places), strict=True):
+        part, limb = look.part, look.limb
+        for c, need in look.needs(cuts[part.kind], places, gaps):
             findings.add_series(
-                "clearance_wall",
-                _or_nothing(tolerances.MOVING_CLEARANCE_M - _height(part)),
+                f"clearance_{part.kind}",
+                need,
                 samples.time_s,
                 "m",
                 tolerance=tolerances.LENGTH_M,
                 limb=limb,
                 finger=part.finger,
-                detail=f"of the {part.kind}",
+                detail=f"to {cuboids.names[c]!r}",
             )
+        if point_model and part.kind in ("finger", "palm"):
+            continue  # feet stand on the wall
+        height = tolerances.MOVING_CLEARANCE_M - _height(part)
+        findings.add_series(
+            "clearance_wall",
+            np.where(np.isnan(height), -np.inf, height),
+            samples.time_s,
+            "m",
+            tolerance=tolerances.LENGTH_M,
+            limb=limb,
+            finger=part.finger,
+            detail=f"of the {part.kind}",
+        )
 
 
-def _required(samples: Samples, limb: int, n_cuboids: int) -> Array:
-    """Clearance (T, H) asked of a limb's fingers: none to the hold they grip, open on or close on."""
-    required = np.full((len(samples.time_s), n_cuboids), tolerances.MOVING_CLEARANCE_M)
-    own = samples.own_hold[:, limb]
-    rows = np.flatnonzero(own >= 0)
-    required[rows, own[rows]] = 0.0
-    return required
+@dataclass(frozen=True)
+class _Look:
+    """One part's clearance to every cuboid, measured as far as need be. NaN where the part is nowhere."""
 
+    part: Part
+    cuboids: Cuboids
+    samples: Samples
+    limb: int | None
 
-def _or_nothing(amounts: Array) -> Array:
-    """-inf, which is "does not apply", where a part is nowhere."""
-    return np.where(np.isnan(amounts), -np.inf, amounts)
+    def settled_need(self) -> float:
+        """The most that clearance lacks where bounds settle it."""
+        found = [-np.inf]
+        far, (c, t, bound) = self._blocks[self._blocks >= NEAR_M], self._bounds
+        if len(far) > 0:
+            found.append(float(self._far(self._blocks == far.min())[2].max(initial=-np.inf)))
+        off = bound >= NEAR_M
+        if off.any():
+            at = np.argmin(np.where(off, bound, np.inf), keepdims=True)
+            found.append(float((self.required(c[at], t[at]) - bound[at])[0]))
+        return max(found)
 
+    def closest(self) -> tuple[Indices, Indices]:
+        """A cuboid and a sample to measure at, if any: where clearance may lack most."""
+        c, t, bound = self._close
+        at = [] if len(c) == 0 else [int(np.argmax(self.required(c, t) - bound))]
+        return c[at], t[at]
 
-def _gaps(part: Part, cuboids: Cuboids) -> Array:
-    """Clearance (H, T) of a part to every cuboid: exact where it is small, a lower bound elsewhere."""
-    gaps, near = _far_off(part, cuboids)
-    c, t = np.nonzero(near)
-    half, rotation = 0.5 * cuboids.size_m[c], cuboids.rotation[c]
-    start, end = _seen_from(part.start[t], cuboids, c, rotation), _seen_from(part.end[t], cuboids, c, rotation)
-    if part.half_m is not None:
-        reach: Array | float = float(np.linalg.norm(part.half_m))
-    else:
-        reach = 0.5 * np.linalg.norm(end - start, axis=1) + part.radius_m
-    gap = np.asarray(signed_distance_to_box(0.5 * (start + end), half) - reach)
-    close = np.flatnonzero(gap < NEAR_M)  # NaN (a pose out of reach) is not
-    if len(close) > 0:
-        fresh = part.moved[t[close]]
-        fresh[0] = True
-        fresh[1:] |= (np.diff(c[close]) != 0) | (np.diff(t[close]) != 1)
-        rows = close[fresh]
-        if part.half_m is not None and part.rotation is not None:
-            turned = rotation[rows].swapaxes(1, 2) @ part.rotation[t[rows]]
-            exact = box_to_box(start[rows], turned, part.half_m, half[rows])
+    def unsettled(self, cut: float) -> tuple[Indices, Indices]:
+        """Cuboids and samples to measure at: where clearance may lack `cut` or more."""
+        c, t, bound = self._close
+        rows = np.flatnonzero(self.required(c, t) - bound >= cut)
+        return c[rows], t[rows]
+
+    def needs(self, cut: float, places: tuple[Indices, Indices], gaps: Array) -> list[tuple[int, Array]]:
+        """(cuboid, what clearance lacks at every sample) where that is `cut` or more somewhere; -inf where less."""
+        c, t, bound = self._bounds
+        off = (bound >= NEAR_M) & (tolerances.MOVING_CLEARANCE_M - bound >= cut)
+        parts = [
+            self._far((self._blocks >= NEAR_M) & (tolerances.MOVING_CLEARANCE_M - self._blocks >= cut)),
+            (c[off], t[off], self.required(c[off], t[off]) - bound[off]),
+            (*places, self.required(*places) - gaps),
+        ]
+        c, t, need = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        found = []
+        for cuboid in np.unique(c[need >= cut]):
+            series = np.full(len(self.part.start), -np.inf)
+            mine = (c == cuboid) & (need >= cut)
+            series[t[mine]] = need[mine]
+            found.append((int(cuboid), series))
+        return found
+
+    def required(self, c: Indices, t: Indices) -> Array:
+        """Clearance asked at samples t to cuboids c: none of a finger to the hold that it grips, opens or closes on."""
+        required = np.full(len(c), tolerances.MOVING_CLEARANCE_M)
+        if self.part.kind == "finger" and self.limb is not None:
+            required[self.samples.own_hold[t, self.limb] == c] = 0.0
+        return required
+
+    def _far(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
+        """Cuboids, samples and what clearance lacks in some of the blocks, by their bounds."""
+        c, t = self._samples_of(blocks)
+        return c, t, self.required(c, t) - self._blocks[c, t // BLOCK]
+
+    def _samples_of(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+        """Cuboids and samples in some of the blocks (H, blocks), where the part is somewhere."""
+        c, block = np.nonzero(blocks)
+        t = block[:, None] * BLOCK + np.arange(BLOCK)
+        inside = (t < len(self.part.start)) & ~self._nowhere[np.minimum(t, len(self.part.start) - 1)]
+        return np.broadcast_to(c[:, None], t.shape)[inside], t[inside]
+
+    @cached_property
+    def _nowhere(self) -> NDArray[np.bool_]:
+        return np.isnan(self.part.start[:, 0])
+
+    @cached_property
+    def _blocks(self) -> Array:
+        """Lower bounds (H, blocks) from the box around the part over some samples in a row."""
+        (low, high), cuboids = self.part.blocks, self.cuboids
+        apart = np.maximum(low - cuboids.centre_w_m[:, None], cuboids.centre_w_m[:, None] - high) - cuboids.reach_w_m
+        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2)))
+
+    @cached_property
+    def _bounds(self) -> tuple[Indices, Indices, Array]:
+        """Cuboids, samples and lower bounds of the clearance, from a sphere, where the blocks settle nothing."""
+        part = self.part
+        c, t = self._samples_of(self._blocks < NEAR_M)
+        middle = 0.5 * (self.seen(part.start, c, t) + self.seen(part.end, c, t))
+        if part.half_m is not None:
+            reach: Array | float = float(np.linalg.norm(part.half_m))
         else:
-            exact = segment_to_box(start[rows], end[rows], half[rows]) - part.radius_m
-        gap[close] = exact[np.cumsum(fresh) - 1]
-    gaps[c, t] = gap
-    return gaps
+            reach = (0.5 * np.linalg.norm(part.end - part.start, axis=1) + part.radius_m)[t]
+        return c, t, np.asarray(signed_distance_to_box(middle, 0.5 * self.cuboids.size_m[c]) - reach)
+
+    @cached_property
+    def _close(self) -> tuple[Indices, Indices, Array]:
+        """Cuboids, samples and lower bounds where only measuring settles it."""
+        c, t, bound = self._bounds
+        close = np.flatnonzero(bound < NEAR_M)
+        c, t, bound = c[close], t[close], bound[close]
+        if self.part.half_m is None:  # the box around the segment, in the cuboid's axes
+            start, end = self.seen(self.part.start, c, t), self.seen(self.part.end, c, t)
+            half = 0.5 * self.cuboids.size_m[c]
+            apart = np.maximum(np.minimum(start, end) - half, -half - np.maximum(start, end))
+            outside = np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=1)) - self.part.radius_m - _ROUNDING_M
+            bound = np.maximum(bound, outside)
+        return c, t, bound
+
+    def seen(self, points: Array, c: Indices, t: Indices) -> Array:
+        """Points at samples t in the frames of cuboids c."""
+        offset = points.T[:, t] - self.cuboids.centre_w_m.T[:, c]
+        sine, cosine = np.sin(self.cuboids.yaw_rad)[c], np.cos(self.cuboids.yaw_rad)[c]
+        x, y, z = offset
+        return np.array([cosine * x + sine * y, cosine * y - sine * x, z]).T
 
 
-def _far_off(part: Part, cuboids: Cuboids) -> tuple[Array, NDArray[np.bool_]]:
-    """Lower bounds (H, T) of a part's clearance to every cuboid, from the box around it over some samples in a row, and
-    where they are too small to settle anything. NaN where the part is nowhere.
+def _measured(looks: list[_Look], places: list[tuple[Indices, Indices]]) -> list[Array]:
+    """Exact clearance of every part at its places (cuboids, samples in order): all capsules at once, and a gripper at
+    rest once.
     """
-    margin = part.radius_m if part.half_m is None else float(np.linalg.norm(part.half_m))
-    count = len(part.start)
-    first = np.arange(0, count, BLOCK)
-    low = np.fmin.reduceat(np.minimum(part.start, part.end), first, axis=0) - margin
-    high = np.fmax.reduceat(np.maximum(part.start, part.end), first, axis=0) + margin
-    reach = np.abs(cuboids.rotation) @ (0.5 * cuboids.size_m[..., None])  # of the cuboids along W's axes
-    centre = cuboids.centre_w_m[:, None]
-    apart = np.maximum(low - centre, centre - high) - reach.swapaxes(1, 2)  # (H, blocks, 3)
-    bound = np.linalg.norm(np.maximum(apart, 0.0), axis=2)
-    block = np.arange(count) // BLOCK
-    bounds = bound[:, block]
-    bounds[:, np.isnan(part.start).any(axis=1)] = np.nan
-    return bounds, bounds < NEAR_M
+    found, capsules, order = [np.zeros(len(c)) for c, _ in places], [], []
+    for number, (look, (c, t)) in enumerate(zip(looks, places, strict=True)):
+        if len(c) == 0:
+            continue
+        part, fresh = look.part, look.part.moved[t].copy()
+        fresh[0] = True
+        fresh[1:] |= (np.diff(c) != 0) | (np.diff(t) != 1)
+        at = c[fresh], t[fresh]
+        start, half = look.seen(part.start, *at), 0.5 * look.cuboids.size_m[at[0]]
+        if part.half_m is not None and part.rotation is not None:
+            turn = look.cuboids.rotation[at[0]].swapaxes(1, 2) @ part.rotation[at[1]]
+            found[number] = box_to_box(start, turn, part.half_m, half)[np.cumsum(fresh) - 1]
+        else:
+            capsules.append((start, look.seen(part.end, *at), half, np.full(len(start), part.radius_m)))
+            order.append((number, fresh))
+    if capsules:
+        start, end, half, radius = (np.concatenate(arrays) for arrays in zip(*capsules, strict=True))
+        gaps = segment_to_box(start, end, half) - radius
+        ends = np.cumsum([len(radii) for *_, radii in capsules])
+        for (number, fresh), mine in zip(order, np.split(gaps, ends[:-1]), strict=True):
+            found[number] = mine[np.cumsum(fresh) - 1]
+    return found
 
 
-def _seen_from(points: Array, cuboids: Cuboids, index: NDArray[np.int_], rotation: Array) -> Array:
-    """Points (n, 3) in the frames of as many cuboids."""
-    return np.asarray(((points - cuboids.centre_w_m[index])[:, None] @ rotation)[:, 0])
+_ROUNDING_M = 1e-9
 
 
 def _height(part: Part) -> Array:

@@ -11,22 +11,17 @@ grasp force controller sets it from the demand.
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Array
+from crux_planner.checker.geometry import Array, cross, solved
 from crux_planner.checker.limit_surface import FingerLoads, cone_excess
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
 from crux_planner.checker.scene import Scene
-
-
-def skew(v: Array) -> Array:
-    """Cross-product matrices (..., 3) -> (..., 3, 3)."""
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
 
 
 def corrected_wrenches(samples: Samples, twist_length_m: float, point_model: bool) -> tuple[Array, Array, Array]:
@@ -35,25 +30,45 @@ def corrected_wrenches(samples: Samples, twist_length_m: float, point_model: boo
 
     `twist_length_m` weighs a twist [Nm] against a force [N], as the controller's own sharing of loads does.
     """
-    count = len(samples.time_s)
-    arm = samples.gripper_position - samples.body_position[:, None, :]
-    lack = np.zeros((count, 6))
-    lack[:, 3:] = -(np.cross(arm, samples.force) + samples.moment).sum(axis=1)
-    grasp = np.zeros((count, 6, 4, 4))
-    grasp[:, :3, :, :3] = np.eye(3)[None, :, None, :]
-    grasp[:, 3:, :, :3] = skew(arm).transpose(0, 2, 1, 3)
+    force, moment, axis = (v.transpose(1, 2, 0) for v in (samples.force, samples.moment, samples.opening_axis))
+    arm = (samples.gripper_position - samples.body_position[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
+    share, directions = samples.load.T, 3 if point_model else 4
+    lack = np.zeros((6, len(samples.time_s)))
+    lack[3:] = -sum(cross(arm[limb], force[limb]) + moment[limb] for limb in range(4))
+    normal = np.zeros((6, 6, lack.shape[1]))
+    effects = np.zeros((4, directions, 6, lack.shape[1]))  # of a force along each axis, and of a twist
+    for limb in range(4):
+        for i, along in enumerate(np.eye(3)):
+            effects[limb, i, i] = 1.0
+            effects[limb, i, 3:] = cross(arm[limb], along[:, None])
+        if not point_model:
+            effects[limb, 3, 3:] = twist_length_m * axis[limb]
+        normal += (effects[limb][:, :, None] * (share[limb] * effects[limb])[:, None]).sum(axis=0)
+    weights = _least_squares(normal, lack)
+    change = share[:, None] * (effects * weights).sum(axis=2)
+    left = lack - (effects * change[:, :, None]).sum(axis=(0, 1))
+    force, moment = force + change[:, :3], moment.copy()
     if not point_model:
-        grasp[:, 3:, :, 3] = twist_length_m * samples.opening_axis.swapaxes(1, 2)
-    share = np.repeat(samples.load, 4, axis=1)
-    flat = grasp.reshape(count, 6, 16)
-    scaled = flat * share[:, None, :]
-    normal = scaled @ flat.swapaxes(1, 2)
-    change = share * (flat.swapaxes(1, 2) @ (np.linalg.pinv(normal, rcond=1e-9) @ lack[..., None]))[..., 0]
-    left = lack - (flat @ change[..., None])[..., 0]
-    change = change.reshape(count, 4, 4)
-    force = samples.force + change[..., :3]
-    moment = samples.moment + twist_length_m * change[..., 3:] * samples.opening_axis
-    return force, moment, np.abs(left).max(axis=1)
+        moment += twist_length_m * change[:, 3:] * axis
+    return force.transpose(2, 0, 1), moment.transpose(2, 0, 1), np.abs(left).max(axis=0)
+
+
+def _least_squares(normal: Array, right: Array) -> Array:
+    """Least-norm solutions (6, T) of normal equations (6, 6, T), by the pseudoinverse where they come near to lacking
+    rank.
+    """
+    factors = normal.copy()
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found = solved(factors, right)
+    pivots = np.diagonal(factors)  # (T, 6)
+    poor = np.flatnonzero(~(pivots.min(axis=1) > _POOR_PIVOT * np.diagonal(normal).max(axis=1)))
+    if len(poor) > 0:
+        inverse = np.linalg.pinv(normal[..., poor].transpose(2, 0, 1), rcond=1e-9)
+        found[:, poor] = (inverse @ right[:, poor].T[..., None])[..., 0].T
+    return found
+
+
+_POOR_PIVOT = 1e-4
 
 
 def check_between_knots(
@@ -152,29 +167,21 @@ def tumble_margin(plan: PlanArrays, loads: FingerLoads, mass_kg: float) -> float
     weight = mass_kg * plan.gravity_w
     size = float(np.linalg.norm(weight))
     pull = np.where(loads.touching, loads.friction * np.maximum(loads.normal_N, 0.0) + loads.spine_shear_N, 0.0)
-    pull = pull.sum(axis=2)
-    best: float | None = None
-    for k in range(plan.n_knots - 1):
-        feet = [limb for limb in range(4) if plan.gripped[k, limb] or plan.on_wall[k, limb]]
-        for a in feet:
-            for b in feet:
-                if a == b:
-                    continue
-                pa, pb = plan.gripper_position[k, a], plan.gripper_position[k, b]
-                edge = pb - pa
-                edge[2] = 0.0
-                length = float(np.linalg.norm(edge))
-                if length < 1e-6:
-                    continue
-                edge /= length
-                inward = np.array([-edge[1], edge[0], 0.0])
-                arms = {c: float(inward @ (plan.gripper_position[k, c] - pa)) for c in feet if c not in (a, b)}
-                if any(arm < 0.0 for arm in arms.values()):
-                    continue
-                lever = plan.body_position[k] - pa
-                # about the edge: positive presses the inner side towards the wall
-                gravity = -float(np.cross(lever, weight) @ edge)
-                holding = sum(pull[k, c] * arm for c, arm in arms.items())
-                margin = (gravity + holding) / size
-                best = margin if best is None else min(best, margin)
-    return best
+    pull = pull.sum(axis=2)[:-1].T
+    feet = (plan.gripped | plan.on_wall)[:-1].T
+    place, body = plan.gripper_position[:-1].transpose(1, 2, 0), plan.body_position[:-1].T
+    best = np.inf
+    for a, b in permutations(range(len(feet)), 2):
+        edge = (place[b] - place[a])[:2]
+        length = np.sqrt((edge * edge).sum(axis=0))
+        axis = np.array([*(edge / np.where(length < 1e-6, 1.0, length)), np.zeros_like(length)])
+        others = [c for c in range(len(feet)) if c not in (a, b)]
+        arms = [axis[0] * (place[c] - place[a])[1] - axis[1] * (place[c] - place[a])[0] for c in others]
+        is_edge = feet[a] & feet[b] & (length >= 1e-6)
+        for c, arm in zip(others, arms, strict=True):
+            is_edge &= ~feet[c] | (arm >= 0.0)
+        # about the edge: positive presses the inner side towards the wall
+        gravity = -(cross(body - place[a], weight[:, None]) * axis).sum(axis=0)
+        holding = sum(np.where(feet[c], pull[c] * arm, 0.0) for c, arm in zip(others, arms, strict=True))
+        best = min(best, float(np.where(is_edge, (gravity + holding) / size, np.inf).min()))
+    return best if np.isfinite(best) else None

@@ -8,12 +8,13 @@ nearest sample in time that did not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, rotation_vector
-from crux_planner.checker.limb_model import Limb
+from crux_planner.checker.geometry import Array, cross, rotation_vector, solved
+from crux_planner.checker.limb_model import ChainState, Limb
 
 SEED_POSTURES = 1024
 STRIDE = 8  # samples of which one is solved from the first pose, the others from what lies between two such
@@ -63,14 +64,20 @@ def _good(limb: Limb, q: Array, error: Array) -> NDArray[np.bool_]:
 
 def _first(limb: Limb, position: Array, rotation: Array) -> Array:
     """The best of the descents from the postures nearest to a pose: inside the limits if any is."""
-    spread = _evenly_spread(SEED_POSTURES, len(limb.joints))
-    postures = limb.lower_rad + spread * (limb.upper_rad - limb.lower_rad)
-    state = limb.forward(postures)
-    away = _pose_error(state.link_position_m[limb.gripper], state.link_rotation[limb.gripper], position, rotation)
-    seeds = postures[np.argsort(np.linalg.norm(away, axis=1))[:16]]
+    postures, positions, columns = _postures(limb)
+    wanted = np.broadcast_to(rotation.T[..., None], columns.shape)
+    away = _pose_error(positions, columns, position[:, None], wanted)
+    seeds = postures[np.argsort(np.sqrt((away * away).sum(axis=0)))[:16]]
     q, error = _descend(limb, seeds, np.tile(position, (16, 1)), np.tile(rotation, (16, 1, 1)))
     outside = np.maximum(np.maximum(limb.lower_rad - q, q - limb.upper_rad), 0.0).sum(axis=1)
     return np.asarray(q[np.argmin(error.sum(axis=1) * 1e3 + outside)])
+
+
+@lru_cache(maxsize=16)
+def _postures(limb: Limb) -> tuple[Array, Array, Array]:
+    """Postures (m, J) spread over the joint ranges, and the gripper's positions (3, m) and columns (3, 3, m) there."""
+    postures = limb.lower_rad + _evenly_spread(SEED_POSTURES, len(limb.joints)) * (limb.upper_rad - limb.lower_rad)
+    return postures, *_gripper(limb, limb.forward(postures))
 
 
 def _evenly_spread(count: int, dimension: int) -> Array:
@@ -83,36 +90,51 @@ def _evenly_spread(count: int, dimension: int) -> Array:
     return np.asarray(np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimension + 1)) % 1.0)
 
 
-def _pose_error(p: Array, r: Array, position: Array, rotation: Array) -> Array:
-    turn = rotation_vector(rotation @ r.swapaxes(1, 2))
-    return np.concatenate([position - p, ROTATION_LENGTH_M * turn], axis=1)
+def _gripper(limb: Limb, state: ChainState) -> tuple[Array, Array]:
+    """Position (3, n) of the gripper and columns (3, 3, n) of its rotation: components first, as all that follows."""
+    return state.link_position_m[limb.gripper].T, state.link_rotation[limb.gripper].T
+
+
+def _pose_error(p: Array, columns: Array, position: Array, wanted: Array) -> Array:
+    """Position and weighted rotation vector (6, n) from poses (3, n), (3, 3, n) to the wanted ones."""
+    skew = 0.5 * (cross(columns[0], wanted[0]) + cross(columns[1], wanted[1]) + cross(columns[2], wanted[2]))
+    cosine = np.clip(0.5 * ((columns * wanted).sum(axis=(0, 1)) - 1.0), -1.0, 1.0)
+    sine = np.sqrt((skew * skew).sum(axis=0))
+    turning = sine > 1e-9
+    turn = skew * np.where(turning, np.arctan2(sine, cosine) / np.where(turning, sine, 1.0), 1.0)
+    half_turn = np.flatnonzero((sine <= 1e-6) & (cosine < 0.0))
+    if len(half_turn) > 0:
+        difference = np.einsum("icn,ijn->ncj", wanted[..., half_turn], columns[..., half_turn])
+        turn[:, half_turn] = rotation_vector(difference).T
+    return np.concatenate([position - p, ROTATION_LENGTH_M * turn])
 
 
 def _descend(limb: Limb, start: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
     """Damped Gauss-Newton from `start`; returns angles and the norms of (position, weighted orientation) errors."""
-    q = start.copy()
-    left = np.full((len(q), 2), np.inf)
-    active = np.arange(len(q))
-    weight = np.array([1.0, 1.0, 1.0, ROTATION_LENGTH_M, ROTATION_LENGTH_M, ROTATION_LENGTH_M])
+    q = np.array(start.T, order="C")
+    left = np.full((2, q.shape[1]), np.inf)
+    active = np.arange(q.shape[1])
+    angles, p, wanted = q, np.ascontiguousarray(position.T), np.ascontiguousarray(rotation.T)  # of the active ones
+    weight = np.array([1.0, 1.0, 1.0, ROTATION_LENGTH_M, ROTATION_LENGTH_M, ROTATION_LENGTH_M])[:, None, None]
     for iteration in range(ITERATIONS):
-        state = limb.forward(q[active])
-        error = _pose_error(
-            state.link_position_m[limb.gripper],
-            state.link_rotation[limb.gripper],
-            position[active],
-            rotation[active],
-        )
-        left[active, 0] = np.linalg.norm(error[:, :3], axis=1)
-        left[active, 1] = np.linalg.norm(error[:, 3:], axis=1)
-        moving = left[active].max(axis=1) > CONVERGED_M
-        if iteration == ITERATIONS - 1 or not moving.any():
+        state = limb.forward(angles.T)
+        error = _pose_error(*_gripper(limb, state), p, wanted)
+        squares = error * error
+        left[:, active] = now = np.sqrt([squares[:3].sum(axis=0), squares[3:].sum(axis=0)])
+        moving = np.flatnonzero(now.max(axis=0) > CONVERGED_M)
+        if iteration == ITERATIONS - 1 or len(moving) == 0:
             break
-        jacobian = (limb.jacobian(state) * weight[:, None])[moving]
-        error, active = error[moving], active[moving]
-        damping = 0.01 * (error * error).sum(axis=1)[:, None, None] + 1e-12
-        normal = jacobian @ jacobian.swapaxes(1, 2) + damping * np.eye(6)
-        step = (jacobian.swapaxes(1, 2) @ np.linalg.solve(normal, error[..., None]))[..., 0]
-        size = np.abs(step).max(axis=1, keepdims=True)
-        q[active] += step * np.minimum(1.0, MAX_STEP_RAD / np.maximum(size, 1e-12))
+        jacobian = weight * limb.jacobian(state).transpose(1, 2, 0)
+        if len(moving) < len(active):
+            active, angles, p, wanted = active[moving], angles[:, moving], p[:, moving], wanted[..., moving]
+            error, squares, jacobian = error[:, moving], squares[:, moving], jacobian[..., moving]
+        normal = np.empty((6, 6, len(active)))
+        for i in range(6):
+            normal[i:, i] = normal[i, i:] = (jacobian[i:] * jacobian[i]).sum(axis=1)
+            normal[i, i] += 0.01 * squares.sum(axis=0) + 1e-12
+        step = (jacobian * solved(normal, error)[:, None]).sum(axis=0)
+        size = np.abs(step).max(axis=0)
+        angles = angles + step * np.minimum(1.0, MAX_STEP_RAD / np.maximum(size, 1e-12))
+        q[:, active] = angles
     middle = 0.5 * (limb.lower_rad + limb.upper_rad)
-    return middle + (q - middle + np.pi) % (2.0 * np.pi) - np.pi, left
+    return middle + (q.T - middle + np.pi) % (2.0 * np.pi) - np.pi, left.T

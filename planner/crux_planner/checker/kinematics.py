@@ -10,17 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crux_planner.checker import inverse_kinematics, tolerances
-from crux_planner.checker.geometry import Array, rotation_about_z
-from crux_planner.checker.limb_model import WholeRobot
+from crux_planner.checker.geometry import Array, turned_back
+from crux_planner.checker.limb_model import ChainState, WholeRobot
 from crux_planner.checker.report import Findings, JointLoad
 from crux_planner.checker.sampling import Samples
 
 
 @dataclass(frozen=True)
 class LimbMotion:
-    """Joint angles (T, J) and torques (T, J) of one limb at the samples, and where they reach the planned pose (T,)."""
+    """Joint angles (T, J), links, and torques (T, J) of one limb at the samples, and where they reach the planned pose
+    (T,).
+    """
 
     q_rad: Array
+    state: ChainState
     torque_Nm: Array
     reached: NDArray[np.bool_]
 
@@ -29,13 +32,11 @@ def check_kinematics(
     samples: Samples, robot: WholeRobot, gravity_w: Array, continuous_Nm: Array, findings: Findings
 ) -> tuple[list[LimbMotion], list[JointLoad]]:
     """Inverse kinematics of every limb at every sample; returns the motions and the loads of all joints."""
-    inverse = samples.rotation.swapaxes(1, 2)
-    gravity_b = inverse @ gravity_w
+    gravity_b = turned_back(samples.rotation, gravity_w)
     motions, loads = [], []
     for index, limb in enumerate(robot.limbs):
-        offset = samples.gripper_position[:, index] - samples.body_position
-        position_b = (inverse @ offset[..., None])[..., 0]
-        rotation_b = inverse @ rotation_about_z(samples.gripper_yaw[:, index])
+        position_b = turned_back(samples.rotation, samples.gripper_position[:, index] - samples.body_position)
+        rotation_b = _gripper_in_body(samples.rotation, samples.gripper_yaw[:, index])
         solution = inverse_kinematics.solve(limb, position_b, rotation_b)
         times, q = samples.time_s, solution.q_rad
         findings.add_series(
@@ -53,37 +54,43 @@ def check_kinematics(
             solution.rotation_error_rad <= tolerances.ANGLE_RAD
         )
         state = limb.forward(q, samples.opening[:, index])
-        torque = limb.gravity_torque(state, gravity_b) + limb.contact_torque(
-            state,
-            (inverse @ samples.force[:, index, :, None])[..., 0],
-            (inverse @ samples.moment[:, index, :, None])[..., 0],
-        )
+        force_b = turned_back(samples.rotation, samples.force[:, index])
+        moment_b = turned_back(samples.rotation, samples.moment[:, index])
+        torque = limb.gravity_torque(state, gravity_b) + limb.contact_torque(state, force_b, moment_b)
         speed = np.zeros_like(q)
         speed[1:] = np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
         speed[1:][~(reached[1:] & reached[:-1])] = 0.0
         beyond = np.maximum(limb.lower_rad - q, q - limb.upper_rad)
+        size = np.abs(torque)
+        mean_square = np.trapezoid(torque**2, times, axis=0) / (times[-1] - times[0])
         for j, joint in enumerate(limb.joints):
             name = joint.name
             for constraint, amount, tolerance, unit in (
                 ("joint_position", beyond[:, j], tolerances.ANGLE_RAD, "rad"),
                 ("joint_speed", speed[:, j] - joint.velocity, tolerances.RATE_RAD_S, "rad/s"),
-                ("joint_torque", np.abs(torque[:, j]) - joint.effort, tolerances.TORQUE_NM, "N m"),
+                ("joint_torque", size[:, j] - joint.effort, tolerances.TORQUE_NM, "N m"),
             ):
                 # a pose out of reach is reported once, as such
                 applies = np.where(reached, amount, -np.inf)
                 findings.add_series(constraint, applies, times, unit, tolerance=tolerance, limb=index, detail=name)
-            mean_square = np.trapezoid(torque[:, j] ** 2, times) / (times[-1] - times[0])
             loads.append(
                 JointLoad(
                     limb.name,
                     name,
-                    float(np.abs(torque[:, j]).max()),
-                    float(np.sqrt(mean_square)),
+                    float(size[:, j].max()),
+                    float(np.sqrt(mean_square[j])),
                     joint.effort,
                     float(continuous_Nm[j]),
                     float(speed[:, j].max()),
                     joint.velocity,
                 )
             )
-        motions.append(LimbMotion(q, torque, reached))
+        motions.append(LimbMotion(q, state, torque, reached))
     return motions, loads
+
+
+def _gripper_in_body(rotation: Array, yaw: Array) -> Array:
+    """R^T Rz(yaw), (T, 3, 3), of body rotations (T, 3, 3) and gripper yaws (T,)."""
+    x, y = rotation[:, 0].T, rotation[:, 1].T
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    return np.array([cosine * x + sine * y, cosine * y - sine * x, rotation[:, 2].T]).T

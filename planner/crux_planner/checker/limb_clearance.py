@@ -1,6 +1,12 @@
-"""Limbs keep off each other: links, palms and fingers of one against those of another, along the whole way."""
+"""Limbs keep off each other: links, palms and fingers of one against those of another, along the whole way.
+
+Only what may be a violation, or the tightest place of all, is measured: boxes around the parts settle the rest.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -8,83 +14,170 @@ from numpy.typing import NDArray
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.clearance import NEAR_M
-from crux_planner.checker.geometry import Array, box_to_box, segment_to_box, segment_to_segment
-from crux_planner.checker.parts import Part
+from crux_planner.checker.geometry import Array, box_to_box, segment_to_box, segment_to_segment, turned_back
+from crux_planner.checker.parts import BLOCK, Part
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
+
+Indices = NDArray[np.int_]
 
 
 def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Findings) -> None:
     """Every part of every limb (in limb order) against every part of every other one."""
     extents = [_extent(of_limb) for of_limb in parts]
-    for first in range(len(parts)):
-        for second in range(first + 1, len(parts)):
-            low = np.maximum(extents[first][0], extents[second][0])
-            high = np.minimum(extents[first][1], extents[second][1])
-            apart = (low - high).max(axis=1)
-            near = np.flatnonzero(apart < NEAR_M)
-            gap, closest = apart.copy(), np.full(len(apart), -1)
-            gap[near] = np.inf
-            for of_first in _alike(parts[first]):
-                for of_second in _alike(parts[second]):
-                    found = _gaps([parts[first][i] for i in of_first], [parts[second][j] for j in of_second], near)
-                    found = np.where(np.isnan(found), np.inf, found)  # nowhere: reported as out of reach already
-                    for a, i in enumerate(of_first):
-                        for b, j in enumerate(of_second):
-                            closer = near[found[a, b] < gap[near]]
-                            gap[near] = np.minimum(gap[near], found[a, b])
-                            closest[closer] = i * len(parts[second]) + j
-            need = np.where(np.isfinite(gap), tolerances.MOVING_CLEARANCE_M - gap, -np.inf)
-            worst = closest[int(np.argmax(need))]
-            what = ""
-            if worst >= 0:
-                i, j = divmod(int(worst), len(parts[second]))
-                what = f"{parts[first][i].kind} to {parts[second][j].kind} of {LIMB_NAMES[second]}"
-            findings.add_series(
-                "clearance_limbs",
-                need,
-                samples.time_s,
-                "m",
-                tolerance=tolerances.LENGTH_M,
-                limb=first,
-                detail=what or f"to {LIMB_NAMES[second]}",
-            )
+    pairs = [_Pair(parts[i], parts[j], _apart(extents[i], extents[j])) for i, j in combinations(range(len(parts)), 2)]
+    sure = max(0.0, tolerances.MOVING_CLEARANCE_M - tolerances.LENGTH_M)  # closer than this is a violation
+    least = min((float(pair.far.min(initial=np.inf)) for pair in pairs), default=np.inf)
+    for pair in pairs:
+        least = min(least, float(pair.measured(*pair.middles()).min(initial=np.inf)))
+    for (first, second), pair in zip(combinations(range(len(parts)), 2), pairs, strict=True):
+        gap, closest = pair.gaps(max(least, sure))
+        need = np.where(np.isfinite(gap), tolerances.MOVING_CLEARANCE_M - gap, -np.inf)
+        what, worst = "", closest[int(np.argmax(need))]
+        if worst >= 0:
+            i, j = divmod(int(worst), len(parts[second]))
+            what = f"{parts[first][i].kind} to {parts[second][j].kind} of {LIMB_NAMES[second]}"
+        findings.add_series(
+            "clearance_limbs",
+            need,
+            samples.time_s,
+            "m",
+            tolerance=tolerances.LENGTH_M,
+            limb=first,
+            detail=what or f"to {LIMB_NAMES[second]}",
+        )
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Parts of two limbs; `apart_m` (T,) is a lower bound of their clearance, good enough where it is large."""
+
+    first: list[Part]
+    second: list[Part]
+    apart_m: Array
+
+    @property
+    def far(self) -> Array:
+        """The bounds that are good enough."""
+        return self.apart_m[self.apart_m >= NEAR_M]
+
+    def gaps(self, most: float) -> tuple[Array, Indices]:
+        """Clearance (T,) where it is at most `most`, else infinite, and the parts: number of the first times how many
+        the second limb has, plus number of the second; -1 where the bound is good enough.
+        """
+        gap = np.where((self.apart_m >= NEAR_M) & (self.apart_m <= most), self.apart_m, np.inf)
+        closest = np.full(len(gap), -1)
+        i, j, t = self._where(self._bounds <= most)
+        boxes = [_corners(part) for part in (*self.first, *self.second)]
+        low, high = (np.array([box[end].T for box in boxes]) for end in (0, 1))  # (parts, 3, T)
+        j_box = j + len(self.first)
+        apart = np.maximum(low[i, :, t] - high[j_box, :, t], low[j_box, :, t] - high[i, :, t])
+        may = np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=1)) <= most + _ROUNDING_M
+        i, j, t = i[may], j[may], t[may]
+        found = self.measured(i, j, t)
+        rank, other = (np.argsort(np.argsort(_is_box(parts), kind="stable")) for parts in (self.first, self.second))
+        order = np.lexsort((other[j], rank[i], found, t))  # of two as close, capsules before boxes
+        order = order[np.append(True, np.diff(t[order]) > 0)] if len(order) > 0 else order
+        order = order[np.isfinite(found[order])]
+        gap[t[order]], closest[t[order]] = found[order], i[order] * len(self.second) + j[order]
+        return gap, closest
+
+    def middles(self) -> tuple[Indices, Indices, Indices]:
+        """Parts and samples: one sample of every block in which they may be close."""
+        near = self.apart_m < NEAR_M
+        i, j, block = np.nonzero(self._bounds < NEAR_M)
+        t = np.minimum(block * BLOCK + BLOCK // 2, len(near) - 1)
+        return i[near[t]], j[near[t]], t[near[t]]
+
+    def measured(self, i: Indices, j: Indices, t: Indices) -> Array:
+        """Exact clearance of parts i and j at samples t; infinite where one is nowhere."""
+        found = np.full(len(t), np.inf)
+        boxes = [
+            np.array([part.half_m is not None for part in parts], dtype=bool) for parts in (self.first, self.second)
+        ]
+        rows = np.flatnonzero(~boxes[0][i] & ~boxes[1][j])
+        if len(rows) > 0:
+            ends = [
+                _gathered(parts, name, index[rows], t[rows])
+                for parts, index in ((self.first, i), (self.second, j))
+                for name in ("start", "end")
+            ]
+            radii = [np.array([p.radius_m for p in parts]) for parts in (self.first, self.second)]
+            found[rows] = segment_to_segment(*ends) - (radii[0][i[rows]] + radii[1][j[rows]])
+        for a in np.flatnonzero(boxes[0]):
+            rows = np.flatnonzero((i == a) & ~boxes[1][j])
+            found[rows] = _capsules_to_box(self.second, j[rows], t[rows], self.first[a])
+        for b in np.flatnonzero(boxes[1]):
+            rows = np.flatnonzero((j == b) & ~boxes[0][i])
+            found[rows] = _capsules_to_box(self.first, i[rows], t[rows], self.second[b])
+            for a in np.flatnonzero(boxes[0]):
+                rows = np.flatnonzero((j == b) & (i == a))
+                found[rows] = _box_to_box(self.first[a], self.second[b], t[rows])
+        return np.where(np.isnan(found), np.inf, found)  # nowhere: reported as out of reach already
+
+    @property
+    def _bounds(self) -> Array:
+        """Lower bounds (first, second, blocks) of the clearance, from the boxes around the parts over some samples."""
+        (low, high), (their_low, their_high) = (
+            (np.stack([part.blocks[end] for part in parts]) for end in (0, 1)) for parts in (self.first, self.second)
+        )
+        apart = np.maximum(low[:, None] - their_high[None], their_low[None] - high[:, None])
+        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=-1)))
+
+    def _where(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices]:
+        """Parts and samples of the blocks where the limbs are close."""
+        i, j, block = np.nonzero(blocks)
+        t = block[:, None] * BLOCK + np.arange(BLOCK)
+        near = np.append(self.apart_m < NEAR_M, False)
+        inside = near[np.minimum(t, len(self.apart_m))]
+        return np.broadcast_to(i[:, None], t.shape)[inside], np.broadcast_to(j[:, None], t.shape)[inside], t[inside]
+
+
+_ROUNDING_M = 1e-9
+
+
+def _is_box(parts: list[Part]) -> NDArray[np.bool_]:
+    return np.array([part.half_m is not None for part in parts], dtype=bool)
+
+
+def _corners(part: Part) -> tuple[Array, Array]:
+    """Corners (T, 3), (T, 3) of the axis-aligned box around a part."""
+    margin = part.radius_m if part.half_m is None else float(np.linalg.norm(part.half_m))
+    return np.minimum(part.start, part.end) - margin, np.maximum(part.start, part.end) + margin
 
 
 def _extent(parts: list[Part]) -> tuple[Array, Array]:
     """Axis-aligned bounds (T, 3), (T, 3) of a limb."""
-    low, high = [], []
-    for part in parts:
-        margin = part.radius_m if part.half_m is None else float(np.linalg.norm(part.half_m))
-        low.append(np.minimum(part.start, part.end) - margin)
-        high.append(np.maximum(part.start, part.end) + margin)
+    low, high = zip(*(_corners(part) for part in parts), strict=True)
     return np.fmin.reduce(low), np.fmax.reduce(high)
 
 
-def _alike(parts: list[Part]) -> list[list[int]]:
-    """Numbers of the parts that are capsules, and of each box by itself."""
-    capsules = [i for i, part in enumerate(parts) if part.half_m is None]
-    boxes = [[i] for i, part in enumerate(parts) if part.half_m is not None]
-    return [capsules, *boxes] if capsules else boxes
+def _apart(extent: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Lower bound (T,) of the clearance of two limbs."""
+    return np.asarray((np.maximum(extent[0], other[0]) - np.minimum(extent[1], other[1])).max(axis=1))
 
 
-def _gaps(first: list[Part], second: list[Part], rows: NDArray[np.int_]) -> Array:
-    """Clearance (A, B, n) of every part of one list, all capsules or one box, to every one of another at n samples."""
-    a, b = first[0], second[0]
-    if a.half_m is not None and b.half_m is None:
-        return _gaps(second, first, rows).swapaxes(0, 1)
-    if b.half_m is None or b.rotation is None:
-        starts, ends = (np.stack([getattr(p, end)[rows] for p in first])[:, None] for end in ("start", "end"))
-        others, their_ends = (np.stack([getattr(p, end)[rows] for p in second])[None] for end in ("start", "end"))
-        radii = np.add.outer([p.radius_m for p in first], [p.radius_m for p in second])
-        return np.asarray(segment_to_segment(starts, ends, others, their_ends) - radii[..., None])
-    back = b.rotation[rows].swapaxes(1, 2)
-    if a.half_m is not None and a.rotation is not None:
-        centre = (back @ (a.start[rows] - b.start[rows])[..., None])[..., 0]
-        return box_to_box(centre, back @ a.rotation[rows], a.half_m, b.half_m)[None, None]
-    gaps = []
-    for part in first:
-        start = (back @ (part.start[rows] - b.start[rows])[..., None])[..., 0]
-        end = (back @ (part.end[rows] - b.start[rows])[..., None])[..., 0]
-        gaps.append(segment_to_box(start, end, b.half_m) - part.radius_m)
-    return np.stack(gaps)[:, None]
+def _gathered(parts: list[Part], name: str, index: Indices, t: Indices) -> Array:
+    """`start` or `end` (n, 3) of parts number `index` at samples t."""
+    found = np.empty((3, len(t)))
+    for number in np.unique(index):
+        rows = np.flatnonzero(index == number)
+        found[:, rows] = getattr(parts[number], name).T[:, t[rows]]
+    return found.T
+
+
+def _capsules_to_box(capsules: list[Part], index: Indices, t: Indices, box: Part) -> Array:
+    """Clearance of parts number `index` at samples t to a box."""
+    if box.half_m is None or box.rotation is None or len(t) == 0:
+        return np.zeros(0)
+    turn, centre = box.rotation[t], box.start[t]
+    start, end = (turned_back(turn, _gathered(capsules, name, index, t) - centre) for name in ("start", "end"))
+    return np.asarray(segment_to_box(start, end, box.half_m) - np.array([part.radius_m for part in capsules])[index])
+
+
+def _box_to_box(a: Part, b: Part, t: Indices) -> Array:
+    if a.half_m is None or b.half_m is None or a.rotation is None or b.rotation is None:
+        return np.zeros(0)
+    turn = b.rotation[t]
+    between = turn.swapaxes(1, 2) @ a.rotation[t]
+    return box_to_box(turned_back(turn, a.start[t] - b.start[t]), between, a.half_m, b.half_m)

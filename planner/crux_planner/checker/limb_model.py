@@ -7,12 +7,13 @@ B by the caller. Nothing here knows the closed form of the limb: chains are walk
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
 from crux_contracts.robot import Robot
 
-from crux_planner.checker.geometry import Array, rotation_about_axis, rotation_from_rpy
+from crux_planner.checker.geometry import Array, cross, rotation_from_rpy
 
 
 class RobotModelError(ValueError):
@@ -68,7 +69,9 @@ class Joint:
 
 @dataclass(frozen=True)
 class ChainState:
-    """Where one limb is, for n samples: link poses by name, joint origins (n, J, 3) and axes (n, J, 3), in B."""
+    """Where one limb is, for n samples: link poses by name, (n, 3) and (n, 3, 3), joint origins (n, J, 3) and axes
+    (n, J, 3), in B. Views of arrays that lie component by component.
+    """
 
     link_position_m: dict[str, Array]
     link_rotation: dict[str, Array]
@@ -76,7 +79,7 @@ class ChainState:
     joint_axis: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Limb:
     """A chain of J revolute joints from the body to the gripper frame, and the finger slides behind it."""
 
@@ -87,74 +90,91 @@ class Limb:
     gripper: str
     links: tuple[Link, ...]
 
-    @property
+    @cached_property
     def lower_rad(self) -> Array:
         """Lower joint limits, shape (J,)."""
         return np.array([j.lower for j in self.joints])
 
-    @property
+    @cached_property
     def upper_rad(self) -> Array:
         """Upper joint limits, shape (J,)."""
         return np.array([j.upper for j in self.joints])
 
-    @property
-    def effort_Nm(self) -> Array:
-        """Peak torques, shape (J,)."""
-        return np.array([j.effort for j in self.joints])
-
-    @property
-    def speed_rad_s(self) -> Array:
-        """Speed limits, shape (J,)."""
-        return np.array([j.velocity for j in self.joints])
+    @cached_property
+    def _turns(self) -> list[tuple[Joint, Array, Array | None]]:
+        """The chain's joints with the constant turn before each, to a frame whose z is the joint's axis, and the one
+        back from there, transposed; None where the joint's own frame is such a one.
+        """
+        found: list[tuple[Joint, Array, Array | None]] = []
+        for joint in self.chain:
+            aside = np.eye(3)[np.argmin(np.abs(joint.axis))]
+            x = np.cross(aside, joint.axis) / np.linalg.norm(np.cross(aside, joint.axis))
+            to_axis = np.stack([x, np.cross(joint.axis, x), joint.axis], axis=1)
+            fixed = joint.kind != "revolute" or joint.axis[2] == 1.0
+            found.append(
+                (joint, joint.rotation.T if fixed else (joint.rotation @ to_axis).T, None if fixed else to_axis)
+            )
+        return found
 
     def forward(self, q_rad: Array, opening_m: Array | None = None) -> ChainState:
         """Poses of all links for joint angles (n, J) and finger openings (n,); fingers are left out without these."""
         n = len(q_rad)
-        position, rotation = np.zeros((n, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
-        positions, rotations = {self.chain[0].parent: position}, {self.chain[0].parent: rotation}
-        origins, axes, i = [], [], 0
-        for joint in self.chain:
-            position = position + rotation @ joint.origin_m
-            rotation = rotation @ joint.rotation
+        sine, cosine = np.sin(q_rad.T), np.cos(q_rad.T)
+        position, columns = np.zeros((3, 1)), np.eye(3)[..., None]  # columns of the rotation, components, samples
+        positions, rotations = {}, {}
+        origins, axes = np.empty((2, 3, len(self.joints), n))
+        i = 0
+        for joint, before, back in self._turns:
+            if joint.origin_m.any():
+                position = position + np.tensordot(joint.origin_m, columns, axes=1)
+            columns = np.tensordot(before, columns, axes=1)
             if joint.kind == "revolute":
-                origins.append(position)
-                axes.append(rotation @ joint.axis)
-                rotation = rotation @ rotation_about_axis(joint.axis, q_rad[:, i])
+                origins[:, i], axes[:, i] = position, columns[2]
+                turned = np.empty((3, 3, n))
+                turned[0] = cosine[i] * columns[0] + sine[i] * columns[1]
+                turned[1] = cosine[i] * columns[1] - sine[i] * columns[0]
+                turned[2] = columns[2]
+                columns = turned if back is None else np.tensordot(back, turned, axes=1)
                 i += 1
-            positions[joint.child], rotations[joint.child] = position, rotation
+            positions[joint.child], rotations[joint.child] = position, columns
         if opening_m is not None:
             for joint in self.fingers:
-                slide = joint.rotation @ joint.axis
-                offset = joint.origin_m + opening_m[:, None] * slide
-                positions[joint.child] = position + (rotation @ offset[..., None])[..., 0]
-                rotations[joint.child] = rotation @ joint.rotation
-        return ChainState(positions, rotations, np.stack(origins, axis=1), np.stack(axes, axis=1))
+                start, slide = (np.tensordot(v, columns, axes=1) for v in (joint.origin_m, joint.rotation @ joint.axis))
+                positions[joint.child] = position + start + opening_m * slide
+                rotations[joint.child] = np.tensordot(joint.rotation.T, columns, axes=1)
+        return ChainState(
+            {name: np.broadcast_to(p, (3, n)).T for name, p in positions.items()},
+            {name: np.broadcast_to(r, (3, 3, n)).T for name, r in rotations.items()},
+            origins.T,
+            axes.T,
+        )
 
     def jacobian(self, state: ChainState) -> Array:
         """Geometric Jacobian of the gripper frame in B, rows (v, omega), shape (n, 6, J)."""
-        arm = state.link_position_m[self.gripper][:, None, :] - state.joint_origin_m
-        linear = np.cross(state.joint_axis, arm)
-        return np.asarray(np.concatenate([linear, state.joint_axis], axis=2).swapaxes(1, 2))
+        axes = state.joint_axis.T
+        arm = state.link_position_m[self.gripper].T[:, None] - state.joint_origin_m.T
+        return np.asarray(np.concatenate([cross(axes, arm), axes]).transpose(2, 0, 1))
 
     def gravity_torque(self, state: ChainState, gravity_b_m_s2: Array) -> Array:
         """Joint torques (n, J) that carry the limb's own links under gravity (n, 3) given in B."""
-        torque = np.zeros(state.joint_axis.shape[:2])
-        order = [j.child for j in self.chain if j.kind == "revolute"]
-        depth = self._depth(order)
-        for link in self.links:
-            if link.mass_kg == 0.0 or link.name not in state.link_position_m:
-                continue
-            com = state.link_position_m[link.name] + state.link_rotation[link.name] @ link.com_m
-            count = depth[link.name]
-            arm = com[:, None, :] - state.joint_origin_m[:, :count]
-            moment = np.cross(arm, link.mass_kg * gravity_b_m_s2[:, None, :])
-            torque[:, :count] -= np.einsum("nji,nji->nj", state.joint_axis[:, :count], moment)
-        return torque
+        origins, axes, gravity = state.joint_origin_m.T, state.joint_axis.T, gravity_b_m_s2.T
+        depth = self._depth([j.child for j in self.chain if j.kind == "revolute"])
+        torque = np.zeros(axes.shape[1:])
+        mass, moment = 0.0, np.zeros((3, axes.shape[2]))  # of all links behind a joint
+        for i in range(len(self.joints) - 1, -1, -1):
+            for link in self.links:
+                if link.mass_kg > 0.0 and link.name in state.link_position_m and depth[link.name] == i + 1:
+                    at = state.link_position_m[link.name].T
+                    mass += link.mass_kg
+                    moment += link.mass_kg * (at + np.tensordot(link.com_m, state.link_rotation[link.name].T, axes=1))
+            torque[i] = -(axes[:, i] * cross(moment - mass * origins[:, i], gravity)).sum(axis=0)
+        return torque.T
 
     def contact_torque(self, state: ChainState, force_b_N: Array, moment_b_Nm: Array) -> Array:
         """Joint torques (n, J) that hold a wrench (n, 3), (n, 3) acting on the robot at the gripper frame: -J^T w."""
-        wrench = np.concatenate([force_b_N, moment_b_Nm], axis=1)
-        return np.asarray(-np.einsum("nij,ni->nj", self.jacobian(state), wrench))
+        arm = state.link_position_m[self.gripper].T[:, None] - state.joint_origin_m.T
+        load = cross(arm, force_b_N.T[:, None]) + moment_b_Nm.T[:, None]
+        return np.asarray(-(state.joint_axis.T * load).sum(axis=0).T)
 
     def _depth(self, order: list[str]) -> dict[str, int]:
         """Number of revolute joints before each link."""
@@ -192,27 +212,35 @@ class WholeRobot:
 
 def load_model(robot: Robot) -> WholeRobot:
     """The robot's links, joints and shapes from its URDF. Raises RobotModelError."""
-    root = ElementTree.fromstring(robot.urdf_path.read_bytes())
+    limbs = tuple((limb.name, limb.gripper_link, limb.joint_names, limb.finger_joints) for limb in robot.limbs)
+    return _read_model(robot.urdf_path.read_bytes(), robot.body_link, limbs)
+
+
+@lru_cache(maxsize=4)
+def _read_model(
+    urdf: bytes, body_link: str, limb_names: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...]
+) -> WholeRobot:
+    root = ElementTree.fromstring(urdf)
     links = {e.attrib["name"]: _read_link(e) for e in root.iter("link")}
     joints = {e.attrib["name"]: _read_joint(e) for e in root.findall("joint")}
     by_child = {j.child: j for j in joints.values()}
     limbs = []
-    for limb in robot.limbs:
+    for name, gripper, joint_names, finger_joints in limb_names:
         chain: list[Joint] = []
-        link = limb.gripper_link
-        while link != robot.body_link:
+        link = gripper
+        while link != body_link:
             if link not in by_child:
-                raise RobotModelError(f"link {link!r} of limb {limb.name} does not hang on {robot.body_link!r}")
+                raise RobotModelError(f"link {link!r} of limb {name} does not hang on {body_link!r}")
             chain.insert(0, by_child[link])
             link = by_child[link].parent
         moving = tuple(j for j in chain if j.kind != "fixed")
-        if tuple(j.name for j in moving) != limb.joint_names or any(j.kind != "revolute" for j in moving):
+        if tuple(j.name for j in moving) != joint_names or any(j.kind != "revolute" for j in moving):
             found = [j.name for j in moving]
-            raise RobotModelError(f"limb {limb.name}: revolute joints {found}, expected {list(limb.joint_names)}")
-        fingers = tuple(joints[name] for name in limb.finger_joints)
+            raise RobotModelError(f"limb {name}: revolute joints {found}, expected {list(joint_names)}")
+        fingers = tuple(joints[finger] for finger in finger_joints)
         names = [j.child for j in chain] + [j.child for j in fingers]
-        limbs.append(Limb(limb.name, tuple(chain), fingers, moving, limb.gripper_link, tuple(links[n] for n in names)))
-    return WholeRobot(links[robot.body_link], tuple(limbs))
+        limbs.append(Limb(name, tuple(chain), fingers, moving, gripper, tuple(links[n] for n in names)))
+    return WholeRobot(links[body_link], tuple(limbs))
 
 
 def _about_origin(link: Link, position: Array, rotation: Array) -> Array:

@@ -11,10 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, rotation_about_z
+from crux_planner.checker.geometry import Array, rotation_about_z, turned, turned_by
 from crux_planner.checker.kinematics import LimbMotion
 from crux_planner.checker.limb_model import Limb, Link
 from crux_planner.checker.sampling import Samples
+
+BLOCK = 32
+"""Samples in a row that are looked at together, before each by itself."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,15 @@ class Part:
     rotation: Array | None = None
 
     @cached_property
+    def blocks(self) -> tuple[Array, Array]:
+        """Corners (blocks, 3), (blocks, 3) of the box around the part over some samples in a row."""
+        margin = self.radius_m if self.half_m is None else float(np.linalg.norm(self.half_m))
+        first = np.arange(0, len(self.start), BLOCK)
+        low = np.fmin.reduceat(np.minimum(self.start, self.end), first, axis=0) - margin
+        high = np.fmax.reduceat(np.maximum(self.start, self.end), first, axis=0) + margin
+        return low, high
+
+    @cached_property
     def moved(self) -> NDArray[np.bool_]:
         """(T,) False where the part is exactly where it was one sample before: a gripper at rest."""
         moved = np.ones(len(self.start), dtype=bool)
@@ -41,41 +53,50 @@ class Part:
 
 def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad_radius_m: float) -> list[Part]:
     """Links, palm and fingers of limb number `index`; a link is nowhere (NaN) where its limb does not reach."""
-    state = limb.forward(motion.q_rad)
     hand = rotation_about_z(samples.gripper_yaw[:, index])
+    gripper = samples.gripper_position[:, index]
     slides = {joint.child: joint for joint in limb.fingers}
     parts = []
-
-    def pose(link: str) -> tuple[Array, Array]:
-        if link in slides:
-            slide = slides[link]
-            offset = slide.origin_m + samples.opening[:, index, None] * (slide.rotation @ slide.axis)
-            return samples.gripper_position[:, index] + _turn(hand, offset), hand @ slide.rotation
-        if link == limb.gripper:
-            return samples.gripper_position[:, index], hand
-        position = samples.body_position + _turn(samples.rotation, state.link_position_m[link])
-        position[~motion.reached] = np.nan  # nowhere: reported as out of reach already
-        return position, samples.rotation @ state.link_rotation[link]
-
     for link in limb.links:
-        position, rotation = pose(link.name)
-        finger = list(slides).index(link.name) + 1 if link.name in slides else None
-        kind = "finger" if finger else "palm" if link.name == limb.gripper else "link"
+        if link.name not in slides and link.name != limb.gripper:
+            parts += _link_parts(samples, link, motion)
+            continue
+        position, rotation, finger = gripper, hand, None
+        if link.name in slides:
+            slide, finger = slides[link.name], list(slides).index(link.name) + 1
+            offset = slide.origin_m + samples.opening[:, index, None] * (slide.rotation @ slide.axis)
+            position, rotation = gripper + turned(hand, offset), turned_by(hand, slide.rotation)
+        kind = "finger" if finger else "palm"
         for capsule in link.capsules:
-            start, end = position + rotation @ capsule.start_m, position + rotation @ capsule.end_m
+            start, end = (position + turned(rotation, point) for point in (capsule.start_m, capsule.end_m))
             parts.append(Part(kind, finger, start, end, capsule.radius_m))
         for box in link.boxes:
-            centre = position + rotation @ box.centre_m
-            parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, rotation @ box.rotation))
+            centre = position + turned(rotation, box.centre_m)
+            parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
         if finger:
-            pad = position + rotation @ (pad_radius_m * slides[link.name].axis)
+            pad = position + turned(rotation, pad_radius_m * slide.axis)
             following = np.concatenate([pad[1:], pad[-1:]])
             parts.append(Part(kind, finger, pad, following, pad_radius_m))
     return parts
 
 
-def _turn(rotation: Array, vector: Array) -> Array:
-    return np.asarray((rotation @ vector[..., None])[..., 0])
+def _link_parts(samples: Samples, link: Link, motion: LimbMotion) -> list[Part]:
+    """A link's shapes as inverse kinematics has them."""
+    position, rotation = motion.state.link_position_m[link.name], motion.state.link_rotation[link.name]
+
+    def place(point: Array) -> Array:
+        found = samples.body_position + turned(samples.rotation, position + turned(rotation, point))
+        found[~motion.reached] = np.nan  # nowhere: reported as out of reach already
+        return found
+
+    parts = []
+    for capsule in link.capsules:
+        parts.append(Part("link", None, place(capsule.start_m), place(capsule.end_m), capsule.radius_m))
+    for box in link.boxes:
+        centre = place(box.centre_m)
+        turn = turned_by(np.einsum("nij,njk->nik", samples.rotation, rotation), box.rotation)
+        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turn))
+    return parts
 
 
 def body_parts(samples: Samples, body: Link) -> list[Part]:
@@ -83,9 +104,9 @@ def body_parts(samples: Samples, body: Link) -> list[Part]:
     position, rotation = samples.body_position, samples.rotation
     parts = []
     for box in body.boxes:
-        centre = position + rotation @ box.centre_m
-        parts.append(Part("body", None, centre, centre, 0.0, box.half_m, rotation @ box.rotation))
+        centre = position + turned(rotation, box.centre_m)
+        parts.append(Part("body", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
     for capsule in body.capsules:
-        start, end = position + rotation @ capsule.start_m, position + rotation @ capsule.end_m
+        start, end = (position + turned(rotation, point) for point in (capsule.start_m, capsule.end_m))
         parts.append(Part("body", None, start, end, capsule.radius_m))
     return parts

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,15 +32,20 @@ class Cuboids:
     friction: Array
     spines: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def centre_w_m(self) -> Array:
         """Centres (H, 3)."""
         return self.foot_w_m + np.array([0.0, 0.0, 0.5]) * self.size_m
 
-    @property
+    @cached_property
     def rotation(self) -> Array:
         """Rotations W <- cuboid, shape (H, 3, 3)."""
         return rotation_about_z(self.yaw_rad)
+
+    @cached_property
+    def reach_w_m(self) -> Array:
+        """Half extents along the axes of W, (H, 1, 3)."""
+        return np.asarray((np.abs(self.rotation) @ (0.5 * self.size_m[..., None])).swapaxes(1, 2))
 
 
 @dataclass(frozen=True)
@@ -68,60 +74,60 @@ class PlanArrays:
     finger_moment: Array
     cuboids: Cuboids
 
-    @property
+    @cached_property
     def n_knots(self) -> int:
         """K."""
         return len(self.time_s)
 
-    @property
+    @cached_property
     def stance(self) -> NDArray[np.bool_]:
         """(K, 4)."""
         return np.asarray(self.phase == STANCE)
 
-    @property
+    @cached_property
     def opening_axis(self) -> Array:
         """e of every gripper, (K, 4, 3)."""
         return np.stack([np.cos(self.gripper_yaw), np.sin(self.gripper_yaw), np.zeros_like(self.gripper_yaw)], axis=-1)
 
-    @property
+    @cached_property
     def finger_position(self) -> Array:
         """Pad contact points of fingers 1 and 2, (K, 4, 2, 3)."""
         half = 0.5 * self.separation[..., None] * self.opening_axis
         return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
 
-    @property
+    @cached_property
     def gripper_force(self) -> Array:
         """F = f1 + f2, (K, 4, 3)."""
         return np.asarray(self.finger_force.sum(axis=2))
 
-    @property
+    @cached_property
     def gripper_moment(self) -> Array:
         """M = sum (p - c) x f + m about the gripper centre, (K, 4, 3)."""
         arm = self.finger_position - self.gripper_position[:, :, None, :]
         return np.asarray((np.cross(arm, self.finger_force) + self.finger_moment).sum(axis=2))
 
-    @property
+    @cached_property
     def gripped(self) -> NDArray[np.bool_]:
         """(K, 4): in stance on a hold that exists, by faces that exist."""
         exists = (self.hold >= 0) & (self.hold < len(self.cuboids.names))
         return np.asarray(self.stance & exists & (self.finger1_face >= 0) & (self.finger1_face < 4))
 
-    @property
+    @cached_property
     def gripped_hold(self) -> NDArray[np.int_]:
         """(K, 4): the hold where `gripped`, -1 elsewhere."""
         return np.where(self.gripped, self.hold, -1)
 
-    @property
+    @cached_property
     def on_wall(self) -> NDArray[np.bool_]:
         """(K, 4): in stance on the wall itself (point contact)."""
         return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
 
-    @property
+    @cached_property
     def point_feet(self) -> bool:
         """Every limb in stance stands on the wall itself: a walk (msgs/PLAN.md)."""
         return bool((self.on_wall | ~self.stance).all())
 
-    @property
+    @cached_property
     def faces(self) -> NDArray[np.int_]:
         """Faces under fingers 1 and 2, (K, 4, 2); +x opposite -x, +y opposite -y; wall for both; 0 where none."""
         first = np.where(self.gripped, self.finger1_face, 0)
@@ -130,7 +136,7 @@ class PlanArrays:
         on_wall = self.on_wall
         return np.stack([np.where(on_wall, wall, first), np.where(on_wall, wall, second)], axis=2)
 
-    @property
+    @cached_property
     def face_normal(self) -> Array:
         """Outward normals under both fingers in W, (K, 4, 2, 3)."""
         local = _OUTWARD[self.faces]
@@ -218,7 +224,8 @@ def _sound(plan: PlanArrays, findings: Findings) -> bool:
     """Finite numbers, a positive step, evenly spaced knots, known phases: what every other check builds on."""
     sound = True
     for owner in (plan, plan.cuboids):
-        for name, value in vars(owner).items():
+        for name in (entry.name for entry in fields(owner)):
+            value = getattr(owner, name)
             if not isinstance(value, float | np.ndarray):
                 continue
             array = np.asarray(value, dtype=float)

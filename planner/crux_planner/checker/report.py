@@ -117,13 +117,21 @@ class Findings:
         """Record residuals over time, shapes (T,) and (T,). Every unbroken run above tolerance gives one violation, at
         its worst moment; a series without any gives one entry for `worst`. Entries of -inf mean "does not apply".
         """
-        values = np.where(np.isnan(amounts), np.inf, amounts)
-        if values.size == 0 or not (values > -np.inf).any():
+        if amounts.size == 0:
             return
+        most = int(np.argmax(amounts))  # of the first NaN, if there is any
+        if amounts[most] <= tolerance:
+            if amounts[most] > -np.inf:
+                amount, when = float(amounts[most]), float(times_s[most])
+                self.add(
+                    constraint, amount, unit, tolerance=tolerance, limb=limb, finger=finger, time_s=when, detail=detail
+                )
+            return
+        values = np.where(np.isnan(amounts), np.inf, amounts)
         above = values > tolerance
         edges = np.flatnonzero(np.diff(np.concatenate(([False], above, [False])).astype(np.int8)))
         picks = [int(a + np.argmax(values[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        for i in picks or [int(np.argmax(values))]:
+        for i in picks:
             self.add(
                 constraint,
                 float(values[i]),
