@@ -16,7 +16,9 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_msgs import plan_t
-from crux_tools.telemetry.reader import read_log
+from crux_tools.replay import recompute
+from crux_tools.telemetry.cdr_table import fixed_dtype
+from crux_tools.telemetry.reader import read_log, read_payloads
 from hand_plan import Wall, climbing_plan, finish, standing_plan
 from mcap.reader import make_reader
 
@@ -52,7 +54,7 @@ def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
     return found
 
 
-def test_a_limb_moves_to_its_next_hold(tmp_path: Path) -> None:
+def test_a_limb_moves_to_its_next_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = tmp_path / "new" / "log.mcap"
     status, result = finish_climb(start_climb(saved(tmp_path, climbing_plan(limbs_to_move=(0,))), log))
     assert status == 0, result
@@ -70,6 +72,31 @@ def test_a_limb_moves_to_its_next_hold(tmp_path: Path) -> None:
     phases = read_log(log).references["phase"]
     assert set(np.unique(phases[:, 0])) == set(range(8))  # LF went through every phase of a swing
     assert set(np.unique(phases[:, 1:])) == {0}
+    compare_again(log, monkeypatch)
+
+
+def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The runtime's core gives the log's outputs again to the bit, and others where it is given others."""
+    same = recompute.recompute(log)
+    assert same.ok
+    assert same.cycles == len(read_log(log).time_s)
+    told = read_payloads(log, {"/plan", "/control_input", "/control_output", "/robot_state"})
+    monkeypatch.setattr("crux_tools.replay.recompute.read_payloads", lambda *_: told)
+    inputs, cycle = told.payloads["/control_input"], 4000
+    layout = fixed_dtype(told.definitions["/control_input"])
+    assert layout is not None
+    assert layout.fields is not None
+    place = layout.fields["joint_position_rad"][1]
+    changed = bytearray(inputs[cycle - 1])
+    changed[place] ^= 1  # the last bit of one measured angle
+    inputs[cycle - 1] = bytes(changed)
+    other = recompute.recompute(log).first_difference
+    assert other is not None
+    assert other.cycle == cycle
+    assert other.logged != other.computed
+    del inputs[cycle - 2]
+    gap = recompute.recompute(log)
+    assert (gap.ok, gap.missing_cycle, gap.cycles) == (False, cycle - 1, cycle - 2)
 
 
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:

@@ -11,10 +11,12 @@ from crux_tools.output import add_json_option, note, print_json
 DEFAULT_PORT = 8737
 _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits, tracking, wrench errors, timing - and
 shows it in a 3-D view in the browser: the robot as its joints were measured, the plan as a ghost, the contact forces.
-Logs of a runtime that was killed open too, as far as they go."""
+Logs of a runtime that was killed open too, as far as they go. With --check it instead computes every cycle again, by
+the runtime's own control core from the logged inputs, and compares all it gave out bit by bit."""
 _EPILOG = """examples:
   crux replay out/climb.mcap
-  crux replay out/climb.mcap --no-view --json"""
+  crux replay out/climb.mcap --no-view --json
+  crux replay out/climb.mcap --check"""
 
 
 def _port(text: str) -> int:
@@ -35,6 +37,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
     parser.add_argument("--no-view", action="store_true", help="print the summary and end")
+    parser.add_argument("--check", action="store_true", help="compute every cycle again and compare bit by bit")
     parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
     parser.add_argument(
         "--port", type=_port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
@@ -52,8 +55,26 @@ def _print_table(table: list[tuple[str, str]]) -> None:
             print(f"{'':<{width}}  {line}")
 
 
+def _check(options: argparse.Namespace) -> int:
+    from crux_tools.replay.recompute import recompute
+
+    found = recompute(options.log)
+    if options.json:
+        print_json(found.to_json())
+        return 0 if found.ok else 1
+    if found.first_difference is not None:
+        print(f"differs: {found.first_difference}")
+    else:
+        print(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
+    if found.missing_cycle is not None:
+        print(f"cycle {found.missing_cycle} is not in the log: nothing from there on can be computed again")
+    return 0 if found.ok else 1
+
+
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when the log could be shown, however the climb went."""
+    """Exit status 0 when the log could be shown, however the climb went; with --check, when nothing differs."""
+    if options.check:
+        return _check(options)
     from crux_tools.telemetry import read_log
     from crux_tools.telemetry.summary import summarise
     from crux_tools.telemetry.wording import rows

@@ -60,6 +60,16 @@ class _Raw:
 
 
 @dataclass(frozen=True)
+class Payloads:
+    """CDR messages as they stand in the file, by topic in the order written, with their times and definitions."""
+
+    payloads: dict[str, list[bytes]]
+    times_ns: dict[str, list[int]]
+    definitions: dict[str, str]
+    metadata: dict[str, str]
+
+
+@dataclass(frozen=True)
 class Channels:
     """A file's channels: `tables` of fixed-size messages as record arrays, `messages` of the others as objects."""
 
@@ -199,12 +209,26 @@ def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
 
     Raises LogError when the file is no such file; a cut-off end only leaves `end` out.
     """
+    return _decode(_opened(path, topics), path)
+
+
+def read_payloads(path: Path, topics: set[str]) -> Payloads:
+    """The messages of some topics, not decoded. Raises LogError as `read_channels` does."""
+    raw = _opened(path, topics)
+    names = {number: channel.topic for number, channel in raw.channels.items() if channel.topic in topics}
+    definitions = {name: raw.schemas[raw.channels[number].schema_id].data.decode() for number, name in names.items()}
+    payloads = {name: raw.payloads[number] for number, name in names.items()}
+    times_ns = {name: raw.times_ns[number] for number, name in names.items()}
+    return Payloads(payloads, times_ns, definitions, raw.metadata)
+
+
+def _opened(path: Path, topics: set[str] | None) -> _Raw:
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
     if not path.exists():
         raise LogError(f"{path}: no such file")
     try:
-        return _decode(_read_raw(path, lambda topic: topics is None or topic in topics), path)
+        return _read_raw(path, lambda topic: topics is None or topic in topics)
     except PermissionError as error:
         raise LogError(f"{path}: may not be read (permission denied)") from error
 

@@ -1,0 +1,136 @@
+"""A log's cycles computed again by the runtime's own control core, from what it was given, and compared bit by bit.
+
+The core is a function of plans and inputs alone (crux-recompute runs it without clock, bus or LCM). So the first
+difference is where another build of the runtime, or another robot description, decides otherwise.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crux_contracts.robot import load_robot, robot_names
+
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.paths import built
+from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.reader import Payloads, read_payloads
+
+BINARY = "runtime/app/crux-recompute"
+PLAN, INPUT = "/plan", "/control_input"
+OUTPUTS = ("/control_output", "/robot_state")  # of a cycle, as crux-recompute writes them
+KIND = {PLAN: 0, INPUT: 1}
+_RECORD, _LENGTH, _CYCLE = struct.Struct("<BI"), struct.Struct("<I"), struct.Struct("<4xq")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first number that came out otherwise."""
+
+    cycle: int
+    topic: str
+    field: str  # with an index where it is an array
+    logged: Any
+    computed: Any
+
+    def __str__(self) -> str:
+        return (
+            f"cycle {self.cycle}, {self.topic} {self.field}: {self.logged} in the log, {self.computed} computed again"
+        )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`cycles` compared; `missing_cycle`: one the log has not, behind which nothing can be computed."""
+
+    cycles: int
+    first_difference: Difference | None
+    missing_cycle: int | None
+
+    @property
+    def ok(self) -> bool:
+        return self.first_difference is None and self.missing_cycle is None and self.cycles > 0
+
+    def to_json(self) -> dict[str, Any]:
+        """What `crux replay --check --json` prints."""
+        first = None if self.first_difference is None else vars(self.first_difference)
+        return {"ok": self.ok, "cycles": self.cycles, "first_difference": first, "missing_cycle": self.missing_cycle}
+
+
+def recompute(path: Path) -> Comparison:
+    """Raises LogError or UsageError where there is nothing to compute again, WorkFailed where the core refuses."""
+    log = read_payloads(path, {PLAN, INPUT, *OUTPUTS})
+    missing = [topic for topic in (INPUT, *OUTPUTS) if not log.payloads.get(topic)]
+    if missing:
+        raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
+    robot = _robot_folder(path, log.metadata)
+    given, cycles, missing_cycle = _given(log)
+    with tempfile.TemporaryFile() as records:
+        for topic, payload in given:
+            records.write(_RECORD.pack(KIND[topic], len(payload)))
+            records.write(payload)
+        records.seek(0)
+        done = subprocess.run([built(BINARY), robot], stdin=records, capture_output=True, check=False)
+    if done.returncode != 0:
+        raise WorkFailed(f"{path}: {done.stderr.decode(errors='replace').strip()}")
+    return _compare(log, done.stdout, cycles, missing_cycle)
+
+
+def _robot_folder(path: Path, metadata: dict[str, str]) -> Path:
+    """Of the robot that the log was written with."""
+    name = metadata.get("robot", "")
+    if name not in robot_names():
+        raise UsageError(f"{path}: robot: {name!r}: expected one of {', '.join(robot_names())}")
+    robot = load_robot(name)
+    if metadata.get("robot_sha256") != robot.hash:
+        raise UsageError(
+            f"{path}: robot_sha256: the description of {name} has changed since, so other numbers come out"
+        )
+    return Path(robot.folder)
+
+
+def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | None]:
+    """Plans and inputs in the order in which the core got them, the cycles, and the first one that is missing."""
+    plans = list(zip(log.times_ns.get(PLAN, []), log.payloads.get(PLAN, []), strict=True))
+    given: list[tuple[str, bytes]] = []
+    cycles: list[int] = []
+    for time_ns, payload in zip(log.times_ns[INPUT], log.payloads[INPUT], strict=True):
+        (cycle,) = _CYCLE.unpack_from(payload)
+        if cycle != len(cycles) + 1:
+            return given, cycles, len(cycles) + 1
+        while plans and plans[0][0] <= time_ns:
+            given.append((PLAN, plans.pop(0)[1]))
+        given.append((INPUT, payload))
+        cycles.append(cycle)
+    return given, cycles, None
+
+
+def _compare(log: Payloads, computed: bytes, cycles: list[int], missing_cycle: int | None) -> Comparison:
+    whole = min(len(cycles), *(len(log.payloads[topic]) for topic in OUTPUTS))  # the last cycle may be cut off
+    at = 0
+    for index in range(whole):
+        for topic in OUTPUTS:
+            (length,) = _LENGTH.unpack_from(computed, at)
+            at += _LENGTH.size + length
+            again, logged = computed[at - length : at], log.payloads[topic][index]
+            if again != logged:
+                return Comparison(index + 1, _difference(log, cycles[index], topic, logged, again), missing_cycle)
+    return Comparison(whole, None, missing_cycle)
+
+
+def _difference(log: Payloads, cycle: int, topic: str, logged: bytes, computed: bytes) -> Difference:
+    dtype = fixed_dtype(log.definitions[topic])
+    if dtype is None or min(len(logged), len(computed)) < dtype.itemsize:
+        return Difference(cycle, topic, "size", len(logged), len(computed))
+    old, new = decode_table([logged, computed], dtype)
+    for name in dtype.names or ():
+        pairs = zip(old[name].reshape(-1), new[name].reshape(-1), strict=True)
+        for index, (before, after) in enumerate(pairs):
+            if before.tobytes() != after.tobytes():
+                field = f"{name}[{index}]" if old[name].ndim else name
+                return Difference(cycle, topic, field, before.item(), after.item())
+    return Difference(cycle, topic, "padding", "", "")
