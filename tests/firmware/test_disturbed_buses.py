@@ -14,6 +14,7 @@ JOINT: can_codec.Values = {"Mode": TRACK, "Position_rad": 0.0, "Kp_Nm_rad": 100.
 GRIPPER: can_codec.Values = {"Mode": TRACK, "Opening_m": 0.029, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 30.0}
 CYCLES = 300
 LIMB = 2
+BUS_OFF = 7  # cause of an emergency
 
 
 @pytest.fixture
@@ -41,6 +42,32 @@ def test_a_share_of_one_cuts_the_limb_and_zero_mends_it(bench: Host) -> None:
     bench.nodes.lose(LIMB, 0.0)
     bench.run(121, JOINT, GRIPPER)
     assert statuses(bench, LIMB) == [1] * 6
+
+
+@pytest.mark.parametrize("node", [3, 7])
+def test_a_node_whose_controller_is_off_the_bus_holds_and_says_so_afterwards(bench: Host, node: int) -> None:
+    kind = "Gripper" if node == 7 else "Joint"
+    for cycle in range(10):
+        bench.run(cycle, JOINT, GRIPPER)
+    bench.heard(LIMB)
+    bench.nodes.disturb(LIMB, node, True)
+    for cycle in range(10, 110):
+        bench.run(cycle, JOINT, GRIPPER)
+        heard = bench.heard(LIMB)
+        answered = {n for (name, n), rows in heard.items() if name.endswith("Status") and rows}
+        assert answered == set(range(1, 8)) - {node}
+    assert joint_and_gripper_states(bench)[node - 1] == HOLD + 1
+    bench.nodes.disturb(LIMB, node, False)
+    bench.run(110, JOINT, GRIPPER)
+    heard = bench.heard(LIMB)
+    assert heard[f"{kind}Status", node][-1]["State"] == HOLD + 1, "latched"
+    assert BUS_OFF in {int(row["Cause"]) for row in heard[f"{kind}Emergency", node]}
+
+
+def joint_and_gripper_states(bench: Host) -> bytes:
+    """Of the limb's seven nodes."""
+    joints, _, grippers, _ = bench.nodes.states()
+    return joints[6 * LIMB : 6 * LIMB + 6] + grippers[LIMB : LIMB + 1]
 
 
 def answered_with_loss(share: float, seed: int) -> list[int]:

@@ -15,7 +15,7 @@ from host import TRACK, Host, host
 
 LF = 0
 NODE = 2
-HOLD_STATE, TRACK_STATE = 1, 2
+BOOT_STATE, HOLD_STATE, TRACK_STATE = 0, 1, 2
 BUS_OFF = 7  # cause of an emergency
 CAN_CONTROL = 0x18
 GRIPPER_COMMAND = {"Mode": TRACK, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
@@ -97,6 +97,26 @@ def test_restart_forgets_and_says_so(boards: tuple[Host, crux_emulated.Board]) -
     assert heard["JointStatus", NODE][-1]["CycleEcho"] == 19
 
 
+def test_while_it_restarts_its_joint_is_limp_for_a_few_milliseconds(boards: tuple[Host, crux_emulated.Board]) -> None:
+    bus, _ = boards
+    bus.plant.joint_position_rad[:] = 0.25
+    for cycle in range(50):
+        before, _ = bus.run(cycle, command(0.3), GRIPPER_COMMAND)
+    assert bus.nodes.states()[0][NODE - 1] == TRACK_STATE
+    assert before[NODE - 1] > 1.0
+    bus.nodes.reset(LF, NODE)
+    torques = []
+    for _ in range(20):
+        bus.plant.joint_position_rad[NODE - 1] -= 0.001  # it sags
+        torque, _ = bus.control()
+        bus.publish()
+        torques.append(float(torque[NODE - 1]))
+        assert bus.nodes.states()[0][NODE - 1] == BOOT_STATE
+    limp_cycles = sum(abs(torque) < 0.05 for torque in torques)
+    assert 1 <= limp_cycles <= 3  # open bridge: crystal, encoders, converters
+    assert torques[-1] > 1.0  # then it holds where it found itself
+
+
 def test_controller_goes_off_the_bus_and_comes_back(boards: tuple[Host, crux_emulated.Board]) -> None:
     bus, emulated = boards
     off, initialising = 1 << 7, 1 << 0
@@ -106,7 +126,7 @@ def test_controller_goes_off_the_bus_and_comes_back(boards: tuple[Host, crux_emu
         bus.heard(LF)
     assert emulated.can_register(crux_emulated.CAN_ERRORS) == 0
 
-    emulated.disturb(True)
+    bus.nodes.disturb(LF, NODE, True)
     seen_off, seen_errors = 0, 0
     for cycle in range(50, 150):
         during, _ = bus.run(cycle, command(0.9), GRIPPER_COMMAND)
@@ -117,7 +137,8 @@ def test_controller_goes_off_the_bus_and_comes_back(boards: tuple[Host, crux_emu
     assert seen_errors >= 128  # through error passive
     assert during[NODE - 1] == pytest.approx(before[NODE - 1], abs=0.05)  # it never heard of 0.9 rad
 
-    emulated.disturb(False)
+    assert bus.nodes.states()[0][NODE - 1] == HOLD_STATE, "the bench sees it though no status says so"
+    bus.nodes.disturb(LF, NODE, False)
     causes: set[str] = set()
     last: can_codec.Values = {}
     for cycle in range(150, 200):

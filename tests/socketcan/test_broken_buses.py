@@ -31,7 +31,13 @@ faults:
   - {kind: queue_full, limb: RR, at_s: 12.8, for_s: 0.2}
   - {kind: unacknowledged, limb: LF, at_s: 15.0, for_s: 0.2}
 """
-BEFORE = "version: 1\nfaults:\n  - {kind: interface_down, limb: RF, at_s: 1.2, for_s: 0.2}\n"
+BEFORE = """
+version: 1
+faults:
+  - {kind: interface_down, limb: RF, at_s: 1.2, for_s: 0.2}
+  - {kind: controller_off, limb: LF, node: 2, at_s: 1.3, for_s: 0.2}
+  - {kind: bus_off, limb: LR, at_s: 1.4, for_s: 0.2}
+"""
 HELD_WITHIN_S = 0.05
 
 
@@ -88,4 +94,5 @@ def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(runs:
     result, log = runs[1]
     assert result["robot_on_wall"]
     assert states(log)[-4:] == [READY, FAULT, IDLE, READY]
+    assert {int(row["limb"]): int(row["bus_off"]) for row in log.buses[-4:]} == {LF: 0, RF: 0, LR: 1, RR: 0}
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"

@@ -55,7 +55,7 @@ void crux_emulated_flood(emulated_node *node, uint16_t id, const uint8_t *data, 
   fdcan_model_flood(&node->chip.can[0], node->chip.core.now, &frame, (count > 0) ? (uint32_t)count : 0U);
 }
 
-void crux_emulated_disturb(emulated_node *node, int on) { node->chip.can[0].disturbed = on != 0; }
+void crux_emulated_disturb(emulated_node *node, int on) { node->port.disturb(node->port.context, on != 0); }
 
 void crux_emulated_break_encoder(emulated_node *node, int on) { node->encoder_broken = on != 0; }
 

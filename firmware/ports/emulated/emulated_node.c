@@ -1,14 +1,17 @@
 #include "emulated_node.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "codec.h"
 #include "elf_image.h"
+#include "gripper_node.h"
+#include "joint_node.h"
 
 #define FLASH_START 0x08000000U
+#define RAM_START 0x20000000U
 #define CORE_HZ 170000000U
 #define CRYSTAL_HZ 24000000U
 #define BOOT_S 0.02  ///< between power-on and the first frame
@@ -114,6 +117,14 @@ static void power_on(emulated_node *node) {
   stm32g4_power_on(&node->chip);
 }
 
+/// Until the timer runs nothing drives the gates: the bridge is open, and what flowed has gone through the diodes.
+static void pwm_start(void *context, uint64_t time) {
+  emulated_node *node = context;
+  node->stepped_at = time;
+  node->angle_rad = electrical_rad(node, time);
+  node->motor.current_A = (motor_vector){0.0, 0.0};
+}
+
 /// The force/torque sensor's samples of the window to come.
 static void measure_wrench(emulated_node *node, const double wrench[6], uint64_t window) {
   fdcan_model *can = &node->chip.can[1];
@@ -184,24 +195,6 @@ static void hear(void *context, const crux_frame *frame) {
   }
 }
 
-static void look_at(emulated_node *node, const crux_frame *frame) {
-  if (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_STATUS(node->node)) {
-    if (node->node == EMULATED_GRIPPER) {
-      struct crux_can_gripper_status_t status;
-      if (crux_can_gripper_status_unpack(&status, frame->data, frame->length) == 0) {
-        node->state = status.state;
-        node->faults = status.faults;
-      }
-    } else {
-      struct crux_can_joint_status_t status;
-      if (crux_can_joint_status_unpack(&status, frame->data, frame->length) == 0) {
-        node->state = status.state;
-        node->faults = status.faults;
-      }
-    }
-  }
-}
-
 static bool fetch(void *context, crux_frame *frame) {
   emulated_node *node = context;
   if (!node->controlled && (node->heard_count > 0U) && node->powered && (node->dt > 0.0)) {
@@ -211,11 +204,7 @@ static bool fetch(void *context, crux_frame *frame) {
     run(node, node->dt);
   }
   const bool found = fdcan_model_fetch(&node->chip.can[0], frame);
-  if (found) {
-    look_at(node, frame);
-  } else {
-    node->controlled = false;
-  }
+  node->controlled = node->controlled && found;
   return found;
 }
 
@@ -231,10 +220,37 @@ static void set_temperature(void *context, double temperature_degC) {
   node->temperature_degC = temperature_degC;
 }
 
-static void state(void *context, uint8_t *last_state, uint8_t *last_faults) {
+static void disturb(void *context, bool on) {
+  emulated_node *node = context;
+  node->chip.can[0].disturbed = on;
+}
+
+static size_t node_bytes(const emulated_node *node) {
+  return (node->node == EMULATED_GRIPPER) ? sizeof(crux_gripper_node) : sizeof(crux_joint_node);
+}
+
+/// Looks into the image's memory: a node that is off the bus says nothing, and what it does counts all the same.
+static void state(void *context, uint8_t *state_now, uint8_t *faults) {
   const emulated_node *node = context;
-  *last_state = node->state;
-  *last_faults = node->faults;
+  const bool gripper = node->node == EMULATED_GRIPPER;
+  *state_now = (uint8_t)CRUX_STATE_BOOT;
+  *faults = 0U;
+  if (node->object != NULL) {
+    const uint8_t found = node->object[gripper ? offsetof(crux_gripper_node, state) : offsetof(crux_joint_node, state)];
+    const bool runs = found <= (uint8_t)CRUX_STATE_FAULT;  // the memory is rubbish after a reset
+    *state_now = runs ? found : (uint8_t)CRUX_STATE_BOOT;
+    *faults =
+        runs ? node->object[gripper ? offsetof(crux_gripper_node, link.faults) : offsetof(crux_joint_node, link.faults)]
+             : 0U;
+  }
+}
+
+/// The firmware's node in the chip's memory: of fixed size and aligned the same here and there.
+static void find_object(emulated_node *node, const char *image) {
+  const uint32_t address = elf_image_object(image, "node", (uint32_t)node_bytes(node));
+  if ((address >= RAM_START) && (address - RAM_START <= CORTEX_RAM_BYTES - node_bytes(node))) {
+    node->object = node->chip.core.ram + (address - RAM_START);
+  }
 }
 
 /// No board is mounted like another: zeros that look random and are the same in every run.
@@ -274,6 +290,7 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
                                .crystal_hz = CRYSTAL_HZ,
                                .straps = ((uint32_t)limb << 3U) | (uint32_t)number,
                                .analogue = analogue,
+                               .pwm_start = pwm_start,
                                .pwm_period = pwm_period,
                                .pins = pins,
                                .transfer = transfer};
@@ -283,6 +300,7 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
                                    .fetch = fetch,
                                    .restart = restart,
                                    .set_temperature = set_temperature,
+                                   .disturb = disturb,
                                    .state = state};
   node->world = *world;
   node->mounting = mount(limb, number);
@@ -303,6 +321,7 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
     emulated_node_delete(node);
     return NULL;
   }
+  find_object(node, image);
   write_calibration(node);
   return node;
 }

@@ -64,10 +64,9 @@ typedef struct emulated_node {
   double angle_rad;     ///< electrical, then
   double torque_time;   ///< integral of the rotor's torque over the window [Nm cycles]
   double temperature_degC;
-  bool wrench_asked;   ///< the force/torque sensor sends samples
-  uint64_t wrench_at;  ///< when the next one is due
-  uint8_t state;       ///< of the last status
-  uint8_t faults;
+  bool wrench_asked;      ///< the force/torque sensor sends samples
+  uint64_t wrench_at;     ///< when the next one is due
+  const uint8_t *object;  ///< crux_joint_node or crux_gripper_node in the image's memory, NULL: unknown
 } emulated_node;
 
 /// Builds the board around the image; NULL with the reason in `error`. Without emulated_node_power_on the power comes

@@ -6,6 +6,7 @@
 #include "stm32g4_internal.h"
 
 #define HSI_HZ 16000000U
+#define CRYSTAL_START_CYCLES 340000U  // 2 ms at 170 MHz, as cycles are counted here
 
 // Interrupts.
 #define IRQ_ADC1_2 18U
@@ -78,9 +79,16 @@ static uint32_t core_hz(const stm32g4 *chip) {
 
 static void write_clocks(stm32g4 *chip, uint32_t word, uint32_t value) {
   chip->rcc[word] = value;
-  if (word == RCC_CR) {  // oscillators are ready at once
+  if (word == RCC_CR) {  // the PLL is ready at once, the crystal swings after a while
     chip->rcc[word] &= ~((RCC_CR_HSEON | RCC_CR_PLLON) << 1U);
-    chip->rcc[word] |= (value & (RCC_CR_HSEON | RCC_CR_PLLON)) << 1U;
+    chip->rcc[word] |= (value & RCC_CR_PLLON) << 1U;
+    if ((value & RCC_CR_HSEON) == 0U) {
+      chip->crystal_at = NEVER;
+    } else if (chip->crystal_at == NEVER) {
+      chip->crystal_at = chip->core.now + CRYSTAL_START_CYCLES;
+    } else {
+      // on already
+    }
   } else if (word == RCC_CFGR) {
     chip->rcc[word] = (value & ~(3U << 2U)) | ((value & 3U) << 2U);
   } else {
@@ -194,7 +202,7 @@ static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
       *value = chip->can[(at->what == RAM1) ? 0 : 1].ram[word];
       break;
     case RCC:
-      *value = chip->rcc[word];
+      *value = chip->rcc[word] | (((word == RCC_CR) && (chip->crystal_at <= chip->core.now)) ? RCC_CR_HSEON << 1U : 0U);
       break;
     case PWR:
       *value = chip->pwr[word];
@@ -290,6 +298,7 @@ void stm32g4_power_on(stm32g4 *chip) {
   (void)memset(chip->adc_common, 0, sizeof(chip->adc_common));
   (void)memset(chip->compare, 0, sizeof(chip->compare));
   chip->update_at = NEVER;
+  chip->crystal_at = NEVER;
   chip->rcc[RCC_AHB1ENR] = 1U << 8U;
   chip->spi1[SPI_SR] = SPI_TXE;
   fdcan_model_reset(&chip->can[0], chip->bit_rate, chip->data_bit_rate);

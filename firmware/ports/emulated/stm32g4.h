@@ -19,6 +19,8 @@ typedef struct stm32g4_board {
   uint32_t straps;  ///< levels of port C
   /// Reading 0..4095 of a converter's channel, now.
   uint32_t (*analogue)(void *context, unsigned converter, unsigned channel);
+  /// The PWM begins; before, the bridge was open.
+  void (*pwm_start)(void *context, uint64_t time);
   /// A PWM period is over, its duties 0..1 were these; before the converters sample.
   void (*pwm_period)(void *context, uint64_t time, const double duty[3]);
   /// Port A's outputs have changed.
@@ -36,6 +38,7 @@ typedef struct stm32g4 {
   stm32g4_board board;
   fdcan_model can[2];
   uint32_t rcc[64];
+  uint64_t crystal_at;  ///< when the crystal swings
   uint32_t pwr[64];
   uint32_t flash_control[64];
   uint64_t flash_busy_until;

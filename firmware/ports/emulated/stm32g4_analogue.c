@@ -92,6 +92,7 @@ void stm32g4_write_timer1(stm32g4 *chip, uint32_t word, uint32_t value) {
       chip->update_at = NEVER;
     } else if (chip->update_at == NEVER) {
       chip->update_at = chip->core.now + update_period(chip);
+      chip->board.pwm_start(chip->board.context, chip->core.now);
     } else {
       // runs on
     }

@@ -96,7 +96,7 @@ void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
     }
     return;
   }
-  if (crux_interference_use_up(&disturbed->drop_received) || crux_interference_loses(disturbed)) {
+  if (disturbed->off || crux_interference_use_up(&disturbed->drop_received) || crux_interference_loses(disturbed)) {
     return;
   }
   if (crux_interference_use_up(&disturbed->corrupt_received)) {
@@ -275,7 +275,7 @@ static bool take_frame(limb *owner, int index, crux_frame *frame) {
 static int collect(limb *owner, int index, crux_frame *frames, int count) {
   interference *disturbed = &owner->interference[index];
   int taken = 0;
-  while ((taken < (int)CRUX_QUEUE_LENGTH) && take_frame(owner, index, &frames[count])) {
+  while (!disturbed->off && (taken < (int)CRUX_QUEUE_LENGTH) && take_frame(owner, index, &frames[count])) {
     const bool lost = crux_interference_use_up(&disturbed->drop_sent) || crux_interference_loses(disturbed);
     count += lost ? 0 : 1;
     taken++;

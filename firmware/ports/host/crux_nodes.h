@@ -71,6 +71,8 @@ CRUX_API int crux_nodes_drop_received(crux_nodes *nodes, int limb, int node, uin
 CRUX_API int crux_nodes_corrupt_received(crux_nodes *nodes, int limb, int node, uint32_t count);
 /// The next `count` frames of the node get lost on their way to the bus.
 CRUX_API int crux_nodes_drop_sent(crux_nodes *nodes, int limb, int node, uint32_t count);
+/// While on, no frame passes between the node and its bus, and its controller goes off; it comes back by itself after.
+CRUX_API int crux_nodes_disturb(crux_nodes *nodes, int limb, int node, int on);
 /// From now on this share of the frames between the bus and each of the limb's nodes gets lost, both ways, at random;
 /// the same seed loses the same frames. A share of 1 cuts the bus, 0 mends it.
 CRUX_API int crux_nodes_lose(crux_nodes *nodes, int limb, double share, uint32_t seed);

@@ -122,6 +122,7 @@ def _load(path: Path) -> ctypes.CDLL:
         "drop_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "corrupt_received": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "drop_sent": (integer, [handle, integer, integer, ctypes.c_uint32]),
+        "disturb": (integer, [handle, integer, integer, integer]),
         "lose": (integer, [handle, integer, ctypes.c_double, ctypes.c_uint32]),
         "connect": (integer, [handle, integer, integer]),
         "intrude": (integer, [handle, integer, ctypes.c_uint16, ctypes.c_char_p, integer]),
@@ -280,6 +281,10 @@ class Nodes:
     def drop_sent(self, limb: int, node: int, count: int) -> None:
         """The next `count` frames of the node get lost."""
         self._check(self._library.crux_nodes_drop_sent(self._handle, limb, node, count))
+
+    def disturb(self, limb: int, node: int, on: bool) -> None:
+        """While on, no frame passes between the node and its bus, and its controller goes off."""
+        self._check(self._library.crux_nodes_disturb(self._handle, limb, node, int(on)))
 
     def lose(self, limb: int, share: float, seed: int = 1) -> None:
         """From now on this share of the frames to and from each node of the limb gets lost; 1 cuts the bus."""

@@ -46,6 +46,23 @@ int crux_nodes_drop_sent(crux_nodes *nodes, int limb_index, int node, uint32_t c
   return 0;
 }
 
+int crux_nodes_disturb(crux_nodes *nodes, int limb_index, int node, int on) {
+  if (!crux_nodes_exists(limb_index, node)) {
+    return -1;
+  }
+  limb *owner = &nodes->limbs[limb_index];
+  const crux_outside_node *outside = owner->outside[node - 1];
+  if (outside != NULL) {
+    outside->disturb(outside->context, on != 0);
+  } else if (node - 1 == GRIPPER) {
+    owner->gripper_inputs.bus_off = on != 0;
+  } else {
+    owner->joint_inputs[node - 1].bus_off = on != 0;
+  }
+  owner->interference[node - 1].off = (outside == NULL) && (on != 0);
+  return 0;
+}
+
 int crux_nodes_lose(crux_nodes *nodes, int limb_index, double share, uint32_t seed) {
   if (!crux_nodes_exists(limb_index, 1)) {
     return -1;

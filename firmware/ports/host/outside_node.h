@@ -26,7 +26,9 @@ typedef struct crux_outside_node {
   /// Power off and on.
   void (*restart)(void *context);
   void (*set_temperature)(void *context, double temperature_degC);
-  /// State and fault bits of its last status.
+  /// While on, no frame passes between the node's controller and the bus; it counts errors and goes off.
+  void (*disturb)(void *context, bool on);
+  /// Its state and fault bits now; BOOT before its firmware has begun.
   void (*state)(void *context, uint8_t *state, uint8_t *faults);
 } crux_outside_node;
 

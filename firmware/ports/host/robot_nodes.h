@@ -18,6 +18,7 @@ typedef struct interference {
   uint32_t drop_received;
   uint32_t corrupt_received;
   uint32_t drop_sent;
+  bool off;               ///< the node's controller has left the bus
   uint32_t lost_of_2_32;  ///< share of frames that get lost, both ways; UINT32_MAX: all of them
   uint32_t random;        ///< state of the generator that chooses them, never 0
 } interference;

@@ -14,7 +14,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
-from crux_tools.bench.disturbance import Course, Disturbance
+from crux_tools.bench.disturbance import Course, Disturbance, look_back
 from crux_tools.bench.emulated_boards import EmulatedBoards, Place
 from crux_tools.bench.fault_file import Fault
 from crux_tools.bench.firmware_nodes import FirmwareNodes
@@ -206,14 +206,17 @@ def _judged(
     telemetry = read_log(log)
     if not len(telemetry.state):
         raise WorkFailed(f"the runtime logged no control cycle{': ' + last_words if last_words else ''}")
-    verdict = judge(recorder.truth(), telemetry, plan, robot)
-    faults = [fault_line(fault) for fault in summarise(telemetry).faults]
+    truth, reported = recorder.truth(), summarise(telemetry).faults
+    verdict = judge(truth, telemetry, plan, robot)
+    look_back(courses, truth, reported, dt_s)
     return ClimbResult(
         outcome=outcome,
         verdict=verdict,
         real_time_factor=outcome.cycles * dt_s / outcome.wall_s if outcome.wall_s > 0 else 0.0,
         missed_cycles=int(telemetry.state["missed_cycles"][-1]) + outcome.missed,
-        reason=_reason(outcome, verdict, ([last_words] if last_words else []) + faults),
+        reason=_reason(
+            outcome, verdict, ([last_words] if last_words else []) + [fault_line(fault) for fault in reported]
+        ),
         log=log,
         courses=courses,
     )

@@ -90,7 +90,9 @@ def _print_summary(result: Any) -> None:
             "climbed on" if course.runtime_s is None else f"stopped climbing after {course.runtime_s * 1e3:.0f} ms"
         )
         held = "" if course.held_s is None else f", held after {course.held_s * 1e3:.0f} ms"
-        note(f"  fault     {fault['kind']} on {fault['limb']} at {fault['at_s']:g} s: {stopped}{held}")
+        cause = "" if course.cause is None else f" ({course.cause})"
+        moved = "" if course.moved_m is None else f", body moved {course.moved_m * 1e3:.1f} mm"
+        note(f"  fault     {fault['kind']} on {fault['limb']} at {fault['at_s']:g} s: {stopped}{cause}{held}{moved}")
     note(f"  log       {result.log}")
 
 

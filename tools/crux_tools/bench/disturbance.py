@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
 from crux_contracts import LIMB_NAMES
 
 from crux_tools.bench import can_interface
 from crux_tools.bench.fault_file import NODES, ON_SOCKETCAN, Fault
+from crux_tools.bench.recorder import Truth
 from crux_tools.bench.strangers import SENDERS
 from crux_tools.errors import UsageError
+from crux_tools.telemetry.summary import FaultNote
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
 CLIMBING, HOLDING, FAULT = 2, 3, 4  # robot_state_t
@@ -27,6 +30,7 @@ class Injector(Protocol):
     def connect(self, limb: int, connected: bool) -> None: ...
     def intrude(self, limb: int, identifier: int, data: bytes) -> None: ...
     def reset(self, limb: int, node: int) -> None: ...
+    def disturb(self, limb: int, node: int, on: bool) -> None: ...
     def drop_received(self, limb: int, node: int, count: int) -> None: ...
     def drop_sent(self, limb: int, node: int, count: int) -> None: ...
     def corrupt_received(self, limb: int, node: int, count: int) -> None: ...
@@ -45,6 +49,10 @@ class Course:
     """until the robot held: no node still slows down, and the nodes hold or the runtime controls the stance"""
     moved_on: bool = field(default=False)
     """the runtime climbed again by itself after it had stopped: it never may"""
+    moved_m: float | None = None
+    """largest distance of the body from where it was at the beginning, until the next fault or the end"""
+    cause: str | None = None
+    """number and name of the first fault the runtime reported in that time"""
 
     def as_json(self) -> dict[str, Any]:
         """One entry of `faults` in `crux climb --json`."""
@@ -56,7 +64,22 @@ class Course:
             "runtime_s": self.runtime_s,
             "held_s": self.held_s,
             "moved_on": self.moved_on,
+            "moved_m": self.moved_m,
+            "cause": self.cause,
         }
+
+
+def look_back(courses: Sequence[Course], truth: Truth, reported: Sequence[FaultNote], dt_s: float) -> None:
+    """Adds to each course what physics and log say about the time until the next fault; courses are in order."""
+    time_s = (truth.cycle + 1) * dt_s
+    for number, course in enumerate(courses):
+        begin_s = course.fault.at_s
+        end_s = courses[number + 1].fault.at_s if number + 1 < len(courses) else np.inf
+        path_m = truth.body_position_m[(time_s >= begin_s) & (time_s < end_s)]
+        if len(path_m):
+            course.moved_m = float(np.linalg.norm(path_m - path_m[0], axis=1).max())
+        causes = [f"{fault.code} {fault.name}" for fault in reported if begin_s <= fault.time_s < end_s]
+        course.cause = causes[0] if causes else None
 
 
 class Disturbance:
@@ -120,10 +143,14 @@ class Disturbance:
         if fault.kind in ("cut", "loss"):
             share = 0.0 if not on else 1.0 if fault.kind == "cut" else fault.share
             self._nodes.lose(fault.limb, share, self._seed + 1)
-        elif fault.kind == "reset":  # it hears and says nothing until it has started
-            self._nodes.reset(fault.limb, fault.node)
-            self._nodes.drop_received(fault.limb, fault.node, ALL_FRAMES if on else 0)
-            self._nodes.drop_sent(fault.limb, fault.node, ALL_FRAMES if on else 0)
+        elif fault.kind == "reset":  # it hears and says nothing meanwhile
+            if on:
+                self._nodes.reset(fault.limb, fault.node)
+            deaf = on and fault.for_s > 0
+            self._nodes.drop_received(fault.limb, fault.node, ALL_FRAMES if deaf else 0)
+            self._nodes.drop_sent(fault.limb, fault.node, ALL_FRAMES if deaf else 0)
+        elif fault.kind == "controller_off":
+            self._nodes.disturb(fault.limb, fault.node, on)
         elif fault.kind == "crc":
             for node in range(1, NODES + 1):
                 self._nodes.corrupt_received(fault.limb, node, ALL_FRAMES if on else 0)
