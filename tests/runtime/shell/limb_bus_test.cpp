@@ -376,6 +376,9 @@ TEST_F(LimbBusTest, EmergenciesAreForwarded) {
   EXPECT_EQ(notice_.node, 3);
   EXPECT_EQ(notice_.cause, 6);
   EXPECT_EQ(notice_.detail, 77U);
+  nodes_ = Nodes();  // restarted: counts anew
+  EXPECT_TRUE(take(nodes_.emergency(3, CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE, 0)));
+  EXPECT_EQ(input().joint_state[kLimb * 6 + 2], 0);  // BOOT
 }
 
 TEST_F(LimbBusTest, NodeNumbersOutsideTheDatabaseAreRefused) {
