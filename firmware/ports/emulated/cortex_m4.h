@@ -10,6 +10,8 @@
 #include <stdint.h>
 #include <unicorn/unicorn.h>
 
+#include "cortex_account.h"
+
 #define CORTEX_FLASH_BYTES (512U << 10U)
 #define CORTEX_RAM_BYTES (128U << 10U)
 #define CORTEX_INTERRUPTS 102U
@@ -31,17 +33,17 @@ typedef struct cortex_chip {
   void (*restart)(void *context);
 } cortex_chip;
 
-/// How long an interrupt's handler took, in instructions, what interrupted it not counted.
+/// How long an interrupt's handler took, what interrupted it and the way in and out not counted.
 typedef struct cortex_cost {
   uint64_t calls;
-  uint64_t instructions;
-  uint32_t worst;
+  cortex_count sum;
+  cortex_count worst;  ///< each by itself the greatest of a call
 } cortex_cost;
 
 typedef struct cortex_active {
   uint32_t exception;
-  uint64_t instructions;  ///< executed by the handler so far
-  uint64_t since;         ///< count at its entry or last resumption
+  cortex_count spent;  ///< by the handler so far
+  cortex_count since;  ///< count at its entry or last resumption
   uint64_t float_registers[9];
 } cortex_active;
 
@@ -57,7 +59,9 @@ typedef struct cortex_m4 {
   uint8_t *ram;
   cortex_block *blocks;   ///< by address in flash / 2
   uint64_t now;           ///< core cycles since power-on
-  uint64_t instructions;  ///< executed since power-on
+  cortex_count executed;  ///< since the board was made
+  bool measures;          ///< counts cycles, which takes its time
+  cortex_fetch fetch;     ///< what the flash's accelerator holds then
   uint64_t stop_at;       ///< when the engine shall come back
   uint64_t chip_at;       ///< when the chip wants to be called
   uint64_t systick_at;    ///< of the next underflow
@@ -76,8 +80,8 @@ typedef struct cortex_m4 {
   bool dead;                            ///< by a fault in a fault handler, or locked up
   char fault[160];                      ///< what the image did wrong first, empty: nothing
   cortex_cost cost[CORTEX_EXCEPTIONS];  ///< entry 0: the main loop, from one sleep to the next
-  uint64_t awake_since;                 ///< instruction count when the core woke
-  uint64_t handled;                     ///< instructions of interrupts since
+  cortex_count awake_since;             ///< count when the core woke
+  cortex_count handled;                 ///< by interrupts since
 } cortex_m4;
 
 /// Makes the core; false (reason in `fault`) when the engine refuses. The chip's context must outlive it.

@@ -24,7 +24,7 @@ const crux_outside_node *crux_emulated_port(emulated_node *node) { return &node-
 
 const char *crux_emulated_fault(const emulated_node *node) { return node->chip.core.fault; }
 
-uint64_t crux_emulated_instructions(const emulated_node *node) { return node->chip.core.instructions; }
+uint64_t crux_emulated_instructions(const emulated_node *node) { return node->chip.core.executed.instructions; }
 
 cortex_cost crux_emulated_cost(const emulated_node *node, uint32_t exception) {
   const cortex_cost nothing = {0};
@@ -35,6 +35,10 @@ double crux_emulated_control(emulated_node *node, double dt, double position) {
   const crux_measured measured = {.position = position};
   return node->port.control(node->port.context, dt, &measured);
 }
+
+cortex_cycles crux_emulated_cycles(uint16_t first, uint16_t second) { return cortex_cycles_of(first, second); }
+
+void crux_emulated_measure(emulated_node *node, int on) { node->chip.core.measures = on != 0; }
 
 static crux_frame frame_of(uint16_t id, const uint8_t *data, int length) {
   crux_frame frame = {.id = id};

@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#include "cortex_cycles.h"
 #include "emulated_node.h"
 
 #define CRUX_API __attribute__((visibility("default")))
@@ -28,6 +29,12 @@ CRUX_API const char *crux_emulated_fault(const emulated_node *node);
 
 /// Instructions and cycles since power-on.
 CRUX_API uint64_t crux_emulated_instructions(const emulated_node *node);
+
+/// Bounds of the cycles of an instruction, see cortex_cycles.h.
+CRUX_API cortex_cycles crux_emulated_cycles(uint16_t first, uint16_t second);
+
+/// While on, bounds of the cycles are counted; a board is slower then.
+CRUX_API void crux_emulated_measure(emulated_node *node, int on);
 
 /// Cost of an exception's handler: 15 SysTick, 16 + n interrupt n; 0 the main loop from one sleep to the next.
 CRUX_API cortex_cost crux_emulated_cost(const emulated_node *node, uint32_t exception);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,19 +37,36 @@ class World(ctypes.Structure):
     ]
 
 
+class _Count(ctypes.Structure):
+    """cortex_count of cortex_m4.h."""
+
+    _fields_ = [(name, ctypes.c_uint64) for name in ("instructions", "least_cycles", "most_cycles")]
+
+
+class _Cycles(ctypes.Structure):
+    """cortex_cycles of cortex_cycles.h."""
+
+    _fields_ = [("least", ctypes.c_uint32), ("most", ctypes.c_uint32)]
+
+
 class _Cost(ctypes.Structure):
     """cortex_cost of cortex_m4.h."""
 
-    _fields_ = [("calls", ctypes.c_uint64), ("instructions", ctypes.c_uint64), ("worst", ctypes.c_uint32)]
+    _fields_ = [("calls", ctypes.c_uint64), ("sum", _Count), ("worst", _Count)]
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a handler has cost since the board was made."""
+    """What a handler has cost since the board was made, the way in and out not counted."""
 
     calls: int
     instructions: int
     worst: int
+    """instructions of a call"""
+    least_cycles: int
+    """of a call when nothing waits; 0 unless measured"""
+    most_cycles: int
+    """of a call that starts with empty caches, and everything waits"""
 
 
 class BoardError(Exception):
@@ -85,6 +103,7 @@ def world(robot: Robot, node: int) -> World:
     )
 
 
+@functools.cache
 def _load(path: Path) -> ctypes.CDLL:
     library = ctypes.CDLL(str(path))
     handle, integer = ctypes.c_void_p, ctypes.c_int
@@ -98,6 +117,8 @@ def _load(path: Path) -> ctypes.CDLL:
         "instructions": (ctypes.c_uint64, [handle]),
         "cost": (_Cost, [handle, ctypes.c_uint32]),
         "control": (ctypes.c_double, [handle, ctypes.c_double, ctypes.c_double]),
+        "measure": (None, [handle, integer]),
+        "cycles": (_Cycles, [ctypes.c_uint16, ctypes.c_uint16]),
         "hear": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer]),
         "flood": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer, integer]),
         "disturb": (None, [handle, integer]),
@@ -109,6 +130,12 @@ def _load(path: Path) -> ctypes.CDLL:
         function.restype = result
         function.argtypes = arguments
     return library
+
+
+def cycles(library: Path, first: int, second: int) -> tuple[int, int]:
+    """Least and most cycles of an instruction of one or two halves; see cortex_cycles.h."""
+    bounds = _load(library).crux_emulated_cycles(first, second)
+    return bounds.least, bounds.most
 
 
 class Board:
@@ -152,10 +179,15 @@ class Board:
         """Executed since power-on."""
         return int(self._library.crux_emulated_instructions(self._handle))
 
+    def measure(self, on: bool) -> None:
+        """While on, bounds of the cycles are counted."""
+        self._library.crux_emulated_measure(self._handle, int(on))
+
     def cost(self, exception: int) -> Cost:
         """Of an exception's handler, or of MAIN_LOOP from one sleep to the next."""
         cost = self._library.crux_emulated_cost(self._handle, exception)
-        return Cost(cost.calls, cost.instructions, cost.worst)
+        worst = cost.worst
+        return Cost(cost.calls, cost.sum.instructions, worst.instructions, worst.least_cycles, worst.most_cycles)
 
     def control(self, dt_s: float, position: float) -> float:
         """A control period without crux_nodes, in which the shaft goes to `position` [rad, m]."""
