@@ -20,7 +20,7 @@ from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import composite_inertia
 from crux_planner.poses import check_body, pose_in_heading_frame, weights_of
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Patch, Pose, Problem, Weights
-from crux_planner.proof.relaxed import Grip
+from crux_planner.proof.grips import Grip
 from crux_planner.search.swing import SwingLimits
 from crux_planner.shapes import limb_shape
 from crux_planner.terms.obstacles import Cuboids

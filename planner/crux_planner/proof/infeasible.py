@@ -18,6 +18,7 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.proof.connection import AIR, Connection, Grips
 from crux_planner.proof.palms import clashes, largest_gap
+from crux_planner.proof.poses import GoalPoses
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 from crux_planner.reasons import point_text
 from crux_planner.shapes import palm_shape
@@ -31,6 +32,7 @@ class Proof:
         grips = all_grips(scenario, robot, problem.heading_rad)
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]
+        self.goal_poses = GoalPoses(problem)
         self.reach, self.balance = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
@@ -60,11 +62,14 @@ class Proof:
             stances = stances[self.apart[stances[:, a], stances[:, b]]]
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
-        self.goals: list[Grips] = [tuple(map(int, stance)) for stance in stances]
+        near: list[Grips] = [tuple(map(int, stance)) for stance in stances]
+        self.goals = self.goal_poses.possible(near, self.grips)
         if not self.goals:
             text = (
                 f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
             )
+            if near:
+                text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
         return None
 

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 
 from crux_planner.arrays import Array, Flags
-from crux_planner.proof.relaxed import Grip
+from crux_planner.proof.grips import Grip
 from crux_planner.search.swing import palm_gap
 from crux_planner.shapes import PalmShape
 

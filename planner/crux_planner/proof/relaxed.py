@@ -14,9 +14,9 @@ import numpy as np
 import piqp
 
 from crux_planner.arrays import Array, Flags
-from crux_planner.contacts import Contact
 from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
+from crux_planner.proof.grips import Grip
 from crux_planner.search.balance import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, Balance
 from crux_planner.terms.dynamics import skew, static_map
 from crux_planner.terms.limit_surface import polytope_directions
@@ -25,15 +25,6 @@ BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
 _EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
-
-
-@dataclass(frozen=True)
-class Grip:
-    """A hold and a face pair; the grasp may be `aside_m` to each side of the middle and anywhere in `height_m`."""
-
-    contact: Contact
-    aside_m: float
-    height_m: tuple[float, float]
 
 
 @dataclass(frozen=True)
