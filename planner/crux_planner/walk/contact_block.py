@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from crux_planner.walk.flat_search import FlatSearch
 from crux_planner.walk.gait import Gait
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import Change, Slots
+from crux_planner.walk.twofold import answers
 
 if TYPE_CHECKING:
     from crux_planner.admm.consensus import Eta, Scales
@@ -62,12 +64,14 @@ class WalkContacts:
 
     def begin(self, deadline: float) -> None:
         """Raises InfeasibleError where there is no walk."""
-        self._flat.begin(deadline)
+        with closing(self._flat.second):
+            self._flat.begin(deadline)
 
     def search(self, deadline: float) -> Iterator[WalkKnots]:
         """Walks, the best first, each as good as the oracle makes it. Raises InfeasibleError where there is none."""
-        begun = self._flat.begin(deadline)
-        self._flat.improve(begun, self._many, deadline)
+        with closing(self._flat.second):
+            begun = self._flat.begin(deadline)
+            self._flat.improve(begun, self._many, deadline)
         yield from self._answers()
 
     def _answers(self) -> Iterator[WalkKnots]:
@@ -76,7 +80,7 @@ class WalkContacts:
         walks = self._flat.best_first()[:_SETTLED]
         while walks:
             some, walks = walks[:_COMPARED], walks[_COMPARED:]
-            settled = [knots for knots in map(self._settled, some) if knots is not None]
+            settled = [knots for knots in answers(self._settled, some) if knots is not None]
             found += len(settled)
             yield from sorted(settled, key=lambda knots: knots.cost)
         if not found:
@@ -104,10 +108,11 @@ class WalkContacts:
         order = [step.limb for step in gait.steps]
         beyond = [slots for _, slots in here.neighbours() if slots.possible(self.problem)]
         beyond = [slots for slots in dict.fromkeys(beyond) if flat.strides.long_enough(slots)][:_NEAR]
-        best = flat.best_of(beyond + flat.strides.in_order(order), deadline)
-        if best is None:
-            best = flat.begin(deadline)
-        flat.improve(best, self._many, deadline)
+        with closing(flat.second):
+            best = flat.best_of(beyond + flat.strides.in_order(order), deadline)
+            if best is None:
+                best = flat.begin(deadline)
+            flat.improve(best, self._many, deadline)
         yield from self._answers()
 
     def _settled(self, walk: FlatWalk) -> WalkKnots | None:

@@ -243,6 +243,17 @@ class ContactQp:
             low.append((problem.boxes.centre_b_m[limb] - room - known).ravel())
             high.append((problem.boxes.centre_b_m[limb] + room - known).ravel())
             start += 3 * n
+            for cut in (each for each in problem.cuts if each.limb == limb):
+                across = cut.normal_b @ unturn
+                rows.blocks(start + knots - 1, 12 * knots, -across[:, None])
+                rows.blocks(start + knots - 1, 12 * knots + 3, (cut.normal_b @ tilted[:, limb])[:, None])
+                moving, which = np.nonzero(blend[1:, limb])
+                for axis in (0, 1):
+                    value = across[moving, axis] * blend[1 + moving, limb, which]
+                    rows.entries(start + moving, at_h + 2 * which + axis, value)
+                low.append(np.full(n, -np.inf))
+                high.append(cut.most - known @ cut.normal_b)
+                start += n
         # the limbs' mass on three feet
         number = np.full((n, 4), -1)
         number[places[:, 0], places[:, 1]] = np.arange(count)
@@ -256,11 +267,14 @@ class ContactQp:
         for corner in range(3):
             rows.entries(begin + corner, at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
         rows.blocks(begin, 12 * three, -4 * pull)
-        all_feet = blend[three].sum(axis=1)
+        inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
+        rows.blocks(begin, 12 * three + 18, inertia)
+        rows.blocks(begin, 12 * three + 6, -inertia)
+        all_feet = problem.pressed(blend.sum(axis=1))[three]
         for j in range(len(gait.steps)):
             rows.blocks(begin, np.full(len(three), at_h + 2 * j), pull * all_feet[:, j, None, None])
         neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        known = np.einsum("kab,kb->ka", pull, fixed[three].sum(axis=1) - neutral)
+        known = np.einsum("kab,kb->ka", pull, problem.pressed(fixed.sum(axis=1))[three] - neutral)
         low.append((problem.care.true_share - known).ravel())
         high.append(np.full(3 * len(three), np.inf))
         start += 3 * len(three)

@@ -12,7 +12,8 @@ from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.rigid_body import defects
 
-_ROUNDS, _WHOLE_STEPS = 10, 3
+_ROUNDS = 16
+_NEARER = 0.8  # an answer is to be than the one before: two may else follow one another for ever
 _ACCURACY = 1e-7  # of the QP
 _MOMENT_NM, _FORCE_N, _PLACE = 1e-4, 1e-3, 1e-6  # left open by (8) at most
 _COST = 1e-5  # of J, as a share, from one answer to the next
@@ -35,12 +36,9 @@ class WalkSolution:
 
 def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSolution:
     """P1 of one gait, from a walk near its solution."""
-    qp, cost = ContactQp(problem, None), np.inf
+    qp, cost, before = ContactQp(problem, None), np.inf, np.inf
     about = Reference(knots.body, knots.forces, knots.footholds)
     for count in range(1, _ROUNDS + 1):
-        # later halfway: two answers may else follow one another for ever
-        whole = count <= _WHOLE_STEPS
-        about = Reference(knots.body, knots.forces, knots.footholds) if whole else about.halfway(knots)
         again = qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
         if again is None or time.monotonic() > deadline:
             break
@@ -49,6 +47,9 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
         solution = of_knots(problem, knots, count)
         if settled and solution.solved:
             return solution
+        away = float(np.abs(knots.body - about.body).max())
+        nearer = away < _NEARER * before
+        about, before = Reference(knots.body, knots.forces, knots.footholds) if nearer else about.halfway(knots), away
     from crux_planner.walk import nlp
 
     return nlp.solve(problem, knots, max(deadline - time.monotonic(), 1.0))

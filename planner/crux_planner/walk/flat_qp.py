@@ -53,8 +53,8 @@ class FlatQp:
     def __init__(self, problem: WalkProblem) -> None:
         self.problem = problem
         n, dt = problem.steps, problem.dt_s
-        self.height = (problem.start.position_m[2] + problem.goal.body.position_m[2]) / 2
         self.across = -float(problem.gravity_w[2])
+        self.height = problem.pendulum_s2 * self.across
         self.weight_N = problem.mass_kg * self.across
         k = np.arange(n)
         second = np.zeros((n, n + 1))  # a_k of explicit Euler, at rest after the last knot
@@ -245,9 +245,9 @@ class FlatQp:
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
         shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
-        spread = problem.limbs_share * shift
+        spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
         neutral = np.einsum("kba,b->ka", turned[np.maximum(three - 1, 0)], problem.neutral_feet_b_m.sum(axis=0))
-        together = blend[three].sum(axis=1)
+        together = problem.pressed(blend.sum(axis=1))[three]
         seen, j = np.nonzero(together)
         for corner in range(3):
             row = start + 3 * np.arange(len(three)) + corner
@@ -258,7 +258,11 @@ class FlatQp:
                 rows += [row, row[seen]]
                 columns += [5 * three + b, at_h + 2 * j + b]
                 values += [-4 * spread[:, corner, b], spread[seen, corner, b] * together[seen, j]]
-        known = np.einsum("kab,kb->ka", spread, fixed[three].sum(axis=1) - neutral)
+                for ahead, share in enumerate((1.0, -2.0, 1.0)):
+                    rows.append(row)
+                    columns.append(5 * np.minimum(three + ahead, n) + b)
+                    values.append(4 * share * inertia * spread[:, corner, b])
+        known = np.einsum("kab,kb->ka", spread, problem.pressed(fixed.sum(axis=1))[three] - neutral)
         low.append((problem.care.true_share - known).ravel())
         high.append(np.full(3 * len(three), _INFINITE))
         start += 3 * len(three)

@@ -15,18 +15,21 @@ from crux_planner.walk.flat_qp import FlatQp, FlatWalk
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import Change, Slots
 from crux_planner.walk.strides import Strides
+from crux_planner.walk.twofold import Second
 
 _MORE_ROUNDS = 1  # of steps than the fewest, in those tried last
 _BETTER = 1e-3  # of J, what is worth a change
 
 
 class FlatSearch:
-    """Gaits of one problem, each solved once."""
+    """Gaits of one problem, each solved once; the next one beside it where there is a second process for it."""
 
     def __init__(self, problem: WalkProblem) -> None:
         self.problem, self.strides = problem, Strides(problem)
+        self.second: Second[Slots, FlatWalk | None] = Second(self.alone)
         self._qp = FlatQp(problem)
         self._solved: dict[Slots, FlatWalk | None] = {}
+        self._ahead: dict[Slots, FlatWalk | None] = {}  # solved before they were asked for
 
     @property
     def asked(self) -> int:
@@ -37,11 +40,26 @@ class FlatSearch:
         """All walks found so far."""
         return sorted((walk for walk in self._solved.values() if walk is not None), key=lambda walk: walk.cost)
 
-    def solve(self, slots: Slots) -> FlatWalk | None:
-        """J of a gait, nearly; None where it has no solution."""
-        if slots not in self._solved:
-            self._solved[slots] = self._qp.solve(slots.gait(self.problem.steps + 1))
-        return self._solved[slots]
+    def alone(self, slots: Slots) -> FlatWalk | None:
+        """J of a gait, nearly; None where it has no solution. Not remembered."""
+        return self._qp.solve(slots.gait(self.problem.steps + 1))
+
+    def solve(self, slots: Slots, then: Slots | None = None) -> FlatWalk | None:
+        """J of a gait, nearly; None where it has no solution. `then`: what will be asked for next."""
+        if slots in self._solved:
+            return self._solved[slots]
+        if slots in self._ahead:
+            walk = self._ahead.pop(slots)
+        else:
+            unknown = then is not None and then not in self._solved and then not in self._ahead
+            beside = then if unknown and self.second.start() else None
+            if beside is not None:
+                self.second.ask(beside)
+            walk = self.alone(slots)
+            if beside is not None:
+                self._ahead[beside] = self.second.hear()
+        self._solved[slots] = walk
+        return walk
 
     def begin(self, deadline: float) -> FlatWalk:
         """The best order of the feet, with as few steps as do. Raises InfeasibleError."""
@@ -61,9 +79,9 @@ class FlatSearch:
 
     def best_of(self, gaits: Iterable[Slots], deadline: float) -> FlatWalk | None:
         """The cheapest of some gaits; None where none has a solution."""
-        best = None
-        for slots in gaits:
-            walk = self.solve(slots)
+        best, gaits = None, list(gaits)
+        for slots, then in zip(gaits, _following(gaits), strict=True):
+            walk = self.solve(slots, then)
             if walk is not None and (best is None or walk.cost < best.cost):
                 best = walk
             if time.monotonic() > deadline:
@@ -77,10 +95,11 @@ class FlatSearch:
         improving = True
         while improving:
             improving = False
-            for change, slots in self._promising(best, doubts):
+            promising = self._promising(best, doubts)
+            for (change, slots), then in zip(promising, _following([each for _, each in promising]), strict=True):
                 if self.asked >= last or time.monotonic() > deadline:
                     return best
-                walk = self.solve(slots)
+                walk = self.solve(slots, then)
                 if walk is not None and walk.cost < best.cost - _BETTER:
                     best, improving = walk, True
                     doubts[change] = 0
@@ -101,3 +120,8 @@ class FlatSearch:
                 gain = float(best.price[then & ~alpha].sum() - best.price[alpha & ~then].sum())
                 ranked[slots] = (doubts[change], -gain, change)
         return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
+
+
+def _following(gaits: list[Slots]) -> list[Slots | None]:
+    """What comes after each."""
+    return [*gaits[1:], None][: len(gaits)]

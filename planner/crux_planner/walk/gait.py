@@ -85,13 +85,15 @@ class Gait:
 def longest_step(problem: WalkProblem, step: Step) -> float:
     """How long a step may be [m] for the foot's mean speed over every interval."""
     way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
-    room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+    share = SPEED_SHARE * problem.paces[step.limb]
+    room = (share * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
     return float(np.sqrt((np.maximum(room, 0.0) / way**2).min()))
 
 
 def most_turn(problem: WalkProblem, step: Step) -> float:
     """How far a foot may turn in a step [rad] for its mean rate over every interval."""
-    return SPEED_SHARE * problem.foot_yaw_rate_rad_s * problem.dt_s / float(np.abs(np.diff(step.shares()[0])).max())
+    rate = SPEED_SHARE * problem.paces[step.limb] * problem.foot_yaw_rate_rad_s
+    return rate * problem.dt_s / float(np.abs(np.diff(step.shares()[0])).max())
 
 
 def nominal_footholds(problem: WalkProblem, gait: Gait) -> Array:

@@ -38,6 +38,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
     true_shares = _true_shares_function(problem)
+    pressed = holds @ ca.sparsify(ca.DM(problem.pressed(gait.blend.sum(axis=1)).T))
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
     parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
@@ -47,9 +48,12 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
     reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
     parts.append((reach, middle - half, middle + half))
+    for cut in problem.cuts:
+        place = reach[3 * cut.limb : 3 * cut.limb + 3, :]
+        parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
     for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
         rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], feet[:2, 4 * k : 4 * k + 4], x[:, k])
+        shares = true_shares(f[2, rows], here[:2, rows], pressed[:, k], x[:, k], x[:, k + 1])
         parts.append((shares, problem.care.true_share, np.inf))
     parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
@@ -138,16 +142,17 @@ def _cone_function(problem: WalkProblem) -> ca.Function:
 
 
 def _true_shares_function(problem: WalkProblem) -> ca.Function:
-    """Shares of the weight on three feet in stance when the limbs' mass pulls on the centre of mass."""
+    """Shares of the weight on three feet in stance when the limbs' mass pulls on the centre of pressure."""
     loads, standing = ca.SX.sym("loads", 1, 3), ca.SX.sym("standing", 2, 3)
-    feet, x = ca.SX.sym("feet", 2, 4), ca.SX.sym("x", BODY_STATES)
+    feet, x, after = ca.SX.sym("feet", 2), ca.SX.sym("x", BODY_STATES), ca.SX.sym("after", BODY_STATES)
     neutral = rotation(x[3:6])[:2, :2] @ ca.DM(problem.neutral_feet_b_m.sum(axis=0))
-    pulled = problem.limbs_share * (ca.sum2(feet) - 4 * x[0:2] - neutral)
+    body = x[0:2] - problem.pendulum_s2 / problem.dt_s * (after[6:8] - x[6:8])
+    pulled = problem.limbs_share * (feet - 4 * body - neutral)
     point = standing @ loads.T / ca.sum2(loads) + pulled
     corners = [standing[:, i] - point for i in range(3)]
     areas = [_area(corners[(i + 1) % 3], corners[(i + 2) % 3]) for i in range(3)]
     shares = ca.vertcat(*areas) / (areas[0] + areas[1] + areas[2])
-    return ca.Function("true_shares", [loads, standing, feet, x], [shares])
+    return ca.Function("true_shares", [loads, standing, feet, x, after], [shares])
 
 
 def _area(a: Any, b: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from crux_contracts.robot import Robot
@@ -12,20 +12,40 @@ from crux_contracts.scenario import Scenario
 from crux_planner.bound.gap import gap
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
+from crux_planner.checker.report import CheckReport
 from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.problem import LIMBS
 from crux_planner.result import PlanResult
 from crux_planner.walk.contact_block import WalkContacts
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
 from crux_planner.walk.problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
+from crux_planner.walk.stretch import CUTS, bent
 from crux_planner.work import Progress, Work, begin
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
-GENTLER = 2  # times
+PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
+GENTLER = 3  # times
 ATTEMPTS = 3  # gaits of a search that get an exact solution
-_SPEEDS = ("joint_speed", "swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
+_SPEEDS = ("swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
 _FRICTION = ("limit_surface", "limit_surface_between_knots")
+
+
+class RefusedError(InfeasibleError):
+    """The check refuses a walk; `paces` are shares of each foot's speeds at which its joints keep theirs."""
+
+    def __init__(self, report: CheckReport) -> None:
+        worst = max(report.violations, key=lambda v: v.amount)
+        text = f"every walk found fails the check: {worst.constraint} by {worst.amount:.3g} {worst.unit}"
+        super().__init__(worst.constraint, text)
+        paces = dict.fromkeys(LIMBS, 1.0)
+        for joint in report.joints:
+            if joint.peak_speed_rad_s > joint.speed_limit_rad_s:
+                paces[joint.limb] = min(
+                    paces[joint.limb], PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
+                )
+        self.paces = tuple(paces.values())
 
 
 def plan(
@@ -64,15 +84,24 @@ def _plan(scenario: Scenario, robot: Robot, work: Work, deadline: float, method:
 def _walks(problem: WalkProblem, failures: list[InfeasibleError]) -> Iterator[WalkProblem]:
     """The walk with the usual care, gentler where the check refused what was found, bolder where nothing was."""
     for care in (USUAL, BOLD, BOLDEST):
-        friction = speed = 1.0
+        walk = replace(problem, care=care)
         for _ in range(1 + GENTLER):
-            yield gentler(replace(problem, care=care), friction, speed)
-            if failures[-1].constraint in _SPEEDS:
-                speed *= SPEED_SHARE
-            elif failures[-1].constraint in _FRICTION:
-                friction *= FRICTION_SHARE
+            yield walk
+            refused = failures[-1]
+            if isinstance(refused, RefusedError) and min(refused.paces) < 1.0:
+                walk = slower(walk, refused.paces)
+            elif refused.constraint in _SPEEDS:
+                walk = gentler(walk, 1.0, SPEED_SHARE)
+            elif refused.constraint in _FRICTION:
+                walk = gentler(walk, FRICTION_SHARE, 1.0)
             else:
                 break
+
+
+def slower(problem: WalkProblem, paces: Sequence[float]) -> WalkProblem:
+    """The walk with feet as much slower as their joints ask for."""
+    lf, rf, lr, rr = (pace * share for pace, share in zip(problem.paces, paces, strict=True))
+    return replace(problem, paces=(lf, rf, lr, rr))
 
 
 def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
@@ -161,14 +190,19 @@ def _finish(
 ) -> PlanResult | InfeasibleError:
     """The exact problem and the check for a gait, whatever found it."""
     gait = knots.gait
-    with work.part("nlp", 0.5):
-        solution = solve(problem, knots, deadline)
-    if not solution.solved:
-        text = f"the exact problem has no solution for the gait {', '.join(gait.names)} ({solution.status})"
-        return InfeasibleError("dynamics", text)
-    with work.part("check", 0.8):
-        message = walk_message(scenario, robot, problem, gait, solution, method)
-        report = check_plan(message, robot)
+    for _ in range(1 + CUTS):
+        with work.part("nlp", 0.5):
+            solution = solve(problem, knots, deadline)
+        if not solution.solved:
+            text = f"the exact problem has no solution for the gait {', '.join(gait.names)} ({solution.status})"
+            return InfeasibleError("dynamics", text)
+        with work.part("check", 0.8):
+            message = walk_message(scenario, robot, problem, gait, solution, method)
+            report = check_plan(message, robot)
+        less = None if report.ok else bent(problem, gait, solution, report)
+        if less is None:
+            break
+        problem = less
     if report.ok:
         return PlanResult(
             ok=True,
@@ -182,8 +216,4 @@ def _finish(
             force_residual_N=solution.force_residual_N,
             timing=work.seconds,
         )
-    worst = max(report.violations, key=lambda v: v.amount)
-    return InfeasibleError(
-        worst.constraint,
-        f"every walk found fails the check: {worst.constraint} by {worst.amount:.3g} {worst.unit}",
-    )
+    return RefusedError(report)

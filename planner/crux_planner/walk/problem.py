@@ -29,12 +29,21 @@ class Care:
     """What a walk keeps clear of beyond (7) and (8): room for what the robot does not do as planned."""
 
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
-    true_share: float  # the same for the centre of mass as it is with the limbs' own mass, while three feet stand
+    true_share: float  # the same with the limbs' own mass where it is and as it accelerates, while three feet stand
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
 
 
-USUAL = Care(0.1275, 0.12, (1.0, 0.35))
-BOLD = Care(0.1275, 0.12, (2.0, 0.7))  # where strides are too long for the usual
+@dataclass(frozen=True)
+class Cut:
+    """A corner of a limb's box (9a) that is left out: `normal_b` times the foot's place there is `most` at most."""
+
+    limb: int
+    normal_b: Array
+    most: float
+
+
+USUAL = Care(0.1275, 0.07, (1.0, 0.35))
+BOLD = Care(0.1275, 0.07, (2.0, 0.7))  # where strides are too long for the usual
 BOLDEST = Care(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
@@ -56,8 +65,10 @@ class WalkProblem:
     goal: Goal
     goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start
     boxes: AcceptanceBoxes  # of the foot points
+    cuts: tuple[Cut, ...]
     body: BodyBounds
     foot_speed_m_s: float
+    paces: tuple[float, float, float, float]  # of each foot, as a share of its speeds
     foot_yaw_rad: tuple[float, float]  # relative to the body
     foot_yaw_rate_rad_s: float
     step_height_m: float
@@ -67,6 +78,21 @@ class WalkProblem:
     care: Care
     opening_m: float  # of the fingers, all the time
     heading_rad: float  # of this frame in W
+
+    @property
+    def pendulum_s2(self) -> float:
+        """By how much the centre of pressure is behind the centre of mass [m] for each m/s^2 of it."""
+        height = (self.start.position_m[2] + self.goal.body.position_m[2]) / 2
+        return float(height / -self.gravity_w[2])
+
+    def pressed(self, places: Array) -> Array:
+        """Places (N + 1, ...) at the knots, less what moving masses at them by their acceleration do to the centre of
+        pressure.
+        """
+        ahead = np.zeros_like(places)
+        ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
+        pressed: Array = places - self.pendulum_s2 / self.dt_s**2 * ahead
+        return pressed
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
@@ -121,8 +147,10 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         goal_feet_w_m=goal.position_m[:2]
         + (feet - start.position_m[:2]) @ rotation_z(float(goal.rpy_rad[2]))[:2, :2].T,
         boxes=boxes,
+        cuts=(),
         body=body,
         foot_speed_m_s=walking.foot_speed_m_s,
+        paces=(1.0, 1.0, 1.0, 1.0),
         foot_yaw_rad=walking.foot_yaw_rad,
         foot_yaw_rate_rad_s=walking.foot_yaw_rate_rad_s,
         step_height_m=walking.step_height_m,

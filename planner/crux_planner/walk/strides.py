@@ -23,9 +23,9 @@ class Strides:
     def __init__(self, problem: WalkProblem) -> None:
         self.problem = problem
         airs = range(problem.steps)
-        steps = [Step(0, 0, max(air, LEAST_AIR)) for air in airs]
-        self._longest = np.array([longest_step(problem, step) for step in steps])
-        self._turn = np.array([most_turn(problem, step) for step in steps])
+        steps = [[Step(limb, 0, max(air, LEAST_AIR)) for air in airs] for limb in range(4)]
+        self._longest = np.array([[longest_step(problem, step) for step in own] for own in steps])
+        self._turn = np.array([[most_turn(problem, step) for step in own] for own in steps])
         ways = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
         self._way = np.linalg.norm(ways, axis=1)
         self._usual = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1) - FINAL_FOOT_M / 2
@@ -34,10 +34,10 @@ class Strides:
     def long_enough(self, slots: Slots) -> bool:
         """Whether every foot can go its way, and turn, in its steps."""
         for limb, own in enumerate(slots.of_limb):
-            airs = [land - lift for lift, land in own]
-            if sum(self._longest[air] for air in airs) < self._way[limb]:
+            airs = np.array([land - lift for lift, land in own], dtype=int)
+            if self._longest[limb, airs].sum() < self._way[limb]:
                 return False
-            if any(self._turn[air] * len(own) < self._goal_turn for air in airs):
+            if (self._turn[limb, airs] * len(own) < self._goal_turn).any():
                 return False
         return True
 
@@ -88,5 +88,6 @@ class Strides:
 
     def _least_air(self, limb: int, steps: int) -> int:
         """Knots in the air that the longest of equal steps to the goal needs."""
-        enough = (steps * self._longest >= self._usual[limb]) & (steps * self._turn >= self._goal_turn)
+        far = steps * self._longest[limb] >= self._usual[limb]
+        enough = far & (steps * self._turn[limb] >= self._goal_turn)
         return max(LEAST_AIR, int(np.argmax(enough))) if enough.any() else len(enough)
