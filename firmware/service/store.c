@@ -46,7 +46,7 @@ typedef struct newest {
 static newest find_newest(const crux_store *store) {
   newest result = {0};
   uint8_t snapshot[LONGEST];
-  for (uint8_t page = 0U; page < 2U; page++) {
+  for (uint8_t page = 0U; page < store->count; page++) {
     uint32_t offset = 0U;
     while (read_snapshot(store->flash, store->pages[page] + offset, CRUX_FLASH_PAGE - offset, snapshot)) {
       const uint32_t sequence = word(&snapshot[4]);
@@ -88,9 +88,9 @@ bool crux_store_save(const crux_store *store, const crux_stored *entries, uint8_
   uint32_t address = before.end;
   uint8_t snapshot[LONGEST] = {0};
   bool good = count <= CRUX_STORE_CAPACITY;
-  if (good &&
-      (!before.found || !is_free(store->flash, before.end, length, store->pages[before.page] + CRUX_FLASH_PAGE))) {
-    address = store->pages[before.found ? (1U - before.page) : 0U];
+  const bool is_own = before.found && (before.page < 2U);
+  if (good && (!is_own || !is_free(store->flash, before.end, length, store->pages[before.page] + CRUX_FLASH_PAGE))) {
+    address = store->pages[is_own ? (1U - before.page) : 0U];
     good = store->flash->erase(store->flash->context, address);
   }
   if (good) {

@@ -2,7 +2,8 @@
 /// one of them is left for the other slot's. Whatever the power does, a valid image is started when there is one.
 ///
 /// A slot: header (CRUX_IMAGE_HEADER bytes), payload from CRUX_SLOT_PAYLOAD on, and a last page of marks, each a double
-/// word that is written once. A mark counts when it is not clean: also one whose writing was cut short.
+/// word that is written once. A try counts when its mark is not clean: also one whose writing was cut short. The mark
+/// of a confirmed image must be whole: it holds the CRC by which the image is known at every start from then on.
 #ifndef CRUX_FIRMWARE_BOOT_H
 #define CRUX_FIRMWARE_BOOT_H
 
@@ -35,13 +36,20 @@ typedef struct crux_running {
 /// Whether the slot holds a whole image for this node, and its version.
 bool crux_slot_is_valid(const crux_slots *slots, uint8_t slot, uint32_t *version);
 
+/// Whether the slot has a header of an image for this node and place; nobody has judged signature and payload. The
+/// image's digest is not told.
+bool crux_slot_claims(const crux_slots *slots, uint8_t slot, crux_image *image);
+
 /// Whether the flash from the slot's payload on has this digest.
 bool crux_slot_payload_is(const crux_slots *slots, uint8_t slot, const crux_image *image);
+
+/// Where the processor sees a slot's payload: the address that its image must be linked for. 0: none.
+uint32_t crux_slot_linked_for(const crux_slots *slots, uint8_t slot);
 
 /// Whether an image runs from the slot: it is linked for it, or for no place.
 bool crux_slot_suits(const crux_slots *slots, uint8_t slot, const crux_image *image);
 
-/// For the image that runs from a slot: who it is.
+/// For the image that runs from a slot: who it is. Takes no time: the boot stage has judged it.
 void crux_boot_running(const crux_slots *slots, uint8_t slot, crux_running *running);
 
 /// Longest payload of a slot.

@@ -29,7 +29,7 @@ static bool is_signed(const uint8_t *header, const uint8_t key[CRUX_IMAGE_KEY]) 
   return crypto_eddsa_check_equation(signature, key, reduced) == 0;
 }
 
-bool crux_image_read(const uint8_t header[CRUX_IMAGE_HEADER], const uint8_t key[CRUX_IMAGE_KEY], crux_image *image) {
+bool crux_image_parse(const uint8_t header[CRUX_IMAGE_HEADER], crux_image *image) {
   bool good = memcmp(header, MAGIC, sizeof(MAGIC)) == 0;
   for (uint32_t i = ZERO_FROM; i < DIGEST_AT; i++) {
     good = good && (header[i] == 0U);
@@ -39,5 +39,9 @@ bool crux_image_read(const uint8_t header[CRUX_IMAGE_HEADER], const uint8_t key[
                         .length = word(&header[16]),
                         .address = word(&header[20]),
                         .digest = &header[DIGEST_AT]};
-  return good && is_signed(header, key);
+  return good;
+}
+
+bool crux_image_read(const uint8_t header[CRUX_IMAGE_HEADER], const uint8_t key[CRUX_IMAGE_KEY], crux_image *image) {
+  return crux_image_parse(header, image) && is_signed(header, key);
 }

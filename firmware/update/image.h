@@ -27,6 +27,9 @@ typedef struct crux_image {
   const uint8_t *digest;  ///< within the header
 } crux_image;
 
+/// What a header says, whoever wrote it; false when it is none.
+bool crux_image_parse(const uint8_t header[CRUX_IMAGE_HEADER], crux_image *image);
+
 /// Reads a header; false when it is none, or not signed with the key.
 bool crux_image_read(const uint8_t header[CRUX_IMAGE_HEADER], const uint8_t key[CRUX_IMAGE_KEY], crux_image *image);
 

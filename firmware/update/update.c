@@ -5,8 +5,9 @@
 #include "crux_services.h"
 
 void crux_update_init(crux_update *update, const crux_slots *slots, const crux_running *running) {
+  crux_image other = {0};
   *update = (crux_update){.slots = slots, .running = *running, .target = (running->slot == 0U) ? 1U : 0U};
-  (void)crux_slot_is_valid(slots, update->target, &update->target_version);
+  update->target_version = crux_slot_claims(slots, update->target, &other) ? other.version : 0U;
 }
 
 void crux_update_abort(crux_update *update) { update->active = false; }

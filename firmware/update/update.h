@@ -10,14 +10,14 @@ typedef struct crux_update {
   crux_running running;
   bool active;
   uint8_t target;           ///< the slot that does not run
-  uint32_t target_version;  ///< of the image there, 0: none
+  uint32_t target_version;  ///< what the image there says, 0: none
   uint8_t block;            ///< number of the last one
   uint32_t received;        ///< bytes of the payload
   uint8_t header[CRUX_IMAGE_HEADER];
 } crux_update;
 
-/// Judges the slot that does not run once, here: a signature takes a microcontroller a tenth of a second, and a node
-/// that is asked for its slots may be tracking.
+/// Judges nothing: a signature takes a microcontroller a tenth of a second, in which a joint that restarts has no
+/// current.
 void crux_update_init(crux_update *update, const crux_slots *slots, const crux_running *running);
 
 /// A signed header; the image must be for this node, newer than what runs, and what runs must be confirmed.

@@ -46,4 +46,5 @@ void crux_update_tell(const crux_update *update, crux_reply *reply) {
   crux_reply_word(reply, update->running.version);
   crux_reply_word(reply, update->target_version);
   crux_reply_word(reply, crux_slot_capacity(update->slots));
+  crux_reply_word(reply, crux_slot_linked_for(update->slots, update->target));
 }

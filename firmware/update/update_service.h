@@ -16,7 +16,8 @@
 uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state,
                           crux_reply *reply);
 
-/// Tells of the slots: running slot, whether it is confirmed, its version, the other slot's, and the longest payload.
+/// Tells of the slots: running slot, whether it is confirmed, its version, the other slot's, the longest payload and
+/// the address that the next image must be linked for.
 void crux_update_tell(const crux_update *update, crux_reply *reply);
 
 #endif

@@ -1,6 +1,7 @@
 // The store of parameters: whatever operation the power fails in, the snapshot before it or the new one is there.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <vector>
 
@@ -14,15 +15,15 @@ namespace {
 using Entries = std::vector<std::pair<int, std::uint32_t>>;
 
 struct Memory {
-  std::array<std::uint8_t, 2 * CRUX_FLASH_PAGE> bytes{};
-  std::array<bool, 2 * CRUX_FLASH_PAGE / CRUX_FLASH_UNIT> damaged{};
+  std::array<std::uint8_t, CRUX_STORE_PAGES * CRUX_FLASH_PAGE> bytes{};
+  std::array<bool, CRUX_STORE_PAGES * CRUX_FLASH_PAGE / CRUX_FLASH_UNIT> damaged{};
   crux_flash_model model{};
   crux_flash flash{};
   crux_store store{};
   Memory() {
     crux_flash_model_init(&model, bytes.data(), damaged.data(), static_cast<std::uint32_t>(bytes.size()));
     flash = crux_flash_model_interface(&model);
-    store = {&flash, {0, CRUX_FLASH_PAGE}};
+    store = {&flash, 2, {0, CRUX_FLASH_PAGE}};
   }
   Memory(const Memory&) = delete;
   Memory& operator=(const Memory&) = delete;
@@ -76,6 +77,24 @@ TEST(Store, PowerLostInAnyOperationLeavesTheOldOrTheNewSnapshot) {
     EXPECT_GT(kept, 100U);
     ASSERT_TRUE(memory.save(snapshot(5)));
     EXPECT_EQ(memory.load(), snapshot(5));
+  }
+}
+
+TEST(Store, ProgramsInTwoBanksReadAllPagesAndWriteTheirOwn) {
+  Memory memory;
+  constexpr std::uint32_t kPage = CRUX_FLASH_PAGE;
+  const crux_store programs[] = {{&memory.flash, 4, {0, kPage, 2 * kPage, 3 * kPage}},
+                                 {&memory.flash, 4, {2 * kPage, 3 * kPage, 0, kPage}}};
+  for (unsigned step = 1; step < 500; ++step) {
+    const std::size_t running = (step / 13) % 2;  // an update now and then
+    memory.store = programs[running];
+    ASSERT_EQ(memory.load(), step > 1 ? snapshot(step - 1) : Entries{});
+    const auto before = memory.bytes;
+    ASSERT_TRUE(memory.save(snapshot(step)));
+    const auto foreign = static_cast<std::ptrdiff_t>(running == 0 ? 2 * kPage : 0);
+    ASSERT_TRUE(
+        std::equal(before.begin() + foreign, before.begin() + foreign + 2 * kPage, memory.bytes.begin() + foreign));
+    ASSERT_EQ(memory.load(), snapshot(step));
   }
 }
 

@@ -1,32 +1,31 @@
-"""An emulated board starts by its boot stage, takes a new image over ISO-TP and starts that."""
+"""Emulated boards start by their boot stage, take new images over ISO-TP, and come back whatever happens to them."""
 
 from __future__ import annotations
 
-import subprocess
+import struct
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
-from crux_tools.can.image import new_key, sign
+from crux_emulated import GRIPPER, Board, Cut
+from crux_tools.can.image import read_images
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
-from crux_tools.can.update_command import load, slots, wait_until_confirmed
-from crux_tools.paths import built
-from emulated import board, elf
-from host import host
+from crux_tools.can.update_command import load, slots, suitable, wait_until_confirmed
+from crux_tools.cli import main
+from crux_tools.errors import WorkFailed
+from emulated import board
+from host import HOLD, TRACK, host
 from service_host import Desk
+from slotted import VECTORS, Maker, endless, program_file
 
 LF, JOINT = 0, 2
-START = 0x08000000
-KEY, SLOTS, SLOT_BYTES, PAYLOAD = 0x7800, (0x8000, 0x40000), 0x38000, 512
-
-
-def program(name: str, folder: Path) -> bytes:
-    binary = folder / f"{name}.bin"
-    image = built(f"firmware/ports/stm32g474/{name}.elf")
-    subprocess.run(["arm-none-eabi-objcopy", "-O", "binary", str(image), str(binary)], check=True)
-    return binary.read_bytes()
+ANSWER_S = 1.5  # a node that boots does not hear
+UNIT, HEADER = 8, 192
+TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}
 
 
 @pytest.fixture(scope="module")
@@ -34,43 +33,110 @@ def robot() -> Robot:
     return load_robot("scaler")
 
 
-def signed(slot: int, version: int, key: Path, folder: Path) -> tuple[bytes, bytes, bytes]:
-    """Header, payload, public key."""
-    payload = program(f"crux_joint_slot{slot}", folder)
-    image, public = sign(payload, "joint", version, key, START + SLOTS[slot] + PAYLOAD)
-    return image[:192], image[192:], public
-
-
-def test_a_board_takes_a_new_image_and_starts_it(robot: Robot, tmp_path: Path) -> None:
-    key = tmp_path / "key.pem"
-    new_key(key)
-    header, payload, public = signed(0, 1, key, tmp_path)
-    flash = program("crux_boot", tmp_path).ljust(KEY, b"\xff") + public
-    flash = flash.ljust(SLOTS[0], b"\xff") + header.ljust(PAYLOAD, b"\xff") + payload
-    (tmp_path / "board.elf").write_bytes(elf(flash))
-    with board(robot, LF, JOINT, tmp_path / "board.elf") as emulated, host(robot) as spoken:
-        spoken.nodes.replace(LF, JOINT, emulated.port)
+@contextmanager
+def on_desk(robot: Robot, maker: Maker) -> Iterator[tuple[Board, Desk, NodeLink]]:
+    """A board whose slot 0 runs version 1, confirmed, and a link to it."""
+    node = GRIPPER if maker.kind == "gripper" else JOINT
+    with board(robot, LF, node, maker.board_file()) as emulated, host(robot) as spoken:
+        spoken.nodes.replace(LF, node, emulated.port)
         desk = Desk(spoken)
+        name = node_name(f"LF.{'gripper' if node == GRIPPER else node}")
         try:
-            time.sleep(2.0)  # the boot stage checks signatures
-            with NodeLink(node_name("LF.2"), limb_bus(desk.base(), robot, LF), 1.0) as joint:
-                wait_until_confirmed(joint, 1)
-                assert slots(joint)["slot"] == 0
-                new_header, new_payload, _ = signed(1, 2, key, tmp_path)
-                other_header, other_payload, _ = signed(0, 2, key, tmp_path)
-                with pytest.raises(Refused) as refusal:  # linked for the slot that runs
-                    load(joint, other_header, other_payload)
-                assert refusal.value.code == number("refusal", "NOT_ACCEPTED")
-                with pytest.raises(Refused):
-                    load(joint, new_header, new_payload[:4000])
-                desk.nodes.reset(LF, JOINT)  # the power goes in the middle
-                time.sleep(2.0)
-                assert slots(joint)["slot"] == 0
-                load(joint, new_header, new_payload)
-                assert slots(joint)["other_version"] == 2
-                joint.restart()
-                wait_until_confirmed(joint, 2)
-                assert slots(joint)["slot"] == 1
+            with NodeLink(name, limb_bus(desk.base(), robot, LF), ANSWER_S) as link:
+                assert slots(link)["confirmed"]
+                yield emulated, desk, link
         finally:
             desk.end()
+
+
+@pytest.mark.parametrize("kind", ["joint", "gripper"])
+def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tmp_path: Path, kind: str) -> None:
+    maker = Maker(tmp_path, kind)
+    package = tmp_path / "package"
+    programs = [str(program_file(f"crux_{kind}_slot{slot}")) for slot in (0, 1)]
+    words = ["can", "sign", *programs, "--kind", kind, "--key", str(maker.key), "-o", str(package)]
+    assert main([*words, "--firmware-version", "0.2.0"]) == 0
+    with on_desk(robot, maker) as (emulated, desk, link):
+        emulated.record()
+        before = slots(link)
+        assert (before["slot"], before["address"]) == (0, VECTORS[1])
+        images = read_images(package)
+        wrong, right = images
+        assert suitable(images, link, before, "package") == right
+        with pytest.raises(Refused) as refusal:  # linked for the slot that runs
+            load(link, wrong.header, wrong.payload)
+        assert refusal.value.code == number("refusal", "NOT_ACCEPTED")
+        desk.gripper["Mode"] = TRACK
+        desk.command(TRACKED)
+        time.sleep(0.2)
+        with pytest.raises(Refused) as refusal:  # it moves
+            load(link, right.header, right.payload)
+        assert refusal.value.code == number("refusal", "CONDITIONS")
+        desk.gripper["Mode"] = HOLD
+        desk.command(TRACKED | {"Mode": HOLD})
+        time.sleep(0.2)
+        desk.command(None)
+        load(link, right.header, right.payload)
+        assert slots(link)["other_version"] == right.version
+        link.restart()
+        wait_until_confirmed(link, right.version)
+        after = slots(link)
+        assert (after["slot"], after["address"], after["other_version"]) == (1, VECTORS[0], 1)
+        desk.end()
+        for operation in (emulated.recorded - 1, emulated.recorded):  # its try, its confirmation
+            emulated.replay(operation, Cut.WITHIN)
+            assert starts(emulated) == 1
+        assert emulated.fault == ""
+
+
+@pytest.mark.parametrize("how", ["hangs", "faults"])
+def test_a_program_that_hangs_is_left_after_three_tries(robot: Robot, tmp_path: Path, how: str) -> None:
+    maker = Maker(tmp_path)
+    program = endless(1, 1000)
+    if how == "faults":  # the first instruction is none
+        program = program[:4] + struct.pack("<I", (VECTORS[1] + 68) | 1) + program[8:68] + b"\xff\xff\xff\xff"
+    with on_desk(robot, maker) as (emulated, _, link):
+        load(link, *maker.image(1, 2, program))
+        link.restart()
+        with pytest.raises(WorkFailed, match=r"went back to 0\.0\.1"):
+            wait_until_confirmed(link, 2)
+        now = slots(link)
+        assert (now["slot"], now["confirmed"], now["other_version"]) == (0, True, 2)
+        load(link, *maker.image(1, 3))  # a better one is taken
+        link.restart()
+        wait_until_confirmed(link, 3)
+        assert how == "faults" or emulated.fault == ""
+
+
+def starts(emulated: Board) -> int:
+    """The slot whose program runs after a power-on."""
+    emulated.power_on(0.0)
+    for _ in range(40):
+        if emulated.vectors != 0:
+            break
+        emulated.control(0.01, 0.0)
+    assert emulated.vectors in VECTORS
+    return VECTORS.index(emulated.vectors)
+
+
+def test_a_valid_image_starts_wherever_the_power_is_cut(robot: Robot, tmp_path: Path) -> None:
+    maker = Maker(tmp_path)
+    payload = endless(1, 2500)  # of two pages
+    writes = -(-len(payload) // UNIT)
+    with on_desk(robot, maker) as (emulated, desk, link):
+        emulated.record()
+        load(link, *maker.image(1, 2, payload))
+        link.restart()
+        with pytest.raises(WorkFailed, match="went back"):
+            wait_until_confirmed(link, 2)
+        # header and marks are erased, the second page when it is reached; the header comes last, then three tries
+        image_is_whole = 2 + 1 + writes + HEADER // UNIT
+        assert emulated.recorded == image_is_whole + 3
+        desk.end()
+        for operation in range(1, emulated.recorded + 1):
+            emulated.replay(operation, Cut.WITHIN)
+            tried = image_is_whole < operation <= image_is_whole + 2
+            assert starts(emulated) == (1 if tried else 0), operation
+        emulated.replay(image_is_whole, Cut.AFTER)
+        assert starts(emulated) == 1
         assert emulated.fault == ""

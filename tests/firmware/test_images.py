@@ -52,7 +52,7 @@ def flash(kind: str, folder: Path) -> bytes:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_image_fits_with_room_to_spare(report: str, kind: str) -> None:
-    found = re.search(rf"crux_{kind}.elf: flash (\d+) B, RAM (\d+) B, stack (\d+) B \+ (\d+) B", report)
+    found = re.search(rf"crux_{kind}.elf: flash (\d+) of \d+ B, RAM (\d+) B, stack (\d+) B \+ (\d+) B", report)
     assert found is not None, report
     flash_bytes, ram_bytes, stack_bytes, interrupt_bytes = map(int, found.groups())
     assert 4096 < flash_bytes < FLASH_BYTES // 8

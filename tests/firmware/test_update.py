@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
-from crux_tools.can.image import new_key, read_image, sign, version_number, version_text
+from crux_tools.can.image import new_key, read_images, sign, version_number, version_text
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.update_command import load, slots, wait_until_confirmed
 from crux_tools.cli import main
@@ -67,6 +67,7 @@ def test_the_commands_sign_and_update(
     assert result["before"]["version"] == 0x000100
     assert result["after"] == {
         "slot": 0, "confirmed": True, "version": 0x000200, "other_version": 0, "capacity": result["after"]["capacity"],
+        "address": 0,
     }  # fmt: skip
     assert main([*update, "--off-the-wall"]) == 2
     assert "not newer than 0.2.0" in capsys.readouterr().err
@@ -138,10 +139,10 @@ def test_damaged_files_and_wrong_keys_are_told(tmp_path: Path, key: Path) -> Non
     data[-1] ^= 1
     image.write_bytes(data)
     with pytest.raises(UsageError, match="damaged"):
-        read_image(image)
+        read_images(image)
     image.write_bytes(b"\x7fELF")
     with pytest.raises(UsageError, match="not a signed image"):
-        read_image(image)
+        read_images(image)
     with pytest.raises(UsageError, match="no private key"):
         sign(PROGRAM, "joint", 1, image)
     with pytest.raises(UsageError, match=r"right is MAJOR\.MINOR\.PATCH"):

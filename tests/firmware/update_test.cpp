@@ -279,6 +279,23 @@ TEST(Update, BlocksComeInTurnAndADamagedPayloadIsNoImage) {
   EXPECT_EQ(board.running.version, 2U);
 }
 
+TEST(Update, AConfirmedImageIsKnownByItsCrcAndAChangedOneIsNotStarted) {
+  Board board(with_version_one());
+  board.whole_update(Image(2));
+  Board stranger(board);
+  const auto no_key = std::array<std::uint8_t, 32>{};
+  stranger.slots.key = no_key.data();  // no signature holds any more
+  ASSERT_TRUE(stranger.boot());
+  EXPECT_EQ(stranger.running.version, 2U);
+  EXPECT_TRUE(stranger.running.confirmed);
+  for (const std::uint32_t at : {12U, 100U, 191U, 512U, 2000U, 512U + 2500U}) {
+    Board changed(board);
+    changed.bytes.at(kSlot + at) ^= 0x20U;
+    ASSERT_TRUE(changed.boot()) << at;
+    EXPECT_EQ(changed.running.version, 1U) << at;
+  }
+}
+
 TEST(Update, TellingOfTheSlotsReadsNoFlash) {
   Board board(with_version_one());
   const std::array<std::uint8_t, 10> before{0, 1, 1, 0, 0, 0, 0, 0, 0, 0};  // slot 0, confirmed, version 1; no other

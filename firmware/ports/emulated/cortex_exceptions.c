@@ -19,7 +19,7 @@ static unsigned priority_of_active(const cortex_m4 *core) {
   unsigned highest = 256U;
   for (unsigned i = 0U; i < core->depth; i++) {
     const uint32_t exception = core->active[i].exception;
-    const unsigned priority = (exception == CORTEX_HARD_FAULT) ? 0U : core->priority[exception];
+    const unsigned priority = (exception <= CORTEX_HARD_FAULT) ? 0U : core->priority[exception];
     highest = (priority < highest) ? priority : highest;
   }
   return highest;
@@ -35,6 +35,9 @@ bool cortex_is_active(const cortex_m4 *core, uint32_t exception) {
 
 uint32_t cortex_requested(const cortex_m4 *core) {
   uint32_t best = 0U;
+  if (core->nmi_pending && !cortex_is_active(core, CORTEX_NMI) && !cortex_is_active(core, CORTEX_HARD_FAULT)) {
+    return CORTEX_NMI;
+  }
   unsigned best_priority = priority_of_active(core);
   if (core->systick_pending && (core->priority[CORTEX_SYSTICK] < best_priority)) {
     best = CORTEX_SYSTICK;
@@ -123,7 +126,9 @@ void cortex_enter(cortex_m4 *core, uint32_t exception) {
   active->since = core->executed;
   core->depth++;
   core->now += EXCEPTION_CYCLES;
-  if (exception == CORTEX_SYSTICK) {
+  if (exception == CORTEX_NMI) {
+    core->nmi_pending = false;
+  } else if (exception == CORTEX_SYSTICK) {
     core->systick_pending = false;
   } else if (exception >= 16U) {
     core->pended[(exception - 16U) / 32U] &= ~(1U << ((exception - 16U) % 32U));

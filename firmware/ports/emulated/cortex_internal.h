@@ -7,6 +7,7 @@
 #define FLASH_START 0x08000000U
 #define SCB_VTOR 0xD08U
 #define CORTEX_RAM_START 0x20000000U
+#define CORTEX_NMI 2U
 #define CORTEX_HARD_FAULT 3U
 #define CORTEX_RETURN_MASK 0xFFFFFFE0U  ///< of an exception return in the program counter
 

@@ -71,6 +71,51 @@ static bool program_flash(uc_engine *engine, uc_mem_type type, uint64_t address,
   return core->chip.program(core->chip.context, (uint32_t)address - FLASH_START, (uint32_t)size, (uint32_t)value);
 }
 
+static void stop_now(cortex_m4 *core) {
+  core->stopped = true;
+  core->stop_at = 0U;
+  (void)uc_emu_stop(core->engine);
+}
+
+/// The interrupt comes at once. The engine executes the reading instruction again afterwards, and is let pass then.
+static void on_flash_read(uc_engine *engine, uc_mem_type type, uint64_t address, int size, int64_t value,
+                          void *context) {
+  cortex_m4 *core = context;
+  (void)engine;
+  (void)type;
+  (void)value;
+  if (core->flash_excused == (uint32_t)address) {
+    core->flash_excused = 0U;
+  } else if (!core->chip.reads(core->chip.context, (uint32_t)address - FLASH_START, (uint32_t)size)) {
+    core->flash_excused = (uint32_t)address;
+    core->nmi_pending = true;
+    stop_now(core);
+  } else {
+    // read
+  }
+}
+
+void cortex_watch_flash(cortex_m4 *core, bool on) {
+  const union {
+    void (*function)(uc_engine *, uc_mem_type, uint64_t, int, int64_t, void *);
+    void *object;
+  } pointer = {.function = on_flash_read};
+  if (on && !core->flash_watched) {
+    (void)uc_hook_add(core->engine, &core->flash_hook, UC_HOOK_MEM_READ, pointer.object, core, FLASH_START,
+                      FLASH_START + CORTEX_FLASH_BYTES - 1U);
+  } else if (!on && core->flash_watched) {
+    (void)uc_hook_del(core->engine, core->flash_hook);
+  } else {
+    // as it is
+  }
+  core->flash_watched = on;
+}
+
+void cortex_power_off(cortex_m4 *core) {
+  core->dead = true;
+  stop_now(core);
+}
+
 // --- execution ---
 
 static uint16_t count_instructions(const cortex_m4 *core, uint32_t offset, uint32_t bytes) {
@@ -113,6 +158,10 @@ static void take_interrupt(cortex_m4 *core) {
     return;
   }
   core->asleep = false;
+  if (exception == CORTEX_NMI) {
+    cortex_enter(core, exception);
+    return;
+  }
   if ((cortex_get(core, UC_ARM_REG_PRIMASK) & 1U) != 0U) {
     const uint32_t pc = cortex_get(core, UC_ARM_REG_PC);
     const uint32_t offset = pc - FLASH_START;
@@ -270,6 +319,8 @@ void cortex_power_on(cortex_m4 *core) {
   (void)memset(core->priority, 0, sizeof(core->priority));
   core->systick_at = CORTEX_NEVER;
   core->depth = 0U;
+  core->nmi_pending = false;
+  core->flash_excused = 0U;
   core->systick_pending = false;
   core->masked_request = false;
   core->asleep = false;

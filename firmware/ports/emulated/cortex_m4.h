@@ -27,6 +27,9 @@ typedef struct cortex_chip {
   bool (*write)(void *context, uint32_t offset, uint32_t value);
   /// The image writes `size` bytes into the flash, `offset` from its start. False: refused, a fault.
   bool (*program)(void *context, uint32_t offset, uint32_t size, uint32_t value);
+  /// Asked of what the image reads of its flash, while cortex_watch_flash is on. False: the flash cannot correct it, a
+  /// non-maskable interrupt.
+  bool (*reads)(void *context, uint32_t offset, uint32_t size);
   /// The time of cortex_wake_at has come.
   void (*on_time)(void *context);
   /// The image asks for a reset; calls cortex_power_on.
@@ -72,6 +75,10 @@ typedef struct cortex_m4 {
   uint8_t priority[CORTEX_EXCEPTIONS];
   cortex_active active[8];
   unsigned depth;
+  uc_hook flash_hook;
+  bool flash_watched;
+  uint32_t flash_excused;  ///< address whose read has led to the interrupt
+  bool nmi_pending;
   bool systick_pending;
   bool masked_request;  ///< come back as soon as PRIMASK is cleared
   bool stopped;         ///< by us, not by sleep
@@ -96,6 +103,12 @@ void cortex_run_until(cortex_m4 *core, uint64_t time);
 
 /// The chip wants to be called at `time`, CORTEX_NEVER: not at all.
 void cortex_wake_at(cortex_m4 *core, uint64_t time);
+
+/// The chip wants to be asked about every read of the flash, which takes time. Between two starts of the core.
+void cortex_watch_flash(cortex_m4 *core, bool on);
+
+/// Ends the execution: the power has gone. cortex_power_on brings the core back.
+void cortex_power_off(cortex_m4 *core);
 
 /// Raises or lowers the request of an interrupt.
 void cortex_request(cortex_m4 *core, unsigned interrupt, bool on);

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "cortex_internal.h"
+
 static _Thread_local char last_error[256];
 
 const char *crux_emulated_error(void) { return last_error; }
@@ -66,3 +68,19 @@ void crux_emulated_break_encoder(emulated_node *node, int on) { node->encoder_br
 uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset) {
   return fdcan_model_read(&node->chip.can[0], offset);
 }
+
+void crux_emulated_cut_power(emulated_node *node, uint32_t operation, int cut) {
+  crux_flash_model_power(&node->chip.flash, operation, (crux_flash_cut)cut);
+}
+
+int crux_emulated_record(emulated_node *node) {
+  return flash_record_begin(&node->chip.record, &node->chip.flash) ? 1 : 0;
+}
+
+uint32_t crux_emulated_recorded(const emulated_node *node) { return node->chip.record.count; }
+
+void crux_emulated_replay(emulated_node *node, uint32_t operation, int cut) {
+  flash_record_replay(&node->chip.record, &node->chip.flash, operation, (crux_flash_cut)cut);
+}
+
+uint32_t crux_emulated_vectors(const emulated_node *node) { return node->chip.core.control_space[SCB_VTOR / 4U]; }

@@ -60,4 +60,22 @@ CRUX_API void crux_emulated_break_encoder(emulated_node *node, int on);
 /// A register of FDCAN1, by its offset.
 CRUX_API uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset);
 
+// Its flash.
+
+/// The power fails in the `operation`th write or erase from now on, before, within or after it (crux_flash_cut), and
+/// stays off until the board is restarted. 0: never.
+CRUX_API void crux_emulated_cut_power(emulated_node *node, uint32_t operation, int cut);
+
+/// Writes and erases are recorded from now on; 0 when there is no memory for that.
+CRUX_API int crux_emulated_record(emulated_node *node);
+
+/// How many so far.
+CRUX_API uint32_t crux_emulated_recorded(const emulated_node *node);
+
+/// Makes the flash as if the power had failed in one of them, counted from 1; then crux_emulated_power_on.
+CRUX_API void crux_emulated_replay(emulated_node *node, uint32_t operation, int cut);
+
+/// Address of the vectors of the program that runs.
+CRUX_API uint32_t crux_emulated_vectors(const emulated_node *node);
+
 #endif

@@ -6,6 +6,7 @@ import ctypes
 import functools
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 
 from crux_contracts.robot import Robot
@@ -69,6 +70,14 @@ class Cost:
     """of a call that starts with empty caches, and everything waits"""
 
 
+class Cut(IntEnum):
+    """crux_flash_cut of flash_model.h: where in a flash operation the power fails."""
+
+    BEFORE = 0
+    WITHIN = 1
+    AFTER = 2
+
+
 class BoardError(Exception):
     """An image that cannot be loaded, or an engine that refuses."""
 
@@ -123,6 +132,11 @@ def _load(path: Path) -> ctypes.CDLL:
         "flood": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer, integer]),
         "disturb": (None, [handle, integer]),
         "break_encoder": (None, [handle, integer]),
+        "cut_power": (None, [handle, ctypes.c_uint32, integer]),
+        "record": (integer, [handle]),
+        "recorded": (ctypes.c_uint32, [handle]),
+        "replay": (None, [handle, ctypes.c_uint32, integer]),
+        "vectors": (ctypes.c_uint32, [handle]),
         "can_register": (ctypes.c_uint32, [handle, ctypes.c_uint32]),
     }
     for name, (result, arguments) in signatures.items():
@@ -212,3 +226,26 @@ class Board:
     def can_register(self, offset: int) -> int:
         """Of FDCAN1."""
         return int(self._library.crux_emulated_can_register(self._handle, offset))
+
+    def cut_power(self, operation: int, cut: Cut = Cut.WITHIN) -> None:
+        """The power fails in that write or erase of the flash, counted from 1 now on, until a restart; 0: never."""
+        self._library.crux_emulated_cut_power(self._handle, operation, cut)
+
+    def record(self) -> None:
+        """Writes and erases of the flash are recorded from now on. Raises MemoryError."""
+        if not self._library.crux_emulated_record(self._handle):
+            raise MemoryError
+
+    @property
+    def recorded(self) -> int:
+        """Writes and erases since `record`."""
+        return int(self._library.crux_emulated_recorded(self._handle))
+
+    def replay(self, operation: int, cut: Cut) -> None:
+        """The flash as if the power had failed in that recorded operation, counted from 1; then `power_on`."""
+        self._library.crux_emulated_replay(self._handle, operation, cut)
+
+    @property
+    def vectors(self) -> int:
+        """Address of the vectors of the program that runs."""
+        return int(self._library.crux_emulated_vectors(self._handle))

@@ -32,7 +32,7 @@ enum { SPI_SR = 0x08 / 4, SPI_DR = 0x0C / 4 };
 #define SPI_RXNE (1U << 0U)
 #define SPI_TXE (1U << 1U)
 
-typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, RCC, PWR, FLASH } unit;
+typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, RCC, PWR, FLASH, IWDG } unit;
 
 typedef struct place {
   uint32_t start;  ///< from 0x40000000
@@ -50,13 +50,14 @@ static const place places[] = {
     {0x00006400U, 0x100U, CAN1, RCC_APB1ENR1, 25U}, {0x0000A400U, 0x350U, RAM1, RCC_APB1ENR1, 25U},
     {0x00006800U, 0x100U, CAN2, RCC_APB1ENR1, 25U}, {0x0000A750U, 0x350U, RAM2, RCC_APB1ENR1, 25U},
     {0x00021000U, 0x100U, RCC, RCC_AHB1ENR, 31U},   {0x00007000U, 0x100U, PWR, RCC_APB1ENR1, 28U},
-    {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},
+    {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},  {0x00003000U, 0x10U, IWDG, RCC_AHB1ENR, 31U},
 };
 
 static const place *find(const stm32g4 *chip, uint32_t offset, bool *gated) {
   for (size_t i = 0U; i < sizeof(places) / sizeof(places[0]); i++) {
     if (offset - places[i].start < places[i].bytes) {
-      *gated = (places[i].what != RCC) && (((chip->rcc[places[i].gate] >> places[i].bit) & 1U) == 0U);
+      const bool has_gate = (places[i].what != RCC) && (places[i].what != IWDG);
+      *gated = has_gate && (((chip->rcc[places[i].gate] >> places[i].bit) & 1U) == 0U);
       return &places[i];
     }
   }
@@ -144,7 +145,7 @@ static void write_spi(stm32g4 *chip, uint32_t word, uint32_t value) {
 
 void stm32g4_settle(stm32g4 *chip) {
   cortex_m4 *core = &chip->core;
-  uint64_t next = chip->update_at;
+  uint64_t next = (chip->watchdog_at < chip->update_at) ? chip->watchdog_at : chip->update_at;
   for (int i = 0; i < 2; i++) {
     const uint64_t can_next = fdcan_model_next(&chip->can[i]);
     next = (can_next < next) ? can_next : next;
@@ -163,6 +164,10 @@ static void on_time(void *context) {
   }
   for (int i = 0; i < 2; i++) {
     fdcan_model_advance(&chip->can[i], now);
+  }
+  if (chip->watchdog_at <= now) {
+    chip->watchdog_at = NEVER;
+    chip->core.wants_reset = true;
   }
   stm32g4_settle(chip);
 }
@@ -209,6 +214,9 @@ static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
       break;
     case FLASH:
       *value = stm32g4_read_flash(chip, word);
+      break;
+    case IWDG:
+      *value = stm32g4_read_watchdog(chip, word);
       break;
     default:
       break;
@@ -260,6 +268,10 @@ static bool write_chip(void *context, uint32_t offset, uint32_t value) {
     case FLASH:
       stm32g4_write_flash(chip, word, value);
       break;
+    case IWDG:
+      stm32g4_write_watchdog(chip, word, value);
+      stm32g4_settle(chip);
+      break;
     default:
       break;
   }
@@ -272,6 +284,8 @@ static bool program(void *context, uint32_t offset, uint32_t size, uint32_t valu
   return stm32g4_program_flash(context, offset, size, value);
 }
 
+static bool reads(void *context, uint32_t offset, uint32_t size) { return stm32g4_reads_flash(context, offset, size); }
+
 static void restart(void *context) { stm32g4_power_on(context); }
 
 bool stm32g4_open(stm32g4 *chip, const stm32g4_board *board, uint32_t bit_rate, uint32_t data_bit_rate) {
@@ -279,15 +293,26 @@ bool stm32g4_open(stm32g4 *chip, const stm32g4_board *board, uint32_t bit_rate, 
                               .read = read_chip,
                               .write = write_chip,
                               .program = program,
+                              .reads = reads,
                               .on_time = on_time,
                               .restart = restart};
-  *chip = (stm32g4){.board = *board, .bit_rate = bit_rate, .data_bit_rate = data_bit_rate, .update_at = NEVER};
-  return cortex_open(&chip->core, &around);
+  *chip = (stm32g4){
+      .board = *board, .bit_rate = bit_rate, .data_bit_rate = data_bit_rate, .update_at = NEVER, .watchdog_at = NEVER};
+  const bool opened = cortex_open(&chip->core, &around);
+  if (opened) {
+    crux_flash_model_init(&chip->flash, chip->core.flash, chip->flash_damaged, CORTEX_FLASH_BYTES);
+    chip->flash_access = crux_flash_model_interface(&chip->flash);
+  }
+  return opened;
 }
 
-void stm32g4_close(stm32g4 *chip) { cortex_close(&chip->core); }
+void stm32g4_close(stm32g4 *chip) {
+  cortex_close(&chip->core);
+  flash_record_close(&chip->record);
+}
 
-void stm32g4_power_on(stm32g4 *chip) {
+/// Everything but core and flash.
+static void reset(stm32g4 *chip) {
   (void)memset(chip->rcc, 0, sizeof(chip->rcc));
   (void)memset(chip->pwr, 0, sizeof(chip->pwr));
   stm32g4_reset_flash(chip);
@@ -297,12 +322,29 @@ void stm32g4_power_on(stm32g4 *chip) {
   (void)memset(chip->adc, 0, sizeof(chip->adc));
   (void)memset(chip->adc_common, 0, sizeof(chip->adc_common));
   (void)memset(chip->compare, 0, sizeof(chip->compare));
+  (void)memset(chip->watchdog, 0, sizeof(chip->watchdog));
   chip->update_at = NEVER;
   chip->crystal_at = NEVER;
+  chip->watchdog_at = NEVER;
   chip->rcc[RCC_AHB1ENR] = 1U << 8U;
   chip->spi1[SPI_SR] = SPI_TXE;
   fdcan_model_reset(&chip->can[0], chip->bit_rate, chip->data_bit_rate);
   fdcan_model_reset(&chip->can[1], STM32G4_SENSOR_BIT_RATE, 0U);
+}
+
+void stm32g4_power_off(stm32g4 *chip) {
+  reset(chip);
+  cortex_power_off(&chip->core);
+}
+
+void stm32g4_power_on(stm32g4 *chip) {
+  bool damaged = false;
+  for (uint32_t i = 0U; (i < (CORTEX_FLASH_BYTES / CRUX_FLASH_UNIT)) && !damaged; i++) {
+    damaged = chip->flash_damaged[i];
+  }
+  reset(chip);
+  chip->flash.off = false;
+  cortex_watch_flash(&chip->core, damaged);
   cortex_power_on(&chip->core);
   cortex_wake_at(&chip->core, NEVER);
 }

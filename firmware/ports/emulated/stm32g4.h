@@ -1,6 +1,6 @@
 /// The STM32G474 around the core, as far as the node images use it: clocks and their gates, GPIO, TIM1 (three-phase
-/// PWM, trigger of the converters), TIM2 (quadrature counter), ADC 1 and 2, SPI1, FDCAN 1 and 2, and what hangs on its
-/// pins.
+/// PWM, trigger of the converters), TIM2 (quadrature counter), ADC 1 and 2, SPI1, FDCAN 1 and 2, flash, the independent
+/// watchdog, and what hangs on its pins.
 ///
 /// A peripheral whose clock is off reads zero and takes no write. Conversions and SPI transfers are done at once:
 /// images that poll wait shorter here than on silicon. Everything else takes its time.
@@ -9,6 +9,8 @@
 
 #include "cortex_m4.h"
 #include "fdcan_model.h"
+#include "flash_model.h"
+#include "flash_record.h"
 
 #define STM32G4_SENSOR_BIT_RATE 1000000U  ///< of the classic bus at FDCAN 2
 
@@ -42,8 +44,15 @@ typedef struct stm32g4 {
   uint32_t pwr[64];
   uint32_t flash_control[64];
   uint64_t flash_busy_until;
-  uint32_t flash_unit;  ///< the double word that was written last
+  uint32_t flash_first;  ///< the first half of a double word that is being written
+  uint32_t flash_unit;   ///< where
   bool flash_half_written;
+  bool flash_damaged[CORTEX_FLASH_BYTES / CRUX_FLASH_UNIT];
+  crux_flash_model flash;  ///< the core's flash: what is in it, and whether the power holds
+  crux_flash flash_access;
+  flash_record record;
+  uint32_t watchdog[4];  ///< IWDG
+  uint64_t watchdog_at;  ///< when it bites
   uint32_t gpio[3][64];
   uint32_t timer1[64];
   uint32_t spi1[64];
@@ -61,6 +70,9 @@ void stm32g4_close(stm32g4 *chip);
 
 /// Power comes on.
 void stm32g4_power_on(stm32g4 *chip);
+
+/// Power goes; what is in the flash stays.
+void stm32g4_power_off(stm32g4 *chip);
 
 /// Something came to a CAN controller: interrupt lines and the next event are looked at anew.
 void stm32g4_settle(stm32g4 *chip);

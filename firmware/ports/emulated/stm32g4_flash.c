@@ -1,18 +1,17 @@
 /// The flash's controller, in dual-bank mode: unlock, program a double word, erase a page. What the image does wrong is
-/// an error in its status register, as on the chip, and a complaint.
+/// an error in its status register, as on the chip, and a complaint. The memory itself, and a power that fails within
+/// an operation, is that of flash_model.h; what was left unreadable says so when it is read.
 #include <string.h>
 
 #include "stm32g4_internal.h"
 
-#define PAGE 2048U
 #define BANK_PAGES 128U
-#define UNIT 8U
 
 // Times of the data sheet, in core cycles at 170 MHz.
 #define PROGRAM_CYCLES 13900U
 #define ERASE_CYCLES 3740000U
 
-enum { KEYR = 0x08 / 4, SR = 0x10 / 4, CR = 0x14 / 4, OPTR = 0x20 / 4 };
+enum { KEYR = 0x08 / 4, SR = 0x10 / 4, CR = 0x14 / 4, ECCR = 0x18 / 4, OPTR = 0x20 / 4 };
 
 #define KEY_1 0x45670123U
 #define KEY_2 0xCDEF89ABU
@@ -26,6 +25,7 @@ enum { KEYR = 0x08 / 4, SR = 0x10 / 4, CR = 0x14 / 4, OPTR = 0x20 / 4 };
 #define CR_STRT (1U << 16U)
 #define CR_LOCKS ((1U << 31U) | (1U << 30U))
 #define CR_LOCK (1U << 31U)
+#define ECCR_ECCD (1U << 31U)
 #define OPTR_DBANK (1U << 22U)
 
 void stm32g4_reset_flash(stm32g4 *chip) {
@@ -41,30 +41,51 @@ static void refuse(stm32g4 *chip, uint32_t error, const char *what, uint32_t add
   cortex_complain(&chip->core, what, address);
 }
 
-static bool is_erased(const uint8_t *bytes) {
-  bool erased = true;
-  for (uint32_t i = 0U; i < UNIT; i++) {
-    erased = erased && (bytes[i] == 0xFFU);
+/// Ends an operation of the memory: it takes time, or the power has failed in it.
+static void finish(stm32g4 *chip, const flash_operation *operation, uint64_t cycles) {
+  flash_record_add(&chip->record, operation);
+  chip->flash_busy_until = chip->core.now + cycles;
+  if (chip->flash.off) {
+    stm32g4_power_off(chip);
   }
-  return erased;
+}
+
+static void program(stm32g4 *chip, uint32_t second) {
+  flash_operation operation = {.address = chip->flash_unit};
+  (void)memcpy(operation.unit, &chip->flash_first, sizeof(second));
+  (void)memcpy(&operation.unit[4], &second, sizeof(second));
+  (void)chip->flash_access.write(&chip->flash, operation.address, operation.unit);
+  finish(chip, &operation, PROGRAM_CYCLES);
+}
+
+bool stm32g4_reads_flash(stm32g4 *chip, uint32_t offset, uint32_t size) {
+  bool readable = true;
+  for (uint32_t i = offset / CRUX_FLASH_UNIT; i <= (offset + size - 1U) / CRUX_FLASH_UNIT; i++) {
+    readable = readable && !chip->flash_damaged[i];
+  }
+  chip->flash_control[ECCR] |= readable ? 0U : ECCR_ECCD;
+  return readable;
 }
 
 bool stm32g4_program_flash(stm32g4 *chip, uint32_t offset, uint32_t size, uint32_t value) {
-  const bool second = (offset % UNIT) != 0U;
-  const uint32_t unit = offset - (offset % UNIT);
+  const bool second = (offset % CRUX_FLASH_UNIT) != 0U;
+  const uint32_t unit = offset - (offset % CRUX_FLASH_UNIT);
   bool done = false;
   if (((chip->flash_control[CR] & CR_PG) == 0U) || (chip->core.now < chip->flash_busy_until)) {
     refuse(chip, SR_PGSERR, "programs flash that is locked or busy at", offset);
   } else if ((size != 4U) || (offset % 4U != 0U) || (second != chip->flash_half_written) ||
              (second && (unit != chip->flash_unit))) {
     refuse(chip, SR_PGSERR, "programs no whole double word of flash at", offset);
-  } else if (!second && !is_erased(chip->core.flash + unit)) {
+  } else if (!second && !crux_flash_is_erased(&chip->flash_access, unit)) {
     refuse(chip, SR_PROGERR, "programs flash that is not erased at", offset);
   } else {
-    (void)memcpy(chip->core.flash + offset, &value, sizeof(value));
     chip->flash_half_written = !second;
     chip->flash_unit = unit;
-    chip->flash_busy_until = second ? (chip->core.now + PROGRAM_CYCLES) : chip->flash_busy_until;
+    if (second) {
+      program(chip, value);
+    } else {
+      chip->flash_first = value;
+    }
     done = true;
   }
   return done;
@@ -72,8 +93,9 @@ bool stm32g4_program_flash(stm32g4 *chip, uint32_t offset, uint32_t size, uint32
 
 static void erase(stm32g4 *chip, uint32_t control) {
   const uint32_t page = ((control >> 3U) & (BANK_PAGES - 1U)) + (((control & CR_BKER) != 0U) ? BANK_PAGES : 0U);
-  (void)memset(chip->core.flash + ((size_t)page * PAGE), 0xFF, PAGE);
-  chip->flash_busy_until = chip->core.now + ERASE_CYCLES;
+  const flash_operation operation = {.address = page * CRUX_FLASH_PAGE, .erases = true};
+  (void)chip->flash_access.erase(&chip->flash, operation.address);
+  finish(chip, &operation, ERASE_CYCLES);
 }
 
 uint32_t stm32g4_read_flash(const stm32g4 *chip, uint32_t word) {
@@ -99,6 +121,8 @@ void stm32g4_write_flash(stm32g4 *chip, uint32_t word, uint32_t value) {
         erase(chip, value);
       }
     }
+  } else if (word == ECCR) {
+    registers[ECCR] &= ~(value & ECCR_ECCD);
   } else if (word != OPTR) {
     registers[word] = value;
   } else {

@@ -7,7 +7,7 @@
 void crux_nodes_new_memory(memory *memory, uint32_t kind) {
   crux_flash_model_init(&memory->model, memory->bytes, memory->damaged, sizeof(memory->bytes));
   memory->flash = crux_flash_model_interface(&memory->model);
-  memory->store = (crux_store){.flash = &memory->flash, .pages = {0U, CRUX_FLASH_PAGE}};
+  memory->store = (crux_store){.flash = &memory->flash, .count = 2U, .pages = {0U, CRUX_FLASH_PAGE}};
   memory->slots = (crux_slots){
       .flash = &memory->flash, .address = {STORE_BYTES, STORE_BYTES + SLOT_BYTES}, .size = SLOT_BYTES, .kind = kind};
 }

@@ -5,12 +5,19 @@
 /// SysTick after the current loop and the bus: it only counts, and a count that waits is not lost.
 #define SYSTICK_PRIORITY 0x20UL
 
+/// Of the watchdog, in its ticks of 1 ms (0.94..1.09 ms, says the data sheet).
+#define WATCHDOG_TICKS 500UL
+
 static volatile uint32_t ticks_passed;
+static volatile bool may_hang;
 static uint32_t ticks_seen;
 
 void board_on_systick(void);
 
-void board_on_systick(void) { ticks_passed++; }
+void board_on_systick(void) {
+  ticks_passed++;
+  board_stay_awake();
+}
 
 void board_spend(uint32_t cycles) {
   for (uint32_t i = 0U; i < cycles; i++) {
@@ -118,6 +125,27 @@ _Noreturn void board_restart(void) {
   SCB_AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
   __asm volatile("dsb" ::: "memory");
   for (;;) {
+  }
+}
+
+void board_start_watchdog(void) {
+  IWDG_KR = IWDG_KR_START;
+  IWDG_KR = IWDG_KR_UNLOCK;
+  IWDG_PR = IWDG_PR_32;
+  IWDG_RLR = WATCHDOG_TICKS;
+  while (IWDG_SR != 0U) {
+  }
+  IWDG_KR = IWDG_KR_RELOAD;
+}
+
+void board_feed_watchdog(bool kept) {
+  may_hang = kept;
+  IWDG_KR = IWDG_KR_RELOAD;
+}
+
+void board_stay_awake(void) {
+  if (may_hang) {
+    IWDG_KR = IWDG_KR_RELOAD;
   }
 }
 

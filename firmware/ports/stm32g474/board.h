@@ -37,6 +37,17 @@ uint8_t board_strapped_limb(void);
 /// Resets the chip: the bridge opens, the image starts anew.
 _Noreturn void board_restart(void);
 
+/// For an image on trial: unless it feeds the watchdog every half second the chip restarts, and after three tries the
+/// other slot's image runs. Once started it runs until the next restart.
+void board_start_watchdog(void);
+
+/// The main loop is alive. `kept`: the image has confirmed itself; should it hang from now on the chip must not
+/// restart, for that opens the bridge, but let the field stand: the tick's interrupt and the fault handler feed.
+void board_feed_watchdog(bool kept);
+
+/// Feeds for an image that is kept.
+void board_stay_awake(void);
+
 /// Waits for the next interrupt; true once for each tick that has passed.
 bool board_wait_for_tick(void);
 

@@ -31,6 +31,9 @@ int main(void) {
   const bool is_joint = board_strapped_node() <= (uint8_t)CRUX_CAN_JOINTS;
   flash_port_slots(&slots, is_joint ? (uint32_t)CRUX_KIND_JOINT : (uint32_t)CRUX_KIND_GRIPPER);
   if (crux_boot(&slots, &running)) {
+    if (!running.confirmed) {
+      board_start_watchdog();
+    }
     start(slots.address[running.slot]);
   }
   for (;;) {

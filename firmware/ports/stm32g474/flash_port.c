@@ -7,8 +7,10 @@
 #include "registers.h"
 
 #define BANK_PAGES 128UL
-_Static_assert((FLASH_STORE + (2UL * CRUX_FLASH_PAGE)) <= FLASH_CALIBRATION, "the store would lie in the calibration");
-_Static_assert((FLASH_SLOT_1 + FLASH_SLOT_BYTES) <= FLASH_STORE, "the second slot would lie in the store");
+#define STORE_BYTES (2UL * CRUX_FLASH_PAGE)
+_Static_assert((FLASH_STORE_0 + STORE_BYTES) <= FLASH_KEY, "the first store would lie in the key");
+_Static_assert((FLASH_STORE_1 + STORE_BYTES) <= FLASH_CALIBRATION, "the second store would lie in the calibration");
+_Static_assert((FLASH_SLOT_1 + FLASH_SLOT_BYTES) <= FLASH_STORE_1, "the second slot would lie in the store");
 _Static_assert((FLASH_SLOT_0 + FLASH_SLOT_BYTES) <= FLASH_SLOT_1, "the slots would overlap");
 
 /// Of the program that runs, by its linker script.
@@ -26,12 +28,19 @@ bool flash_port_on_nmi(void) {
   return ours;
 }
 
+/// By words where they are aligned: the boot stage reads a whole image.
 static bool read(void *context, uint32_t address, uint8_t *bytes, uint32_t length) {
   (void)context;
+  const uint32_t whole = ((address % 4U) == 0U) ? (length - (length % 4U)) : 0U;
+  const volatile uint32_t *words = (const volatile uint32_t *)(FLASH_START + address);
   const volatile uint8_t *from = (const volatile uint8_t *)(FLASH_START + address);
   unreadable = false;
   reading = true;
-  for (uint32_t i = 0U; i < length; i++) {
+  for (uint32_t i = 0U; i < whole; i += 4U) {
+    const uint32_t word = words[i / 4U];
+    (void)memcpy(&bytes[i], &word, sizeof(word));
+  }
+  for (uint32_t i = whole; i < length; i++) {
     bytes[i] = from[i];
   }
   __asm volatile("dsb" ::: "memory");
@@ -54,13 +63,13 @@ uint8_t flash_port_running_slot(void) {
   return slot;
 }
 
-/// The store, the marks of the slots, and of a slot's program what does not run. A program that is linked for the
-/// flash's start may reach into the first slot: it changes the store alone. Pages have other numbers in single-bank
-/// mode.
+/// The store in the bank that the program does not run from, the marks of the slots, and of a slot's program the other
+/// slot. A program that is linked for the flash's start may reach into the first slot: it changes the store alone.
+/// Pages have other numbers in single-bank mode.
 static bool may_change(uint32_t address) {
   const uint8_t running = flash_port_running_slot();
   const uint32_t slots[CRUX_SLOTS] = {FLASH_SLOT_0, FLASH_SLOT_1};
-  bool may = lies_in(address, FLASH_STORE, 2UL * CRUX_FLASH_PAGE);
+  bool may = lies_in(address, (running == 1U) ? FLASH_STORE_0 : FLASH_STORE_1, STORE_BYTES);
   for (uint8_t slot = 0U; slot < CRUX_SLOTS; slot++) {
     const bool is_mark = lies_in(address, slots[slot] + FLASH_SLOT_BYTES - CRUX_FLASH_PAGE, CRUX_FLASH_PAGE);
     may = may || is_mark ||
@@ -121,7 +130,30 @@ static bool erase(void *context, uint32_t address) {
 }
 
 static const crux_flash flash = {.context = NULL, .read = read, .write = write, .erase = erase};
-const crux_store flash_port_store = {.flash = &flash, .pages = {FLASH_STORE, FLASH_STORE + CRUX_FLASH_PAGE}};
+static const crux_store store_of_slot_0 = {
+    .flash = &flash,
+    .count = 4U,
+    .pages = {FLASH_STORE_1, FLASH_STORE_1 + CRUX_FLASH_PAGE, FLASH_STORE_0, FLASH_STORE_0 + CRUX_FLASH_PAGE}};
+static const crux_store store_of_slot_1 = {
+    .flash = &flash,
+    .count = 4U,
+    .pages = {FLASH_STORE_0, FLASH_STORE_0 + CRUX_FLASH_PAGE, FLASH_STORE_1, FLASH_STORE_1 + CRUX_FLASH_PAGE}};
+/// Of a program that lies where the other one would be.
+static const crux_store store_alone = {
+    .flash = &flash, .count = 2U, .pages = {FLASH_STORE_1, FLASH_STORE_1 + CRUX_FLASH_PAGE}};
+
+const crux_store *flash_port_store(void) {
+  const uint8_t slot = flash_port_running_slot();
+  const crux_store *store = &store_alone;
+  if (slot == 0U) {
+    store = &store_of_slot_0;
+  } else if (slot == 1U) {
+    store = &store_of_slot_1;
+  } else {
+    // without a boot stage
+  }
+  return store;
+}
 
 void flash_port_slots(crux_slots *slots, uint32_t kind) {
   const uint8_t *key = (const uint8_t *)(FLASH_START + FLASH_KEY);

@@ -1,6 +1,6 @@
-/// The chip's own flash, in dual-bank mode: two banks of 128 pages. Programs run from the first bank while the second
-/// one is written, so the processor never waits for it. The last three pages: two of the parameter store, then the
-/// board's calibration, which is never touched.
+/// The chip's own flash, in dual-bank mode: two banks of 128 pages. A processor that reads from a bank that is written
+/// waits, an erase takes 22 ms, and the current loop would wait with it. So a program writes to the bank that it does
+/// not run from; its own marks are the exception, a double word each. The board's calibration is never touched.
 #ifndef CRUX_STM32G474_FLASH_PORT_H
 #define CRUX_STM32G474_FLASH_PORT_H
 
@@ -10,7 +10,7 @@
 #include "store.h"
 
 /// Where the node's parameters are kept.
-extern const crux_store flash_port_store;
+const crux_store *flash_port_store(void);
 
 /// The slot whose program runs, CRUX_NO_SLOT for the boot stage and for programs linked for the flash's start.
 uint8_t flash_port_running_slot(void);

@@ -71,7 +71,7 @@ int main(void) {
     return 1;
   }
   crux_service_init(&service, (uint8_t)CRUX_CAN_NODE_GRIPPER, update_port_init((uint32_t)CRUX_KIND_GRIPPER),
-                    node_table_hash, &parameters, &flash_port_store);
+                    node_table_hash, &parameters, flash_port_store());
   crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
   update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
@@ -99,6 +99,7 @@ int main(void) {
         crux_gripper_drive_tick(&drive, BOARD_TICK_S, outputs.force_N, may_release, inputs.temperature_degC);
       }
       crux_service_tick(&service, BOARD_TICK_US, node.state);
+      board_feed_watchdog(update_port_is_kept());
     }
     crux_gripper_node_publish(&node, &inputs);
     while (fdcan_can_send() &&

@@ -11,8 +11,10 @@ from pathlib import Path
 
 _NODE = re.compile(r'node: \{ title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \((\w+)')
 _EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
+_FLASH = re.compile(r"^FLASH\s+0x[0-9a-f]+\s+0x([0-9a-f]+)", re.MULTILINE)
 EXCEPTION_FRAME_BYTES = 108  # what the core pushes with the floating-point registers, and its alignment
 INTERRUPTS = ("board_on_systick", "drive_port_on_sample", "fdcan_on_interrupt")
+BOOT_STAGE = "crux_boot"
 
 
 class CallGraph:
@@ -46,18 +48,30 @@ class CallGraph:
         return depth(start)
 
 
+def flash_bytes(image: Path) -> int:
+    """Room for a program, from the linker's map beside it."""
+    found = re.search(
+        r"^FLASH\s+0x[0-9a-f]+\s+0x([0-9a-f]+)", image.with_suffix(".map").read_text("utf-8"), re.MULTILINE
+    )
+    if not found:
+        raise ValueError(f"no memory FLASH in the map of {image}")
+    return int(found[1], 16)
+
+
 def describe(image: Path, size_tool: str) -> str:
     """One line: sizes and stack of an image."""
     listing = subprocess.run([size_tool, str(image)], check=True, capture_output=True, text=True).stdout
     text, data, bss = (int(number) for number in listing.splitlines()[1].split()[:3])
-    own_main = f"{image.stem.removeprefix('crux_')}_main.c"
+    own_main = f"{image.stem.split('_')[1]}_main.c"
     graphs = [p for p in image.parent.glob("*.ci") if not p.name.endswith("_main.c.ci") or p.name == f"{own_main}.ci"]
     if not graphs:
         raise FileNotFoundError(f"no call graphs (*.ci) beside {image}")
     graph = CallGraph(graphs)
-    interrupts = sum(graph.deepest(name) + EXCEPTION_FRAME_BYTES for name in INTERRUPTS)
+    handlers = INTERRUPTS[:1] if image.stem == BOOT_STAGE else INTERRUPTS
+    interrupts = sum(graph.deepest(name) + EXCEPTION_FRAME_BYTES for name in handlers)
+    room = flash_bytes(image)
     return (
-        f"{image.name}: flash {text + data} B, RAM {data + bss} B, stack {graph.deepest('main')} B"
+        f"{image.name}: flash {text + data} of {room} B, RAM {data + bss} B, stack {graph.deepest('main')} B"
         f" + {interrupts} B for interrupts (library functions not counted)"
     )
 

@@ -59,7 +59,7 @@ int main(void) {
     return 1;
   }
   crux_service_init(&service, number, update_port_init((uint32_t)CRUX_KIND_JOINT), node_table_hash, &parameters,
-                    &flash_port_store);
+                    flash_port_store());
   crux_joint_node_init(&node, limb, number, node_table_hash, &parameters);
   update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
@@ -83,6 +83,7 @@ int main(void) {
         crux_joint_drive_tick(&drive, BOARD_TICK_S, outputs.torque_Nm, inputs.temperature_degC);
       }
       crux_service_tick(&service, BOARD_TICK_US, node.state);
+      board_feed_watchdog(update_port_is_kept());
     }
     crux_joint_node_publish(&node, &inputs);
     while (fdcan_can_send() &&

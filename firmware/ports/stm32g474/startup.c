@@ -1,6 +1,7 @@
 /// Vector table and the way from reset to main.
 #include <stdint.h>
 
+#include "board.h"
 #include "drive_port.h"
 #include "flash_port.h"
 #include "registers.h"
@@ -37,10 +38,12 @@ void reset_handler(void) {
 /// A processor fault. The field stands from now on, at the strength the winding bears for good: the rotor's magnets
 /// lock to it and the joint stays, without the processor. The node falls silent and the host sees that. Neither an open
 /// bridge (limp) nor shorted phases (the joint creeps down) would do, nor the last duties as they are: they hold the
-/// load of that moment and no more. A restart would open the bridge, and again after every further fault.
+/// load of that moment and no more. A restart would open the bridge, and again after every further fault. Only an image
+/// on trial is restarted, by the watchdog.
 static void fault_handler(void) {
   drive_port_stand();
   for (;;) {
+    board_stay_awake();
   }
 }
 

@@ -21,3 +21,5 @@ void update_port_offer(crux_service *service) {
     crux_service_offer_update(service, &update);
   }
 }
+
+bool update_port_is_kept(void) { return (update.slots == NULL) || update.running.confirmed; }

@@ -47,7 +47,7 @@ struct Services {
   Services() {
     crux_flash_model_init(&model, bytes.data(), damaged.data(), static_cast<std::uint32_t>(bytes.size()));
     flash = crux_flash_model_interface(&model);
-    store = {&flash, {0, CRUX_FLASH_PAGE}};
+    store = {&flash, 2, {0, CRUX_FLASH_PAGE}};
   }
   Services(const Services&) = delete;
   Services& operator=(const Services&) = delete;

@@ -16,6 +16,7 @@ from crux_tools.errors import UsageError
 MAGIC = b"CRUXIMG1"
 SIGNED_BYTES = 128
 HEADER_BYTES = 192
+ELF_MAGIC = b"\x7fELF"
 LARGEST_VERSION = 99
 
 
@@ -40,6 +41,14 @@ def version_text(number: int) -> str:
 
 
 @dataclass(frozen=True)
+class Program:
+    """The bytes of a program, and the address it is linked for (0: none)."""
+
+    payload: bytes
+    address: int
+
+
+@dataclass(frozen=True)
 class Image:
     """A signed image, as read; the node judges the signature."""
 
@@ -47,6 +56,32 @@ class Image:
     payload: bytes
     kind: str
     version: int
+    address: int
+
+
+def read_program(path: Path) -> Program:
+    """A program: an ELF file of the linker, or bytes that run anywhere. Raises UsageError for an ELF without them."""
+    data = path.read_bytes()
+    if not data:
+        raise UsageError(f"{path}: is empty")
+    if data[:4] != ELF_MAGIC:
+        return Program(data, 0)
+    try:
+        (table,) = struct.unpack_from("<I", data, 28)
+        size, count = struct.unpack_from("<2H", data, 42)
+        segments = [struct.unpack_from("<5I", data, table + i * size) for i in range(count)]
+    except struct.error:
+        raise UsageError(f"{path}: an ELF file that is cut short") from None
+    # (type, offset, virtual address, load address, bytes in the file)
+    loaded = sorted((load, data[at : at + length]) for kind, at, _, load, length in segments if kind == 1 and length)
+    if data[4:6] != b"\1\1" or not loaded:
+        raise UsageError(f"{path}: an ELF file without a program for a 32-bit processor")
+    start = loaded[0][0]
+    payload = bytearray()
+    for address, content in loaded:
+        payload = payload.ljust(address - start, b"\xff")
+        payload[address - start : address - start + len(content)] = content
+    return Program(bytes(payload), start)
 
 
 def new_key(path: Path) -> bytes:
@@ -85,14 +120,18 @@ def sign(payload: bytes, kind: str, version: int, key_file: Path, address: int =
     return head + key.sign(head) + payload, key.public_key().public_bytes_raw()
 
 
-def read_image(path: Path) -> Image:
-    """A signed image. Raises UsageError when the file is none, or damaged."""
+def read_images(path: Path) -> list[Image]:
+    """The signed images of a file, one after another. Raises UsageError when one is none, or damaged."""
     data = path.read_bytes()
-    if len(data) < HEADER_BYTES or data[: len(MAGIC)] != MAGIC:
-        raise UsageError(f"{path}: not a signed image; `crux can sign` makes one")
-    kind, version, length = struct.unpack("<3I", data[8:20])
-    payload = data[HEADER_BYTES:]
-    if len(payload) != length or hashlib.sha512(payload).digest() != data[64:SIGNED_BYTES]:
-        raise UsageError(f"{path}: damaged: {len(payload)} bytes where {length} with another digest were signed")
     names = {number: name for name, number in node_kinds().items()}
-    return Image(data[:HEADER_BYTES], payload, names.get(kind, f"kind {kind}"), version)
+    images: list[Image] = []
+    while data or not images:
+        if len(data) < HEADER_BYTES or data[: len(MAGIC)] != MAGIC:
+            raise UsageError(f"{path}: not a signed image; `crux can sign` makes one")
+        kind, version, length, address = struct.unpack("<4I", data[8:24])
+        header, payload = data[:HEADER_BYTES], data[HEADER_BYTES : HEADER_BYTES + length]
+        if len(payload) != length or hashlib.sha512(payload).digest() != header[64:SIGNED_BYTES]:
+            raise UsageError(f"{path}: damaged: {len(payload)} bytes where {length} with another digest were signed")
+        images.append(Image(header, payload, names.get(kind, f"kind {kind}"), version, address))
+        data = data[HEADER_BYTES + length :]
+    return images

@@ -11,13 +11,23 @@ from typing import Any
 from crux_contracts.node_services import number
 
 from crux_tools.arguments import taught
-from crux_tools.can.image import new_key, node_kinds, read_image, sign, version_number, version_text
+from crux_tools.can.image import (
+    Image,
+    new_key,
+    node_kinds,
+    read_images,
+    read_program,
+    sign,
+    version_number,
+    version_text,
+)
 from crux_tools.can.node_link import NodeLink
 from crux_tools.can.param_command import add_node_options, open_link
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json, progress
 
 CONFIRM_S = 10.0
+TRIES = 4  # one more than the node has
 NO_SLOT = 0xFF
 
 
@@ -27,12 +37,17 @@ def add_sign(actions: Any) -> None:
         "sign",
         help="sign a node's firmware",
         **taught(
-            "Makes a signed image (Ed25519) of a program for `crux can update`. Nodes take images signed with the key "
-            "whose public half they were built with, which this command prints. --new-key makes a key first.",
-            "crux can sign joint.bin --kind joint --firmware-version 0.2.0 --key firmware.pem -o joint.image",
+            "Makes signed images (Ed25519) of programs for `crux can update`. A microcontroller's program is linked for "
+            "one of its two slots: give both, and the file fits whichever slot a node does not run from. Nodes take "
+            "images signed with the key whose public half lies in them, which this command prints. --new-key makes a "
+            "key first.",
+            "crux can sign crux_joint_slot0.elf crux_joint_slot1.elf --kind joint --firmware-version 0.2.0 "
+            "--key firmware.pem -o joint.image",
         ),
     )
-    parser.add_argument("program", type=Path, metavar="PROGRAM", help="the program's bytes (objcopy -O binary)")
+    parser.add_argument(
+        "programs", type=Path, metavar="PROGRAM", nargs="+", help="ELF files, one a slot; or bytes that run anywhere"
+    )
     parser.add_argument("--kind", required=True, choices=sorted(node_kinds()), help="which nodes it is for")
     parser.add_argument("--firmware-version", required=True, metavar="X.Y.Z", help="newer than what the nodes run")
     parser.add_argument("--key", required=True, type=Path, metavar="FILE", help="private key, PEM")
@@ -64,34 +79,57 @@ def add_update(actions: Any) -> None:
 def run_sign(options: argparse.Namespace) -> int:
     """Exit status 0 when the image is written."""
     version = version_number(options.firmware_version)
-    payload = options.program.read_bytes()
-    if not payload:
-        raise UsageError(f"{options.program}: is empty")
+    programs = [read_program(path) for path in options.programs]
+    addresses = [program.address for program in programs]
+    if len(set(addresses)) < len(addresses):
+        raise UsageError("two of the programs are linked for the same address: right is one a slot")
     if options.new_key:
         if options.key.exists():
             raise UsageError(f"--new-key: {options.key} exists already")
         new_key(options.key)
-    image, public = sign(payload, options.kind, version, options.key)
-    options.output.write_bytes(image)
+    images = [sign(program.payload, options.kind, version, options.key, program.address) for program in programs]
+    data = b"".join(image for image, _ in images)
+    options.output.write_bytes(data)
+    public = images[0][1].hex()
     if options.json:
-        print_json({"ok": True, "image": str(options.output), "bytes": len(image), "public_key": public.hex()})
+        print_json({
+            "ok": True, "image": str(options.output), "bytes": len(data), "public_key": public, "addresses": addresses,
+        })  # fmt: skip
     else:
-        print(
-            f"{options.output}: {options.kind} {version_text(version)}, {len(image)} bytes, public key {public.hex()}"
-        )
+        places = ", ".join(f"0x{address:08X}" if address else "any slot" for address in addresses)
+        print(f"{options.output}: {options.kind} {version_text(version)} for {places}")
+        print(f"{len(data)} bytes, public key {public}")
     return 0
 
 
 def slots(link: NodeLink) -> dict[str, Any]:
     """What the node says of its slots."""
-    slot, confirmed, version, other, capacity = struct.unpack("<BBIII", link.read(number("data", "UPDATE")))
+    slot, confirmed, version, other, capacity, address = struct.unpack("<BB4I", link.read(number("data", "UPDATE")))
     return {
         "slot": None if slot == NO_SLOT else slot,
         "confirmed": bool(confirmed),
         "version": version,
         "other_version": other,
         "capacity": capacity,
+        "address": address,
     }
+
+
+def suitable(images: list[Image], link: NodeLink, state: dict[str, Any], source: str) -> Image:
+    """The image for the slot that does not run. Raises UsageError when there is none that the node would take."""
+    wanted = state["address"]
+    (image, *_) = [image for image in images if image.address == wanted] or [None]
+    if image is None:
+        place = f"0x{wanted:08X}, the slot that does not run" if wanted else "no address, as this node runs it"
+        raise UsageError(f"{source}: no image in it is linked for {place}; sign the programs of both slots")
+    if image.kind != link.name.kind:
+        raise UsageError(f"{source} is for a {image.kind}, {link.name} is a {link.name.kind}")
+    if image.version <= state["version"]:
+        running = version_text(state["version"])
+        raise UsageError(f"{source}: version {version_text(image.version)} is not newer than {running}")
+    if len(image.payload) > state["capacity"]:
+        raise UsageError(f"{source}: {len(image.payload)} bytes, {link.name} has room for {state['capacity']}")
+    return image
 
 
 def load(link: NodeLink, header: bytes, payload: bytes) -> None:
@@ -106,37 +144,36 @@ def load(link: NodeLink, header: bytes, payload: bytes) -> None:
 
 
 def wait_until_confirmed(link: NodeLink, version: int) -> None:
-    """Until the node has confirmed what runs. Raises WorkFailed when it goes back, or does not within CONFIRM_S."""
-    deadline_s = time.monotonic() + CONFIRM_S
-    while True:
-        now = slots(link)
-        if now["version"] != version:
-            raise WorkFailed(f"{link.name} went back to {version_text(now['version'])}")
-        if now["confirmed"]:
-            return
-        if time.monotonic() > deadline_s:
-            raise WorkFailed(f"{link.name} runs {version_text(version)} but does not confirm it; is a sensor missing?")
-        time.sleep(0.1)
+    """Until the node has confirmed what runs; where it does not within CONFIRM_S its tries are used up by restarts.
+
+    Raises WorkFailed when it goes back, which a node does by itself when the new firmware hangs.
+    """
+    for _ in range(TRIES):
+        deadline_s = time.monotonic() + CONFIRM_S
+        while time.monotonic() < deadline_s:
+            now = slots(link)
+            if now["version"] != version:
+                raise WorkFailed(
+                    f"{link.name} went back to {version_text(now['version'])}: {version_text(version)} did not confirm "
+                    "itself; does it run on this board, and are its sensors there?"
+                )
+            if now["confirmed"]:
+                return
+            time.sleep(0.1)
+        link.restart()
+    raise WorkFailed(f"{link.name} runs {version_text(version)}, does not confirm it and has none to go back to")
 
 
 def run_update(options: argparse.Namespace) -> int:
     """Exit status 0 when the new firmware runs and has confirmed itself."""
-    image = read_image(options.image)
+    images = read_images(options.image)
     if not options.off_the_wall:
         raise UsageError(
             "the node's restart drops what it carries: take the robot off the wall, then add --off-the-wall"
         )
     with open_link(options) as link:
-        if image.kind != link.name.kind:
-            raise UsageError(f"{options.image} is for a {image.kind}, {link.name} is a {link.name.kind}")
         before = slots(link)
-        if image.version <= before["version"]:
-            running = version_text(before["version"])
-            raise UsageError(f"{options.image}: version {version_text(image.version)} is not newer than {running}")
-        if len(image.payload) > before["capacity"]:
-            raise UsageError(
-                f"{options.image}: {len(image.payload)} bytes, {link.name} has room for {before['capacity']}"
-            )
+        image = suitable(images, link, before, str(options.image))
         load(link, image.header, image.payload)
         link.restart()
         wait_until_confirmed(link, image.version)
