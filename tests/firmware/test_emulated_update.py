@@ -38,6 +38,7 @@ def on_desk(robot: Robot, maker: Maker) -> Iterator[tuple[Board, Desk, NodeLink]
     """A board whose slot 0 runs version 1, confirmed, and a link to it."""
     node = GRIPPER if maker.kind == "gripper" else JOINT
     with board(robot, LF, node, maker.board_file()) as emulated, host(robot) as spoken:
+        emulated.look_into(program_file(f"crux_{maker.kind}_slot0"))
         spoken.nodes.replace(LF, node, emulated.port)
         desk = Desk(spoken)
         name = node_name(f"LF.{'gripper' if node == GRIPPER else node}")

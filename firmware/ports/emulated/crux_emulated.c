@@ -83,4 +83,6 @@ void crux_emulated_replay(emulated_node *node, uint32_t operation, int cut) {
   flash_record_replay(&node->chip.record, &node->chip.flash, operation, (crux_flash_cut)cut);
 }
 
+void crux_emulated_look_into(emulated_node *node, const char *program) { emulated_node_look_into(node, program); }
+
 uint32_t crux_emulated_vectors(const emulated_node *node) { return node->chip.core.control_space[SCB_VTOR / 4U]; }

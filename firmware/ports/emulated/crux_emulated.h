@@ -75,6 +75,9 @@ CRUX_API uint32_t crux_emulated_recorded(const emulated_node *node);
 /// Makes the flash as if the power had failed in one of them, counted from 1; then crux_emulated_power_on.
 CRUX_API void crux_emulated_replay(emulated_node *node, uint32_t operation, int cut);
 
+/// The programs in the flash's slots are those of this ELF file, where the board's state is looked up.
+CRUX_API void crux_emulated_look_into(emulated_node *node, const char *program);
+
 /// Address of the vectors of the program that runs.
 CRUX_API uint32_t crux_emulated_vectors(const emulated_node *node);
 

@@ -136,6 +136,7 @@ def _load(path: Path) -> ctypes.CDLL:
         "record": (integer, [handle]),
         "recorded": (ctypes.c_uint32, [handle]),
         "replay": (None, [handle, ctypes.c_uint32, integer]),
+        "look_into": (None, [handle, ctypes.c_char_p]),
         "vectors": (ctypes.c_uint32, [handle]),
         "can_register": (ctypes.c_uint32, [handle, ctypes.c_uint32]),
     }
@@ -244,6 +245,10 @@ class Board:
     def replay(self, operation: int, cut: Cut) -> None:
         """The flash as if the power had failed in that recorded operation, counted from 1; then `power_on`."""
         self._library.crux_emulated_replay(self._handle, operation, cut)
+
+    def look_into(self, program: Path) -> None:
+        """The programs in the slots are those of this ELF file, where the board's state is looked up."""
+        self._library.crux_emulated_look_into(self._handle, str(program).encode())
 
     @property
     def vectors(self) -> int:

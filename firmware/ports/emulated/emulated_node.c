@@ -246,7 +246,7 @@ static void state(void *context, uint8_t *state_now, uint8_t *faults) {
 }
 
 /// The firmware's node in the chip's memory: of fixed size and aligned the same here and there.
-static void find_object(emulated_node *node, const char *image) {
+void emulated_node_look_into(emulated_node *node, const char *image) {
   const uint32_t address = elf_image_object(image, "node", (uint32_t)node_bytes(node));
   if ((address >= RAM_START) && (address - RAM_START <= CORTEX_RAM_BYTES - node_bytes(node))) {
     node->object = node->chip.core.ram + (address - RAM_START);
@@ -321,7 +321,7 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
     emulated_node_delete(node);
     return NULL;
   }
-  find_object(node, image);
+  emulated_node_look_into(node, image);
   write_calibration(node);
   return node;
 }

@@ -78,4 +78,7 @@ void emulated_node_delete(emulated_node *node);
 /// Power comes on with the shaft at `position`; the board boots.
 void emulated_node_power_on(emulated_node *node, double position);
 
+/// The board runs the program of another ELF file than the one its flash was filled from: states are looked up there.
+void emulated_node_look_into(emulated_node *node, const char *image);
+
 #endif

@@ -37,10 +37,10 @@ def add_sign(actions: Any) -> None:
         "sign",
         help="sign a node's firmware",
         **taught(
-            "Makes signed images (Ed25519) of programs for `crux can update`. A microcontroller's program is linked for "
-            "one of its two slots: give both, and the file fits whichever slot a node does not run from. Nodes take "
-            "images signed with the key whose public half lies in them, which this command prints. --new-key makes a "
-            "key first.",
+            "Makes signed images (Ed25519) of programs for `crux can update`. A microcontroller's program is linked "
+            "for one of its two slots: give both, and the file fits whichever slot a node does not run from. Nodes "
+            "take images signed with the key whose public half lies in them, which this command prints. --new-key "
+            "makes a key first.",
             "crux can sign crux_joint_slot0.elf crux_joint_slot1.elf --kind joint --firmware-version 0.2.0 "
             "--key firmware.pem -o joint.image",
         ),
@@ -118,7 +118,7 @@ def slots(link: NodeLink) -> dict[str, Any]:
 def suitable(images: list[Image], link: NodeLink, state: dict[str, Any], source: str) -> Image:
     """The image for the slot that does not run. Raises UsageError when there is none that the node would take."""
     wanted = state["address"]
-    (image, *_) = [image for image in images if image.address == wanted] or [None]
+    image = next((image for image in images if image.address == wanted), None)
     if image is None:
         place = f"0x{wanted:08X}, the slot that does not run" if wanted else "no address, as this node runs it"
         raise UsageError(f"{source}: no image in it is linked for {place}; sign the programs of both slots")
