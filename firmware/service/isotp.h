@@ -11,7 +11,6 @@
 /// Longest message that is taken in, and longest that is sent.
 #define CRUX_ISOTP_RECEIVED_CAPACITY 1024U
 #define CRUX_ISOTP_SENT_CAPACITY 256U
-#define CRUX_ISOTP_MOST_FRAMES 6U  ///< that can be due at once: flow control, and a sent message without separation
 
 /// Gap between consecutive frames that we ask a sender for: at 64 bytes a frame 4 % of the bus, beside the control
 /// cycle.

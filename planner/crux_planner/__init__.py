@@ -1,7 +1,8 @@
 """The planner: from a scenario and a robot description to a checked plan.
 
-Public: `plan`, `Planner` (plans again, warm), `PlanResult`, `InfeasibleError`, and `crux_planner.checker`. Names are
-imported when first used, so that the checker and the command line do not wait for the optimisation libraries.
+Public: `plan`, `Planner` (plans again, warm), `PlanResult`, `InfeasibleError`, and the modules `checker`, `replanning`,
+`errors` and `alone` (the paper's methods by themselves, for measuring). Names
+are imported when first used, so that the checker and the command line do not wait for the optimisation libraries.
 """
 
 from __future__ import annotations

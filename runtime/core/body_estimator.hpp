@@ -20,7 +20,6 @@ class BodyEstimator {
   const Pose& body_W() const { return body_W_; }
 
   static constexpr int kIterationsPerCycle = 3;
-  static constexpr int kIterationsFromAfar = 50;
 
  private:
   Pose body_W_;

@@ -15,8 +15,6 @@
 /// Read ERRFL (address 0x0001): reading clears the error flag.
 #define CRUX_AS5047P_READ_ERRORS 0x4001U
 
-#define CRUX_AS5047P_COUNTS 16384U
-
 /// Whether an answer has its parity and no error flag. A wire torn to high fails by the flag; one torn to low reads as
 /// zero: to the loop a rotor that stands.
 bool crux_as5047p_valid(uint16_t answer);

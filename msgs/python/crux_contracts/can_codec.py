@@ -31,10 +31,6 @@ class Verdict(Enum):
     REPEATED = 2
     CORRUPT = 3
 
-    @property
-    def is_usable(self) -> bool:
-        return self in (Verdict.OK, Verdict.LOST)
-
 
 @dataclass(frozen=True)
 class Frame:

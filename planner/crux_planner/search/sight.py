@@ -67,14 +67,6 @@ class Sight:
             return False
         return all(self._swing_clear(limb, bodies, before[limb], after[limb]) for limb in limbs)
 
-    def knot_blocked(self, poses: Array, bodies: Array) -> tuple[int, int] | None:
-        """The first (knot, limb) at which a limb meets something, for gripper poses (K, 4, 5) and bodies (K, 3)."""
-        if not self.anything:
-            return None
-        gaps = np.stack([self._gap(limb, bodies, poses[:, limb, :4]) for limb in range(4)], axis=1)
-        blocked = np.argwhere(gaps < CLEARANCE_M / 2)
-        return (int(blocked[0, 0]), int(blocked[0, 1])) if len(blocked) else None
-
     def _swing_clear(self, limb: int, bodies: Array, start: int, end: int) -> bool:
         best = self.ways.passed_over(start, end)
         for further in range(_OTHER_WAYS):

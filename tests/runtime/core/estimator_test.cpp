@@ -13,6 +13,8 @@ struct Stance {
   PerLimb<Vector3> grippers_B_m;
 };
 
+constexpr int kIterationsFromAfar = 50;  // a cycle has fewer, and begins near
+
 Stance stance(const Pose& body_W) {
   Stance stance;
   for (int l = 0; l < kLimbs; ++l) {
@@ -31,8 +33,7 @@ TEST(BodyEstimator, RecoversAKnownPoseFromAnyThreeOrFourLimbs) {
     if (missing >= 0) weights[missing] = 0.0;
     BodyEstimator estimator;
     estimator.reset({Matrix3::Identity(), Vector3::Zero()});
-    const Pose estimate =
-        estimator.update(seen.anchors_W_m, seen.grippers_B_m, weights, BodyEstimator::kIterationsFromAfar);
+    const Pose estimate = estimator.update(seen.anchors_W_m, seen.grippers_B_m, weights, kIterationsFromAfar);
     EXPECT_LT((estimate.position_m - truth.position_m).norm(), 1e-9) << "without limb " << missing;
     EXPECT_LT((estimate.rotation - truth.rotation).norm(), 1e-9) << "without limb " << missing;
   }

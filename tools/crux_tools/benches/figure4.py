@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 from crux_tools.benches.residuals import FORCE, POSITION, draw, print_table, summary
@@ -12,7 +11,6 @@ from crux_tools.paths import SCENARIOS
 
 PANELS = (POSITION, FORCE)  # point feet: no finger turns, none carries a moment
 ITERATIONS = {"two_block": 10, "multi_block": 30}
-LIMIT_S = 120.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,17 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when both end within the paper's thresholds."""
-    from crux_contracts.robot import load_robot
     from crux_contracts.scenario import load_scenario
-    from crux_planner.walk.methods import METHODS, WalkTask
-    from crux_planner.walk.problem import build_walk
+    from crux_planner.alone import walk_residuals
 
     scenario = load_scenario(options.scenario)
-    problem = build_walk(scenario, load_robot(scenario.robot))
-    histories = {}
-    for method, iterations in ITERATIONS.items():
-        task = WalkTask(problem, time.monotonic() + LIMIT_S, iterations=iterations, to_the_end=True)
-        histories[method] = METHODS[method](task).residuals
+    histories = {
+        method: walk_residuals(scenario, method, iterations=iterations, to_the_end=True)
+        for method, iterations in ITERATIONS.items()
+    }
     draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, PANELS)
     result = summary(histories, options.output)
     if options.json:

@@ -30,12 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when both end within the paper's thresholds."""
     from crux_contracts.scenario import load_scenario
-
-    from crux_tools.benches.climb_method import run_alone
+    from crux_planner.alone import climb_alone
 
     scenario = load_scenario(options.scenario)
     histories = {
-        method: run_alone(scenario, method, iterations=iterations, to_the_end=True).decided.residuals
+        method: climb_alone(scenario, method, iterations=iterations, to_the_end=True).decided.residuals
         for method, iterations in ITERATIONS.items()
     }
     draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, PANELS)

@@ -17,11 +17,12 @@ import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import Scenario, parse_scenario
 
+from crux_tools.benches.random_walls import BODY_HEIGHT_M, CONTACT
 from crux_tools.output import note, print_json
 
 SLOPE_DEG = 75.0
 ROWS_M, STAGGER_M, ASIDE_M = 0.16, 0.03, 0.36  # of the start's holds
-ADVANCE_M, BODY_ADVANCE_M, BODY_HEIGHT_M = 0.14, 0.25, 0.185
+ADVANCE_M, BODY_ADVANCE_M = 0.14, 0.25
 HOLD_M = 0.06
 BODY_WEIGHT = 50.0  # of the body's distance from the goal, where 1 is usual
 TUMBLING = "moment_balance"
@@ -71,13 +72,7 @@ def trot_wall() -> str:
         "name": "trot-wall",
         "robot": "scaler",
         "wall": {"slope_deg": SLOPE_DEG},
-        "contact": {
-            "model": "patch",
-            "patch_radius_m": 0.02,
-            "max_normal_N": 60,
-            "spine_shear_N": 5,
-            "spine_twist_Nm": 0.05,
-        },
+        "contact": CONTACT,
         "holds": holds,
         "start": {"body": {"position_m": [0.0, 0.0, BODY_HEIGHT_M]}, "grasps": grasps["low"]},
         "goal": {"body": {"position_m": [BODY_ADVANCE_M, 0.0, BODY_HEIGHT_M]}, "grasps": grasps["high"]},
@@ -89,9 +84,9 @@ def trot_wall() -> str:
 
 def gait_alone(scenario: Scenario, *, moments: bool, iterations: int = 1) -> Gait:
     """The gait of two-block ADMM after some iterations, with and without (8b) in the contact block."""
-    from crux_tools.benches.climb_method import run_alone
+    from crux_planner.alone import climb_alone
 
-    alone = run_alone(scenario, "two_block", moments=moments, iterations=iterations)
+    alone = climb_alone(scenario, "two_block", moments=moments, iterations=iterations)
     off = [v.amount for v in alone.check.violations if v.constraint == TUMBLING]
     schedule = alone.decided.schedule
     away = [[knot[limb] is None for knot in schedule.contacts] for limb in range(len(LIMB_NAMES))]

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 
-from crux_tools.benches.random_walls import BODY_HEIGHT_M, ROUNDING, START_XY_M
+from crux_tools.benches.random_walls import BODY_HEIGHT_M, CONTACT, ROUNDING, START_XY_M
 
 HOLDS = (16, 45)
 SLOPE_DEG = (0.0, 110.0)
@@ -60,13 +59,7 @@ def _draw(random: Random, name: str) -> dict[str, Any]:
         "name": name,
         "robot": "scaler",
         "wall": {"slope_deg": slope},
-        "contact": {
-            "model": "patch",
-            "patch_radius_m": 0.02,
-            "max_normal_N": 60,
-            "spine_shear_N": 5,
-            "spine_twist_Nm": 0.05,
-        },
+        "contact": CONTACT,
         "holds": holds,
         "start": {
             "body": {"position_m": [0.0, 0.0, BODY_HEIGHT_M]},
@@ -108,17 +101,9 @@ def _hold(random: Random, name: str, position_m: list[float]) -> dict[str, Any]:
 
 def _stands(text: str) -> bool:
     """Whether the planner accepts the start."""
-    from crux_planner.build import build_problem
-    from crux_planner.errors import InfeasibleError
-    from crux_planner.reasons import check_start
-    from crux_planner.search.balance import Balance
+    from crux_planner.alone import start_is_well_formed
 
     try:
-        scenario = parse_scenario(text)
-        problem = build_problem(scenario, load_robot(scenario.robot))
-        check_start(scenario, problem, Balance(problem, problem.friction_share))
+        return start_is_well_formed(parse_scenario(text))
     except ScenarioError:
         return False
-    except InfeasibleError:
-        return True
-    return True

@@ -19,6 +19,13 @@ BODY_HEIGHT_M = 0.185
 HOLD_SIZE_M = 0.06
 RUNG_M, COLUMN_M = 0.15, 0.36  # of a ladder: between two rungs, and of its columns from the middle
 RUNG_SCATTER_M = 0.015
+CONTACT = {  # micro-spines and sandpaper, as on the paper's walls
+    "model": "patch",
+    "patch_radius_m": 0.02,
+    "max_normal_N": 60,
+    "spine_shear_N": 5,
+    "spine_twist_Nm": 0.05,
+}
 ROUNDING = 4  # digits, so that the file is what was drawn
 
 
@@ -85,13 +92,7 @@ def _scenario(
         "name": name,
         "robot": "scaler",
         "wall": {"slope_deg": slope_deg, "friction": 0.6},
-        "contact": {
-            "model": "patch",
-            "patch_radius_m": 0.02,
-            "max_normal_N": 60,
-            "spine_shear_N": 5,
-            "spine_twist_Nm": 0.05,
-        },
+        "contact": CONTACT,
         "holds": holds,
         "start": {
             "body": {"position_m": [0.0, 0.0, BODY_HEIGHT_M]},

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crux_planner.admm.consensus import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
+from crux_planner.alone import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
 from crux_tools.output import note
 

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 
@@ -210,6 +210,3 @@ def console_tail(state: Path) -> str:
     except OSError:
         return ""
     return f"; its console ends:\n{text}" if text else ""
-
-
-Runner = Callable[[Job, Path], int]

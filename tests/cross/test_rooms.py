@@ -1,0 +1,72 @@
+"""Who may use whom: rooms know only what stands before them in the way of the data, tools the planner's public part."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOM_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
+ROOM_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
+MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
+PUBLIC = re.compile(r"crux_planner(\.(errors|replanning|alone|checker(\.\w+)*))?")
+FOLDERS = {"core": set(), "bus": {"core"}, "exchange": {"core", "bus"}, "lcm": {"core", "bus", "exchange"}}
+FOLDERS |= {"telemetry": {"exchange"}, "app": {"core", "bus", "exchange", "lcm", "telemetry"}}
+NODE = {"safety": set(), "core": {"safety"}, "service": {"core", "safety", "update"}}
+NODE |= {"update": {"core", "safety", "service"}}
+WORDS = {"codec.h", "frame.h", "parameters.h"}  # of the core: names and layouts, which the safety room uses too
+
+
+def python_imports(room: str) -> Iterator[tuple[Path, str]]:
+    for path in sorted((ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                yield from ((path, name.name) for name in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module is not None:
+                yield path, node.module
+
+
+def includes(folder: Path) -> Iterator[tuple[Path, str]]:
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in (".c", ".h", ".cpp", ".hpp")):
+        for name in re.findall(r'^#include "([^"]+)"', path.read_text(encoding="utf-8"), re.MULTILINE):
+            yield path, name
+
+
+@pytest.mark.parametrize("room", MAY_USE)
+def test_python_of_a_room_imports_only_what_stands_before_it(room: str) -> None:
+    used = [(path, name, ROOM_OF.get(name.partition(".")[0], room)) for path, name in python_imports(room)]
+    astray = [f"{path}: {name}" for path, name, of in used if of not in {room, *MAY_USE[room]}]
+    assert not astray
+
+
+def test_tools_use_only_the_public_part_of_the_planner() -> None:
+    used = [(path, name) for path, name in python_imports("tools") if name.partition(".")[0] == "crux_planner"]
+    assert used
+    assert not [f"{path}: {name}" for path, name in used if PUBLIC.fullmatch(name) is None]
+
+
+def test_the_checker_shares_nothing_with_the_planner() -> None:
+    checker = ROOT / "planner" / "crux_planner" / "checker"
+    used = [(path, name) for path, name in python_imports("planner/crux_planner/checker") if "crux_planner" in name]
+    assert len(used) > len(list(checker.glob("*.py"))) / 2
+    assert not [f"{path}: {name}" for path, name in used if not name.startswith("crux_planner.checker")]
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folders_of_the_runtime_include_only_what_they_stand_on(folder: str) -> None:
+    for path, name in includes(ROOT / "runtime" / folder):
+        of, _, rest = name.partition("/")
+        assert not rest or of in {folder, "crux_msgs", *FOLDERS[folder]}, f"{path}: {name}"
+
+
+@pytest.mark.parametrize("folder", NODE)
+def test_a_node_knows_neither_port_nor_what_is_composed_beside_it(folder: str) -> None:
+    homes = {path.name: path.parent.name for path in (ROOT / "firmware").rglob("*.h")}
+    homes |= {path.name: "core" for path in (ROOT / "firmware" / "core").rglob("*.h")}
+    for path, name in includes(ROOT / "firmware" / folder):
+        home = homes.get(name.rpartition("/")[2], folder)
+        assert name in WORDS or home in {folder, *NODE[folder]}, f"{path}: {name} of {home}"
