@@ -21,7 +21,7 @@ from crux_planner.reasons import TIME_LIMIT, check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.calm import TooHasty
+from crux_planner.search.calm import TooHasty, foreseen
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
@@ -239,6 +239,10 @@ def _realise(
         timed = improve(costs, moves, until) if level else None
     first: Failure | None = None
     attempt: PlanResult | Failure
+    hasty = problem
+    stances = [held for move in moves for held in (move.before, move.held, move.after)]
+    slow = foreseen(problem.contacts, problem.weight_N, problem.dt_s, stances)
+    problem = replace(problem, calm={**slow, **problem.calm})
     choices = [*([timed] if timed is not None else []), *[None] * CALMINGS]
     for choice in choices:
         if first is not None and time.monotonic() > deadline:
@@ -251,7 +255,10 @@ def _realise(
                     else evenly(problem, balance, reach, ways, moves)
                 )
             except InfeasibleError as too_short:
-                return first or (too_short, None)
+                if problem.calm == hasty.calm or first is not None:
+                    return first or (too_short, None)
+                problem = hasty  # the check may forgive what was foreseen
+                continue
             aimed, path = path_to_goal(problem, balance, schedule)
         if path is not None:
             start = start_from_path(aimed, path, schedule.yaw_rad)

@@ -47,6 +47,7 @@ LEVELS = ((False, 0.0, None), (True, TILT_ROOM_M, None), (True, TILT_ROOM_M, PAS
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
+TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
 SEARCH_S = 15.0  # at most, for the searches that choose headings
 
 
@@ -92,7 +93,10 @@ def plan_wider(
             wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
         if off_centre and (start := clear_start(wide, Ways(wide))) is not None:
             wide = replace(wide, start_contacts=start)
-        result = _plan_turning(scenario, robot, wide, found[1], realise, work, until, deadline)
+        now = time.monotonic()
+        result = _plan_turning(
+            scenario, robot, wide, found[1], realise, work, now + TURN_SHARE * (until - now), deadline
+        )
         if result is not None:
             with work.part("bound", 0.95):  # of the problem with this aim and these grasps
                 bound = lower_bound(wide, (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)

@@ -6,7 +6,12 @@ import math
 from typing import Any
 
 import crux_planner
+import numpy as np
+import pytest
 from crux_contracts.robot import Robot
+from crux_planner.build import build_problem
+from crux_planner.search.aim import aimed
+from crux_planner.search.stances import Reach
 from walls import hold, scenario, two_rows
 
 
@@ -31,6 +36,18 @@ def test_the_body_turns_to_the_goals_heading(robot: Robot) -> None:
     assert {"LF", "RR"} <= set(result.gait)
     assert result.gap is not None
     assert 0.0 < result.gap < 0.6
+
+
+def test_a_search_that_chooses_headings_sees_the_whole_boxes_at_the_start(robot: Robot) -> None:
+    found = aimed(build_problem(scenario(turned_goal(20.0)), robot))
+    assert found is not None
+    problem, _ = found
+    room = Reach(problem).of(problem.start_contacts)
+    assert room is not None
+    grips = np.stack([problem.contacts[c].centre_w_m for c in problem.start_contacts])
+    for edge in room:  # a level body at either corner, by (9a) itself
+        beyond = np.abs(grips - edge - problem.boxes.centre_b_m) - problem.boxes.half_m
+        assert beyond[:, :2].max() == pytest.approx(-problem.reach_reserve_m, abs=1e-9)
 
 
 def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:

@@ -47,7 +47,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
     for a, b in pairwise(path):
         qp.squares(np.column_stack([a, b]), two, np.zeros(3), 1.0)
     _charge_for_waiting(
-        qp, problem, path, [max(ways.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
+        qp, problem, path, moves, [max(ways.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
     )
     solution = qp.solve()
     if solution is None:  # at the very edge of what the search allowed: keep what it found
@@ -56,13 +56,16 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
     return [replace(m, lift_off=at[2 * i], touch_down=at[2 * i + 1]) for i, m in enumerate(moves)]
 
 
-def _charge_for_waiting(qp: SparseQp, problem: Problem, path: list[Indices], swings: list[int]) -> None:
+def _charge_for_waiting(
+    qp: SparseQp, problem: Problem, path: list[Indices], moves: list[Move], swings: list[int]
+) -> None:
     """Make it dear that the body goes further in a swing, or a stance between two, than their least time allows."""
-    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+    held = [*[contacts for move in moves for contacts in (move.before, move.held)], moves[-1].after]
+    steps = [SPEED_SHARE * min(problem.calm.get(h, np.inf), problem.body.max_speed_m_s) * problem.dt_s for h in held]
     axes = np.hstack([-np.eye(3), np.eye(3)])
     start, end = (qp.variables(at, at) for at in (problem.start.position_m, problem.goal.body.position_m))
     allowed = [0, *[knots for swing in swings for knots in (swing, 1)]]  # before, in and after each swing
-    for (a, b), knots in zip(pairwise([start, *path, end]), allowed, strict=True):
+    for (a, b), knots, step in zip(pairwise([start, *path, end]), allowed, steps, strict=True):
         late = qp.variables(np.zeros(1), np.full(1, np.inf))  # further knots
         qp.squares(late[:, None], np.ones((1, 1)), -np.ones(1), _WAITING)  # (late + 1)^2: nearly linear
         rows = np.hstack([np.vstack([axes, -axes]), np.full((6, 1), -step)])

@@ -50,8 +50,7 @@ def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m
         turned = _knots(np.array([move.yaw_rad - yaw]), turn)
         stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, step(move.before)))))
         swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
-        held = tuple(None if limb in move.limbs else c for limb, c in enumerate(move.before))
-        swings.append(max(swing, _knots(move.touch_down - move.lift_off, step(held))))
+        swings.append(max(swing, _knots(move.touch_down - move.lift_off, step(move.held))))
         body, yaw, margin = move.touch_down, move.yaw_rad, 0
     turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if problem.turns else 0
     last = step(moves[-1].after if moves else problem.start_contacts)

@@ -14,6 +14,7 @@ import numpy as np
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.problem import Problem, turned_problem
 from crux_planner.search.balance import Balance
+from crux_planner.search.calm import Contacts
 from crux_planner.search.sight import Sight
 from crux_planner.search.ways import Ways
 from crux_planner.terms.reach import body_positions, turned_half
@@ -43,6 +44,11 @@ class Move:
         """Contacts of the limbs that stay."""
         return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)
 
+    @property
+    def held(self) -> Contacts:
+        """Of every limb, None in the air."""
+        return tuple(None if limb in self.limbs else c for limb, c in enumerate(self.before))
+
 
 @dataclass
 class SearchReport:
@@ -58,13 +64,14 @@ class SearchReport:
 class Reach:
     """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
 
-    `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's.
+    `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's,
+    but not at all where the search chooses headings.
     """
 
     def __init__(self, problem: Problem, turn_rad: float | None = None) -> None:
         self.problem = problem
         self._turned: dict[float, Reach] = {0.0: self}
-        turn = turn_rad
+        turn = 0.0 if turn_rad is None and problem.turns else turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
         half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - problem.reach_reserve_m

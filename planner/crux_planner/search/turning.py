@@ -18,6 +18,7 @@ import numpy as np
 from crux_planner.arrays import Array, Flags
 from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
+from crux_planner.search.calm import Contacts, steady_speed
 from crux_planner.search.schedule import TURN_SHARE
 from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, Move, Reach, SearchReport, Stance
 from crux_planner.search.strength import Strength
@@ -59,7 +60,7 @@ class Turning:
 
     def __init__(self, problem: Problem, reach: Reach, ways: Ways, ends: Flags) -> None:
         """`ends` (4, C): contacts in reach at the goal's pose."""
-        self.problem, self.ways, self.ends = problem, ways, ends
+        self.problem, self.ways = problem, ways
         goal_yaw = float(problem.goal.body.rpy_rad[2])
         count = int(np.ceil(abs(goal_yaw) / HEADING_STEP_RAD))
         step = goal_yaw / count if count else HEADING_STEP_RAD
@@ -67,7 +68,9 @@ class Turning:
         strength = Strength(problem, problem.friction_share, problem.last_torques_Nm)
         self.views = [_view(problem, reach, strength, number * step) for number in numbers]
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
+        self._speeds: dict[Contacts, float] = {}
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
+        self.ends = self._ends_together(ends)
         self.centres = np.stack([c.centre_w_m for c in problem.contacts])
         self.holds = np.array([c.hold for c in problem.contacts])
         self.grips = np.array([2 * c.hold + c.pair for c in problem.contacts])
@@ -99,6 +102,18 @@ class Turning:
             waiting[c] = False
             cost = np.minimum(cost, cost[c] + edges[c])
         return cost
+
+    def _ends_together(self, ends: Flags) -> Flags:
+        """Of `ends`, those from which the goal's body position is in reach at its heading, all limbs being level.
+
+        They are in reach of a body that tilts as the goal's pose does; the search sees some room for that, no more.
+        """
+        view, goal = self.views[self.end], self.problem.goal
+        place, room = view.from_w(goal.body.position_m), goal.position_room_m
+        tilt = self.problem.tilt_room_m * np.array([1.0, 1.0, 0.0])
+        together = ends & view.usable & (view.reach.low <= place + room + tilt).all(axis=2)
+        together &= (view.reach.high >= place - room - tilt).all(axis=2)
+        return together
 
     def _likes(self, state: State) -> tuple[int, ...]:
         """What a state has in common with those that differ only in heading and in where holds are gripped."""
@@ -203,14 +218,28 @@ class Turning:
             return None
         bounds = view.reach.of(before)
         assert bounds is not None
-        lift_off = view.balance.position(support, *bounds, view.from_w(step.body))
-        touch_down = view.balance.position(support, *landing, wanted)
-        if lift_off is None or touch_down is None:
+        body = view.from_w(step.body)
+        lift_off = view.balance.position(support, *bounds, body)
+        if lift_off is None:
+            return None
+        held = tuple(None if other == limb else c for other, c in enumerate(before))
+        slow = self._speed_m_s(held)
+        touch_down = view.balance.position(support, *landing, wanted if np.isinf(slow) else np.clip(lift_off, *landing))
+        if touch_down is None:
             return None
         extra = self.ways.intervals(before[limb], stance[limb]) + STANCE_KNOTS + MOVE_COST
         cost += max(0.0, extra - float(self.least_cost[before[limb], stance[limb]]))
+        for way, speed in ((lift_off - body, self._speed_m_s(before)), (touch_down - lift_off, slow)):
+            cost += float(np.abs(way).max()) / (speed * self.problem.dt_s)  # knots, where the body must be slow
         move = Move(before, stance, (limb,), view.to_w(lift_off), view.to_w(touch_down), view.yaw_rad)
         return move, cost
+
+    def _speed_m_s(self, held: Contacts) -> float:
+        """Largest body speed on grips that carry no shear, infinite on others."""
+        if held not in self._speeds:
+            problem = self.problem
+            self._speeds[held] = steady_speed(problem.contacts, problem.weight_N, problem.dt_s, held)
+        return self._speeds[held]
 
     def _ends_well(self, state: State) -> bool:
         """Whether the goal's body pose is in reach and in balance."""
