@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import argparse
+import importlib
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
 from crux_contracts.scenario import Scenario, parse_scenario
 from crux_tools import cli
-from crux_tools.paths import ROOT
+from crux_tools.paths import ROOT, SCENARIOS
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-OTHER_PAGES = [*ROOT.glob("*/README.md"), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+ROOMS = ("msgs", "planner", "runtime", "firmware", "tools", "tests")
+OTHER_PAGES = [*(page for room in ROOMS for page in sorted((ROOT / room).rglob("*.md")))]
+OTHER_PAGES += [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+PAGES = [ROOT / "README.md", *OTHER_PAGES]
 MAX_PICTURE_BYTES = 400_000
 
 
@@ -34,7 +40,46 @@ def test_every_key_of_a_scenario_is_explained() -> None:
     parse_scenario(_example())
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *OTHER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def _code(page: Path) -> str:
+    """What stands in code on a page, a line an example."""
+    return "\n".join(re.findall(r"```.*?```|`[^`\n]+`", page.read_text(encoding="utf-8"), re.DOTALL))
+
+
+def _below(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The sub-commands of a command by name."""
+    found = [action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return dict(found[0]) if found else {}
+
+
+@cache
+def _parser(name: str) -> argparse.ArgumentParser:
+    command = cli.COMMANDS[name]
+    parser = argparse.ArgumentParser()
+    getattr(importlib.import_module(command.module), command.adder)(parser.add_subparsers())
+    return _below(parser)[name]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_have_the_options_that_pages_name(page: Path) -> None:
+    for example in re.findall(r"\bcrux ([a-z][a-z-]*(?: [^`\n]*)?)", _code(page)):
+        words = re.split(r" -- | && |[|;#`]", example)[0].split()
+        assert words[0] in cli.COMMANDS, f"crux {example}"
+        parser = _parser(words[0])
+        for word in words[1:]:
+            parser = _below(parser).get(word, parser)
+        for option in (word.split("=")[0].rstrip(",.:)") for word in words if word.startswith("--")):
+            assert option in parser._option_string_actions, f"crux {example}: {option}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_pages_name_exist(page: Path) -> None:
+    for name in re.findall(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})/[\w./*-]+)", _code(page)):
+        pattern = name.rstrip("./").replace("NAME", "*") + "*"  # a name may leave its ending out
+        beside = [*ROOT.glob(pattern), *page.parent.glob(pattern)]
+        assert beside, f"{page.name} names {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
         if not link.startswith("http"):
@@ -42,7 +87,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_commands_in_the_readme_exist() -> None:
-    code = "\n".join(re.findall(r"```.*?```|`[^`\n]+`", README, re.DOTALL))
+    code = _code(ROOT / "README.md")
     named = set(re.findall(r"\bcrux ([a-z-]+)", code))
     assert named
     assert named - set(cli.COMMANDS) == set()
@@ -50,6 +95,12 @@ def test_commands_in_the_readme_exist() -> None:
     asked = set(re.findall(r"\bmake ([a-z-]+)", code))
     assert asked
     assert asked - targets == set()
+
+
+def test_every_scene_and_every_room_has_its_word() -> None:
+    scenes = (ROOT / "msgs" / "README.md").read_text(encoding="utf-8").split("| scene | is |")[1].split("\n\n")[0]
+    assert {path.stem for path in SCENARIOS.glob("*.yaml")} == set(re.findall(r"`([a-z-]+)`", scenes))
+    assert {page.parent.name for page in OTHER_PAGES if page.name == "README.md"} >= set(ROOMS)
 
 
 def test_the_picture_is_small() -> None:
