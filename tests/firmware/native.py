@@ -33,10 +33,10 @@ CORE_SOURCES = (*sorted((ROOT / "firmware/core").glob("*.c")), GENERATED_C / "cr
 SERVICE_SOURCES = (
     *sorted((ROOT / "firmware/service").glob("*.c")),
     *sorted((ROOT / "firmware/update").glob("*.c")),
-    MONOCYPHER / "monocypher.c",
     ROOT / "firmware/ports/host/flash_model.c",
     GENERATED_C / "crux_parameters.c",
 )
+SIGNATURE_SOURCES = (MONOCYPHER / "monocypher.c",)
 SAFETY_TESTS = (
     *(
         ROOT / f"tests/firmware/{name}_test.cpp"

@@ -38,14 +38,19 @@ class Maker:
         data, _ = sign(program, self.kind, version, self.key, VECTORS[slot])
         return data[:192], data[192:]
 
-    def board_file(self, version: int = 1) -> Path:
-        """A flash with boot stage, key and an image in slot 0 that has confirmed itself: a mark with its CRC-32."""
+    def board_file(self, version: int = 1, on_trial: tuple[bytes, bytes] | None = None) -> Path:
+        """A flash with boot stage, key and an image in slot 0 that has confirmed itself: a mark with its CRC-32.
+
+        `on_trial` is an image for slot 1.
+        """
         header, payload = self.image(0, version)
         _, public = sign(b"x", self.kind, version, self.key)
         kept = b"KEPT" + (zlib.crc32(header + payload) ^ 0xFFFFFFFF).to_bytes(4, "little")
         flash = read_program(program_file("crux_boot")).payload.ljust(KEY, b"\xff") + public
         flash = flash.ljust(SLOTS[0], b"\xff") + header.ljust(PAYLOAD, b"\xff") + payload
         flash = flash.ljust(SLOTS[0] + SLOT_BYTES - PAGE + KEPT_MARK, b"\xff") + kept
+        if on_trial:
+            flash = flash.ljust(SLOTS[1], b"\xff") + on_trial[0].ljust(PAYLOAD, b"\xff") + on_trial[1]
         file = self.folder / f"{self.kind}.elf"
         file.write_bytes(elf(flash))
         return file

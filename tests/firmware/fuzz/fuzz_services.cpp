@@ -1,17 +1,14 @@
-// libFuzzer writes parameters of a joint and a gripper while they are commanded, stopped, restarted, and while their
-// flash loses power: any bits, any parameter, in whole requests and as noise in frames of ISO-TP. Each tick is judged
-// (judge.hpp); and no request may change the torque or force of the moment.
+// libFuzzer writes parameters of a joint and a gripper and sends them new firmware while they are commanded, stopped,
+// restarted, and while their flash loses power: any bits, any parameter, any image, in whole requests and as noise in
+// frames of ISO-TP. Each tick is judged (judge.hpp); no request may change the torque or force of the moment, none the
+// flash of a node that moves or the image that runs, and a node always starts from a whole image somebody has signed.
 // CRUX_FUZZ_WRITES: ends, with status 0, after so many writes.
 #include <array>
 #include <cstdio>
 #include <cstdlib>
 
 #include "judge.hpp"
-
-extern "C" {
-#include "flash_model.h"
-#include "service.h"
-}
+#include "updates.hpp"
 
 namespace crux::firmware {
 namespace {
@@ -30,42 +27,12 @@ void count_write(bool accepted) {
   ++tally.writes;
   tally.accepted += accepted ? 1 : 0;
   if (last != 0 && tally.writes >= last) {
-    std::printf("fuzzed %llu writes, %llu accepted\n", tally.writes, tally.accepted);
+    std::printf("fuzzed %llu writes, %llu accepted, %llu images taken, %llu started\n", tally.writes, tally.accepted,
+                updates_tally.taken, updates_tally.started);
     std::fflush(stdout);
     std::_Exit(0);
   }
 }
-
-// A node's services and its flash.
-struct Services {
-  std::array<std::uint8_t, 2 * CRUX_FLASH_PAGE> bytes{};
-  std::array<bool, 2 * CRUX_FLASH_PAGE / CRUX_FLASH_UNIT> damaged{};
-  crux_flash_model model{};
-  crux_flash flash{};
-  crux_store store{};
-  crux_service service{};
-  Services() {
-    crux_flash_model_init(&model, bytes.data(), damaged.data(), static_cast<std::uint32_t>(bytes.size()));
-    flash = crux_flash_model_interface(&model);
-    store = {&flash, 2, {0, CRUX_FLASH_PAGE}};
-  }
-  Services(const Services&) = delete;
-  Services& operator=(const Services&) = delete;
-
-  void hear(const crux_frame& frame, std::uint8_t state) { crux_service_on_frame(&service, &frame, state); }
-  // One request in a single frame; whether it was accepted.
-  bool request(std::uint8_t node, std::uint8_t state, std::initializer_list<std::uint8_t> bytes_of_it) {
-    crux_frame frame{};
-    frame.id = static_cast<std::uint16_t>(CRUX_CAN_ID_JOINT_REQUEST(node));
-    frame.data[frame.length++] = static_cast<std::uint8_t>(bytes_of_it.size());
-    for (const std::uint8_t byte : bytes_of_it) frame.data[frame.length++] = byte;
-    // Whatever was going on, this one is heard.
-    crux_isotp_init(&service.isotp, frame.id, static_cast<std::uint16_t>(CRUX_CAN_ID_JOINT_RESPONSE(node)));
-    hear(frame, state);
-    crux_frame answer{};
-    return crux_service_take_frame(&service, &answer) && answer.data[1] != CRUX_SERVICE_REFUSED;
-  }
-};
 
 std::uint32_t value_for(Bytes& bytes, const crux_service& service, std::uint8_t number) {
   const std::uint8_t index = crux_overrides_find(&service.overrides, number);
@@ -88,17 +55,21 @@ std::uint32_t value_for(Bytes& bytes, const crux_service& service, std::uint8_t 
 template <typename Probe>
 void ask(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state, const Probe& probe) {
   const float before = probe();
+  const unsigned long long operations = services.operations();
   const auto what = bytes.take<std::uint8_t>() % 16U;
   if (what < 11) {
     const auto number = static_cast<std::uint8_t>(bytes.take<std::uint8_t>() % kNumbers);
     const std::uint32_t bits = value_for(bytes, services.service, number);
     const auto byte = [bits](int i) { return static_cast<std::uint8_t>(bits >> (8 * i)); };
     count_write(services.request(node, state, {CRUX_SERVICE_WRITE, 2, number, byte(0), byte(1), byte(2), byte(3)}));
-  } else if (what < 13) {
-    crux_flash_model_power(&services.model, bytes.take<std::uint8_t>() % 16U,
-                           static_cast<crux_flash_cut>(bytes.take<std::uint8_t>() % 3U));
-    services.request(node, state, {CRUX_SERVICE_ROUTINE, 1, 2, static_cast<std::uint8_t>((what == 11) ? 1 : 2)});
-    crux_flash_model_power(&services.model, 0, CRUX_FLASH_CUT_AFTER);
+  } else if (what == 11) {
+    for (int left = 1 + bytes.take<std::uint8_t>() % 12; left > 0 && !services.model.off; --left) {
+      update(bytes, services, node, state);
+    }
+  } else if (what < 14) {
+    services.power(bytes.take<std::uint8_t>() % 16U, static_cast<crux_flash_cut>(bytes.take<std::uint8_t>() % 3U));
+    services.request(node, state, {CRUX_SERVICE_ROUTINE, 1, 2, static_cast<std::uint8_t>((what == 12) ? 1 : 2)});
+    services.power();
   } else {
     crux_frame frame{};
     frame.id = static_cast<std::uint16_t>(CRUX_CAN_ID_JOINT_REQUEST(node));
@@ -106,11 +77,15 @@ void ask(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state
     for (int i = 0; i < frame.length; ++i) frame.data[i] = bytes.take<std::uint8_t>();
     services.hear(frame, state);
   }
+  require(is_at_rest(state) || services.operations() == operations, "a request changes the flash of a moving node");
+  require(services.running_is_whole(), "a request changes the image that runs");
   const float after = probe();
   require(before == after || (std::isnan(before) && std::isnan(after)), "a request changes what a node does now");
 }
 
-void serve(Services& services, std::uint8_t state, float dt_s) {
+// Now and then a second at once, after which a healthy image keeps itself.
+void serve(Bytes& bytes, Services& services, std::uint8_t state) {
+  const float dt_s = (bytes.take<std::uint8_t>() < 32) ? 1.0F : kDt;
   crux_service_tick(&services.service, crux_microseconds(dt_s), state);
   crux_frame frame{};
   crux_service_take_frame(&services.service, &frame);
@@ -118,20 +93,23 @@ void serve(Services& services, std::uint8_t state, float dt_s) {
 
 void start(Services& services, Joint& joint, float position_rad) {
   crux_joint_parameters parameters = joint_parameters();
-  crux_service_init(&services.service, kJoint, CRUX_FIRMWARE_VERSION, 0, &parameters, &services.store);
+  services.boot();
+  crux_service_init(&services.service, kJoint, services.running.version, 0, &parameters, &services.store);
+  crux_service_offer_update(&services.service, &services.update);
   require(crux_joint_parameters_fault(&parameters) == nullptr, "a joint starts with senseless parameters");
   joint = Joint(parameters, position_rad);
   crux_service_attach(&services.service, &joint.node.parameters);
 }
 
 void play_joint(Bytes& bytes) {
-  static Services services;
+  static Services services(CRUX_KIND_JOINT);
+  services.renew();
   const crux_joint_parameters limits = joint_parameters();
   Joint joint;
   start(services, joint, bytes.number(-2.0F, 1.5F));
   while (!bytes.empty()) {
     const auto step = bytes.take<std::uint8_t>() % 16U;
-    if (step == 0) {
+    if (step == 0 || services.restarts()) {
       start(services, joint, bytes.number(-2.0F, 1.5F));
     } else if (step <= 2) {
       JointCommand command;
@@ -143,7 +121,7 @@ void play_joint(Bytes& bytes) {
       joint.inputs.position_rad = joint.node.setpoint_rad + std::clamp(bytes.number(-0.2F, 0.2F), -0.2F, 0.2F);
       joint.inputs.velocity_rad_s = bytes.number(-6.0F, 6.0F);
       judge(joint, tick_s(bytes), limits);
-      serve(services, joint.node.state, kDt);
+      serve(bytes, services, joint.node.state);
     } else {
       ask(bytes, services, kJoint, joint.node.state,
           [&joint] { return torque_when_at(joint, joint.inputs.position_rad, kDt); });
@@ -153,7 +131,9 @@ void play_joint(Bytes& bytes) {
 
 void start(Services& services, Gripper& gripper, float opening_m) {
   crux_gripper_parameters parameters = gripper_parameters();
-  crux_service_init(&services.service, kGripper, CRUX_FIRMWARE_VERSION, 0, &parameters, &services.store);
+  services.boot();
+  crux_service_init(&services.service, kGripper, services.running.version, 0, &parameters, &services.store);
+  crux_service_offer_update(&services.service, &services.update);
   require(crux_gripper_parameters_fault(&parameters) == nullptr, "a gripper starts with senseless parameters");
   gripper = Gripper(opening_m);
   crux_gripper_node_init(&gripper.node, 2, 0, &parameters);
@@ -161,13 +141,14 @@ void start(Services& services, Gripper& gripper, float opening_m) {
 }
 
 void play_gripper(Bytes& bytes) {
-  static Services services;
+  static Services services(CRUX_KIND_GRIPPER);
+  services.renew();
   Gripper gripper;
   start(services, gripper, bytes.number(0.008F, 0.066F));
   float widest_asked_m = 0.0F;
   while (!bytes.empty()) {
     const auto step = bytes.take<std::uint8_t>() % 16U;
-    if (step == 0) {
+    if (step == 0 || services.restarts()) {
       start(services, gripper, bytes.number(0.008F, 0.066F));
       widest_asked_m = 0.0F;
     } else if (step <= 2) {
@@ -181,7 +162,7 @@ void play_gripper(Bytes& bytes) {
       gripper.inputs.opening_m = gripper.node.setpoint_m + std::clamp(bytes.number(-0.004F, 0.004F), -0.004F, 0.004F);
       gripper.inputs.speed_m_s = bytes.number(-0.05F, 0.05F);
       judge(gripper, tick_s(bytes), widest_asked_m, gripper.node.parameters);
-      serve(services, gripper.node.state, kDt);
+      serve(bytes, services, gripper.node.state);
     } else {
       ask(bytes, services, kGripper, gripper.node.state,
           [&gripper] { return force_when_at(gripper, gripper.inputs.opening_m, kDt); });
