@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
+import crux_nodes
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot
-from host import HOLD, LIMBS, TRACK, Host, host
+from host import HOLD, TRACK, Host, host
 
 PERIOD_S = 0.001
 STATE_HOLD, STATE_TRACK = 1, 2
@@ -24,7 +24,8 @@ class Desk:
         self.nodes = spoken.nodes
         self.joint: can_codec.Values | None = None  # sent every cycle from now on
         self.gripper: can_codec.Values = {"Mode": 0, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
-        self.least_force_N = np.zeros(LIMBS)  # of each gripper's fingers so far
+        self.torques_Nm: list[crux_nodes.Array] = []  # of all joints, a period each
+        self.forces_N: list[crux_nodes.Array] = []  # of all grippers
         self._cycle = 0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -36,8 +37,9 @@ class Desk:
                 self._cycle += 1
                 self.host.send_cycle(self._cycle, self.joint, self.gripper)
             self.nodes.wait_sync(PERIOD_S)
-            _, force_N = self.host.control()
-            np.minimum(self.least_force_N, force_N.reshape(LIMBS, -1).min(axis=1), out=self.least_force_N)
+            torque_Nm, force_N = self.host.control()
+            self.torques_Nm.append(torque_Nm.copy())
+            self.forces_N.append(force_N.copy())
             self.host.publish()
 
     def command(self, joint: can_codec.Values | None) -> None:

@@ -19,6 +19,7 @@ from service_host import Desk
 
 LF = 0
 JOINT = 2
+JOINTS = crux_emulated.JOINTS
 PAGE_BYTES = 2048
 ANSWER_S = 10.0  # an emulated board is slower than a real one
 TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}
@@ -104,6 +105,26 @@ def test_saved_values_outlive_the_power(boards: tuple[Desk, list[crux_emulated.B
         run_routine(joint, "FORGET")
         power_off_and_on(desk)
         assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(described)
+    assert [one.fault for one in emulated] == ["", ""]
+
+
+def test_a_joint_keeps_its_torque_while_a_page_is_erased(
+    boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot
+) -> None:
+    desk, emulated = boards
+    loaded = TRACKED | {"Position_rad": desk.host.plant.joint_position_rad[LF * JOINTS + JOINT - 1] + 0.05}
+    desk.command(loaded)
+    time.sleep(0.5)
+    desk.command(loaded | {"Mode": HOLD})
+    time.sleep(0.5)
+    begin = len(desk.torques_Nm)
+    with link(desk, robot, "LF.2") as joint:
+        for _ in range(2 * PAGE_BYTES // 8 // 8):
+            run_routine(joint, "SAVE")
+    torques_Nm = [torque_Nm[LF * JOINTS + JOINT - 1] for torque_Nm in desk.torques_Nm[begin:]]
+    desk.command(None)
+    assert torques_Nm[0] > 4.0
+    assert max(abs(torque_Nm - torques_Nm[0]) for torque_Nm in torques_Nm) < 0.01 * torques_Nm[0]
     assert [one.fault for one in emulated] == ["", ""]
 
 

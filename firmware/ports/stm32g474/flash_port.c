@@ -18,6 +18,7 @@ extern uint32_t program_start;
 
 static volatile bool reading;
 static volatile bool unreadable;
+static void (*while_busy)(void);
 
 bool flash_port_on_nmi(void) {
   const bool ours = reading && ((FLASH_ECCR & FLASH_ECCR_ECCD) != 0U);
@@ -78,9 +79,18 @@ static bool may_change(uint32_t address) {
   return may && ((FLASH_OPTR & FLASH_OPTR_DBANK) != 0U);
 }
 
-static void begin(uint32_t operation) {
+void flash_port_while_busy(void (*function)(void)) { while_busy = function; }
+
+static void wait_until_idle(void) {
   while ((FLASH_SR & FLASH_SR_BSY) != 0U) {
+    if (while_busy != NULL) {
+      while_busy();
+    }
   }
+}
+
+static void begin(uint32_t operation) {
+  wait_until_idle();
   FLASH_KEYR = FLASH_KEY_1;
   FLASH_KEYR = FLASH_KEY_2;
   FLASH_SR = FLASH_SR_ERRORS;  // cleared by ones
@@ -89,8 +99,7 @@ static void begin(uint32_t operation) {
 
 /// Waits for the end and locks the flash; true when it went well.
 static bool end(void) {
-  while ((FLASH_SR & FLASH_SR_BSY) != 0U) {
-  }
+  wait_until_idle();
   const bool good = (FLASH_SR & FLASH_SR_ERRORS) == 0U;
   FLASH_CR = FLASH_CR_LOCK;
   FLASH_ACR &= ~FLASH_ACR_DCACHE;  // it may hold what was there before

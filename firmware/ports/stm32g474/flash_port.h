@@ -22,4 +22,7 @@ void flash_port_slots(crux_slots *slots, uint32_t kind);
 /// correct, which the reader now knows of.
 bool flash_port_on_nmi(void);
 
+/// What to do, again and again, while the flash is busy; nothing before.
+void flash_port_while_busy(void (*function)(void));
+
 #endif

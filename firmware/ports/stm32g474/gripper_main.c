@@ -17,6 +17,10 @@
 static crux_gripper_node node;
 static crux_gripper_drive drive;
 static crux_service service;
+static crux_gripper_inputs inputs;
+static crux_gripper_outputs outputs;
+static crux_requests requests;
+static bool driven;  ///< the board is calibrated
 static crux_wrench_sensor sensor;
 
 /// Homes and starts the drive. Without a calibration there is none.
@@ -36,18 +40,18 @@ static bool start(const crux_gripper_drive_parameters *parameters, const crux_gr
   return known;
 }
 
-static void measure(crux_gripper_inputs *inputs, bool driven) {
+static void measure(void) {
   if (driven && drive_port_tick()) {
-    crux_gripper_drive_measure(&drive, inputs);
+    crux_gripper_drive_measure(&drive, &inputs);
   } else {
-    inputs->opening_m = NAN;
-    inputs->speed_m_s = NAN;
+    inputs.opening_m = NAN;
+    inputs.speed_m_s = NAN;
   }
-  inputs->temperature_degC = drive_port_temperature_degC();
-  inputs->bus_off = fdcan_recover();
+  inputs.temperature_degC = drive_port_temperature_degC();
+  inputs.bus_off = fdcan_recover();
 }
 
-static void read_sensor(crux_gripper_inputs *inputs) {
+static void read_sensor(void) {
   crux_frame frame;
   fdcan_sensor_recover();
   while (fdcan_sensor_receive(&frame)) {
@@ -56,10 +60,37 @@ static void read_sensor(crux_gripper_inputs *inputs) {
   if (crux_wrench_sensor_tick(&sensor, BOARD_TICK_US, &frame)) {
     fdcan_sensor_send(&frame);
   }
-  (void)memcpy(inputs->wrench, sensor.wrench, sizeof(inputs->wrench));
-  inputs->wrench_valid = crux_wrench_sensor_valid(&sensor);
-  inputs->wrench_overloaded = sensor.overloaded;
+  (void)memcpy(inputs.wrench, sensor.wrench, sizeof(inputs.wrench));
+  inputs.wrench_valid = crux_wrench_sensor_valid(&sensor);
+  inputs.wrench_overloaded = sensor.overloaded;
 }
+
+/// The node alone, from one interrupt to the next: also while its services wait for the flash. True once a tick.
+static bool run_node(void) {
+  crux_frame frame;
+  const bool tick = board_wait_for_tick();
+  while (fdcan_receive(&frame)) {
+    crux_gripper_node_on_frame(&node, &frame);
+    update_port_keep(&requests, &frame);
+  }
+  if (tick) {
+    measure();
+    read_sensor();
+    crux_gripper_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
+    if (driven) {
+      const bool may_release = node.state == (uint8_t)CRUX_STATE_TRACK;
+      crux_gripper_drive_tick(&drive, BOARD_TICK_S, outputs.force_N, may_release, inputs.temperature_degC);
+    }
+    board_feed_watchdog(update_port_is_kept());
+  }
+  crux_gripper_node_publish(&node, &inputs);
+  while (fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    fdcan_send(&frame);
+  }
+  return tick;
+}
+
+static void wait_for_flash(void) { (void)run_node(); }
 
 int main(void) {
   board_init();
@@ -75,35 +106,24 @@ int main(void) {
   crux_gripper_node_init(&node, limb, node_table_hash, &parameters);
   update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
-  const bool driven = start(motor, &parameters);
+  driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST,
              (uint16_t)CRUX_CAN_ID_BROADCAST);
   crux_wrench_sensor_init(&sensor);
   fdcan_sensor_init((uint16_t)CRUX_WRENCH_SENSOR_FIRST_ID, (uint16_t)CRUX_WRENCH_SENSOR_SECOND_ID);
-  crux_gripper_inputs inputs = {0};
-  measure(&inputs, driven);
-  crux_gripper_outputs outputs = {0};
+  requests.id = (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST;
+  measure();
+  flash_port_while_busy(wait_for_flash);
   for (;;) {
     crux_frame frame;
-    const bool tick = board_wait_for_tick();
-    while (fdcan_receive(&frame)) {
-      crux_gripper_node_on_frame(&node, &frame);
+    const bool tick = run_node();
+    while (update_port_take(&requests, &frame)) {
       crux_service_on_frame(&service, &frame, node.state);
     }
     if (tick) {
-      measure(&inputs, driven);
-      read_sensor(&inputs);
-      crux_gripper_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
-      if (driven) {
-        const bool may_release = node.state == (uint8_t)CRUX_STATE_TRACK;
-        crux_gripper_drive_tick(&drive, BOARD_TICK_S, outputs.force_N, may_release, inputs.temperature_degC);
-      }
       crux_service_tick(&service, BOARD_TICK_US, node.state);
-      board_feed_watchdog(update_port_is_kept());
     }
-    crux_gripper_node_publish(&node, &inputs);
-    while (fdcan_can_send() &&
-           (crux_link_take_frame(&node.link, &frame) || crux_service_take_frame(&service, &frame))) {
+    while (fdcan_can_send() && crux_service_take_frame(&service, &frame)) {
       fdcan_send(&frame);
     }
     if (fdcan_has_sent() && crux_service_restarts(&service)) {

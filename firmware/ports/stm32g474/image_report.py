@@ -14,6 +14,10 @@ _EDGE = re.compile(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
 _FLASH = re.compile(r"^FLASH\s+0x[0-9a-f]+\s+0x([0-9a-f]+)", re.MULTILINE)
 EXCEPTION_FRAME_BYTES = 108  # what the core pushes with the floating-point registers, and its alignment
 INTERRUPTS = ("board_on_systick", "drive_port_on_sample", "fdcan_on_interrupt")
+POINTER = "__indirect_call"
+FLASH_DRIVER = "/flash_port.c:"
+FLASH_FUNCTIONS = tuple(f"{FLASH_DRIVER}{name}" for name in ("read", "write", "erase"))
+WAITING = (":wait_for_flash",)
 BOOT_STAGE = "crux_boot"
 
 
@@ -30,7 +34,15 @@ class CallGraph:
                     raise ValueError(f"{title}: its stack use is {kind}, not known before it runs")
                 self.frame_bytes[title] = int(size)
             for source, target in _EDGE.findall(text):
-                self.calls.setdefault(source, set()).add(target)
+                for called in self._through_pointer(source) if target == POINTER else [target]:
+                    self.calls.setdefault(source, set()).add(called)
+        for pointer, functions in (("(flash)", FLASH_FUNCTIONS), ("(while busy)", WAITING)):
+            self.calls[pointer] = {title for title in self.frame_bytes if title.endswith(functions)}
+
+    @staticmethod
+    def _through_pointer(source: str) -> list[str]:
+        """Whom a function calls through a pointer: the flash's driver the node, while it waits; others the driver."""
+        return ["(while busy)" if FLASH_DRIVER in source else "(flash)"]
 
     def deepest(self, start: str) -> int:
         """Stack [B] of the deepest chain of calls from `start`. Library functions count 0; recursion is an error."""

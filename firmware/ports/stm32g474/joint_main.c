@@ -15,6 +15,10 @@
 static crux_joint_node node;
 static crux_joint_drive drive;
 static crux_service service;
+static crux_joint_inputs inputs;
+static crux_joint_outputs outputs;
+static crux_requests requests;
+static bool driven;  ///< the board is calibrated
 
 /// Homes and starts the drive. Without a calibration there is none.
 static bool start(const crux_joint_drive_parameters *parameters, const crux_joint_parameters *limits) {
@@ -33,16 +37,41 @@ static bool start(const crux_joint_drive_parameters *parameters, const crux_join
   return known;
 }
 
-static void measure(crux_joint_inputs *inputs, bool driven) {
+static void measure(void) {
   if (driven && drive_port_tick()) {
-    crux_joint_drive_measure(&drive, inputs);
+    crux_joint_drive_measure(&drive, &inputs);
   } else {
-    inputs->position_rad = NAN;
-    inputs->velocity_rad_s = NAN;
+    inputs.position_rad = NAN;
+    inputs.velocity_rad_s = NAN;
   }
-  inputs->temperature_degC = drive_port_temperature_degC();
-  inputs->bus_off = fdcan_recover();
+  inputs.temperature_degC = drive_port_temperature_degC();
+  inputs.bus_off = fdcan_recover();
 }
+
+/// The node alone, from one interrupt to the next: also while its services wait for the flash. True once a tick.
+static bool run_node(void) {
+  crux_frame frame;
+  const bool tick = board_wait_for_tick();
+  while (fdcan_receive(&frame)) {
+    crux_joint_node_on_frame(&node, &frame);
+    update_port_keep(&requests, &frame);
+  }
+  if (tick) {
+    measure();
+    crux_joint_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
+    if (driven) {
+      crux_joint_drive_tick(&drive, BOARD_TICK_S, outputs.torque_Nm, inputs.temperature_degC);
+    }
+    board_feed_watchdog(update_port_is_kept());
+  }
+  crux_joint_node_publish(&node, &inputs);
+  while (fdcan_can_send() && crux_link_take_frame(&node.link, &frame)) {
+    fdcan_send(&frame);
+  }
+  return tick;
+}
+
+static void wait_for_flash(void) { (void)run_node(); }
 
 int main(void) {
   board_init();
@@ -63,31 +92,22 @@ int main(void) {
   crux_joint_node_init(&node, limb, number, node_table_hash, &parameters);
   update_port_offer(&service);
   crux_service_attach(&service, &node.parameters);
-  const bool driven = start(motor, &parameters);
+  driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number),
              (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number), (uint16_t)CRUX_CAN_ID_BROADCAST);
-  crux_joint_inputs inputs = {0};
-  measure(&inputs, driven);
-  crux_joint_outputs outputs = {0};
+  requests.id = (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number);
+  measure();
+  flash_port_while_busy(wait_for_flash);
   for (;;) {
     crux_frame frame;
-    const bool tick = board_wait_for_tick();
-    while (fdcan_receive(&frame)) {
-      crux_joint_node_on_frame(&node, &frame);
+    const bool tick = run_node();
+    while (update_port_take(&requests, &frame)) {
       crux_service_on_frame(&service, &frame, node.state);
     }
     if (tick) {
-      measure(&inputs, driven);
-      crux_joint_node_tick(&node, BOARD_TICK_S, &inputs, &outputs);
-      if (driven) {
-        crux_joint_drive_tick(&drive, BOARD_TICK_S, outputs.torque_Nm, inputs.temperature_degC);
-      }
       crux_service_tick(&service, BOARD_TICK_US, node.state);
-      board_feed_watchdog(update_port_is_kept());
     }
-    crux_joint_node_publish(&node, &inputs);
-    while (fdcan_can_send() &&
-           (crux_link_take_frame(&node.link, &frame) || crux_service_take_frame(&service, &frame))) {
+    while (fdcan_can_send() && crux_service_take_frame(&service, &frame)) {
       fdcan_send(&frame);
     }
     if (fdcan_has_sent() && crux_service_restarts(&service)) {

@@ -1,5 +1,7 @@
 #include "update_port.h"
 
+#include <string.h>
+
 #include "flash_port.h"
 #include "link.h"
 
@@ -23,3 +25,20 @@ void update_port_offer(crux_service *service) {
 }
 
 bool update_port_is_kept(void) { return (update.slots == NULL) || update.running.confirmed; }
+
+void update_port_keep(crux_requests *requests, const crux_frame *frame) {
+  if ((frame->id == requests->id) && (requests->count < UPDATE_PORT_REQUESTS)) {
+    requests->frames[requests->count] = *frame;
+    requests->count++;
+  }
+}
+
+bool update_port_take(crux_requests *requests, crux_frame *frame) {
+  const bool found = requests->count > 0U;
+  if (found) {
+    *frame = requests->frames[0];
+    requests->count--;
+    (void)memmove(&requests->frames[0], &requests->frames[1], requests->count * sizeof(requests->frames[0]));
+  }
+  return found;
+}

@@ -13,4 +13,19 @@ void update_port_offer(crux_service *service);
 /// Whether the program that runs has confirmed itself, or is none that must.
 bool update_port_is_kept(void);
 
+#define UPDATE_PORT_REQUESTS 4U
+
+/// Frames of requests that wait: a service that writes to the flash lets the node run meanwhile, and hears nothing.
+typedef struct crux_requests {
+  uint16_t id;
+  uint8_t count;
+  crux_frame frames[UPDATE_PORT_REQUESTS];
+} crux_requests;
+
+/// Keeps a frame if it is one of a request. What comes faster than the node asked for is lost, as on a full bus.
+void update_port_keep(crux_requests *requests, const crux_frame *frame);
+
+/// The oldest frame that waits; false when there is none.
+bool update_port_take(crux_requests *requests, crux_frame *frame);
+
 #endif
