@@ -2,7 +2,7 @@
 
 Reach: the acceptance boxes (9a), heading by heading. A small tilt moves all grippers by the same way against the boxes,
 as if the body were elsewhere: the boxes bound that place, the sole. Balance: the whole limit surface (2)+(3), from
-outside by a polytope; grasps anywhere on their faces; what accelerations within the bounds (7) may add. No swings, no
+outside by tangents; grasps anywhere on their faces; what accelerations within the bounds (7) may add. No swings, no
 collisions, no torques.
 """
 
@@ -23,6 +23,7 @@ from crux_planner.terms.limit_surface import polytope_directions
 
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
+_ROUNDS, _CUT_N = 8, 0.1  # of adding tangents of the limit surface, where wrenches are so far beyond it
 _EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 
@@ -199,17 +200,40 @@ class RelaxedBalance:
         lower[7::6] = lower[8::6] = 0.0
         weighted = about @ matrix
         target = about @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
-        solver = piqp.DenseSolver()
-        solver.settings.verbose = False
-        solver.settings.eps_abs, solver.settings.max_iter = 1e-6, 200
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
-        solver.setup(
-            cost, -weighted.T @ target, shares, np.ones(len(support)), rows, None, np.zeros(len(rows)), lower, upper
-        )
-        if solver.solve() != piqp.PIQP_SOLVED:
-            return 0.0, (low + high) / 2  # nothing shown
-        found = np.array(solver.result.x)
-        return float(np.linalg.norm(weighted @ found - target)) - self.slack_N, np.clip(found[:3], low, high)
+        for _ in range(_ROUNDS):
+            solver = piqp.DenseSolver()
+            solver.settings.verbose = False
+            solver.settings.eps_abs, solver.settings.max_iter = 1e-6, 200
+            bounds = np.zeros(len(rows))
+            solver.setup(cost, -weighted.T @ target, shares, np.ones(len(support)), rows, None, bounds, lower, upper)
+            if solver.solve() != piqp.PIQP_SOLVED:
+                return 0.0, (low + high) / 2  # nothing shown
+            found = np.array(solver.result.x)
+            missing = float(np.linalg.norm(weighted @ found - target)) - self.slack_N
+            cuts = [] if missing > 0.0 else self._cuts(support, [i for i, _ in places], found)
+            if not cuts:
+                break
+            rows = np.vstack([rows, *cuts])
+        return missing, np.clip(found[:3], low, high)
+
+    def _cuts(self, support: tuple[int, ...], which: list[int], found: Array) -> list[Array]:
+        """Tangents of (2)+(3), as rows, at the wrenches found outside it; `which` has each place's grip in `support`."""
+        k, cuts = self.problem.patch.k_m, []
+        for j, i in enumerate(which):
+            contact, at = self.grips[support[i]].contact, 3 + 6 * j
+            s1, s2, m, _, normal, share = found[at : at + 6]
+            spine = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k])
+            load = np.array([s1, s2, m / k])
+            beyond = load - np.clip(load, -share * spine, share * spine)  # what friction has to carry
+            size = float(np.linalg.norm(beyond))
+            if size > contact.friction * normal + _CUT_N:
+                way = beyond / size
+                row = np.zeros(len(found))
+                row[at : at + 3] = way / [1.0, 1.0, k]
+                row[at + 4 : at + 6] = -contact.friction, -np.abs(way) @ spine
+                cuts.append(row)
+        return cuts
 
     def _places(self, grip: Grip) -> list[Array]:
         """Corners of the rectangle in which the grasp's centre may lie: wrenches anywhere in it are mixtures."""
