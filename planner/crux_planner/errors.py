@@ -20,6 +20,10 @@ class InfeasibleError(Exception):
         self.proven = proven
 
 
+class LevelGoalError(InfeasibleError):
+    """A level body at the very goal has no hold in reach: said of that pose, not of all that the tolerances allow."""
+
+
 def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioError:
     """The error for a scenario whose author must mend `key`."""
     from crux_contracts.scenario import ScenarioError

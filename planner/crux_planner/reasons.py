@@ -6,7 +6,7 @@ import numpy as np
 from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Array
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import InfeasibleError, LevelGoalError, wrong
 from crux_planner.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.balance import Balance
@@ -87,7 +87,7 @@ def _goal_out_of_reach(problem: Problem, reach: Reach) -> InfeasibleError | None
             text = f"no hold within reach of {LIMBS[limb]} for the goal body at {place}: the nearest, {hold}, is"
         else:
             text = f"goal.grasps.{LIMBS[limb]}: {hold} is out of reach for the goal body at {place}: it is"
-        return InfeasibleError("reach", f"{text} {1000 * beyond[nearest]:.0f} mm outside {LIMBS[limb]}'s workspace")
+        return LevelGoalError("reach", f"{text} {1000 * beyond[nearest]:.0f} mm outside {LIMBS[limb]}'s workspace")
     return None
 
 

@@ -70,6 +70,7 @@ def plan_wider(
         impossible = proof.quick() or proof.goal_equilibrium(time.monotonic() + GOAL_PROOF_S)
         if impossible is not None:
             raise impossible
+        none_level = proof.instead_of(none_level)
         impossible = proof.disconnected(time.monotonic() + FIRST_PROOF_S)
     if impossible is not None:
         raise _explained(none_level, impossible)

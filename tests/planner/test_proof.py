@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +14,7 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario
 from crux_planner.build import build_problem
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.proof.infeasible import Proof
 from crux_planner.search.balance import Balance
@@ -22,7 +23,7 @@ from crux_tools.benches.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_search import balanced
-from walls import FEET, hold, scenario, two_rows
+from walls import FEET, hold, ladder, scenario, two_rows
 
 ROBOT = load_robot("scaler")
 share = st.floats(-1.0, 1.0)
@@ -147,6 +148,22 @@ def test_a_gap_between_the_holds_is_proven_by_search() -> None:
     assert reason is not None
     assert reason.proven
     assert "none of them leads on" in str(reason)
+
+
+@pytest.mark.parametrize(("side", "limb"), [("left", "LF"), ("right", "RF")])
+def test_missing_rungs_are_named_where_only_a_tilted_body_reaches_the_goal(side: str, limb: str) -> None:
+    """Rungs 4 and 5 are gone: 3 is at 0.37 m, 6 at 0.88 m, and a level body's front gripper is 0.005..0.305 m ahead."""
+    wall = ladder(8)
+    wall["holds"] = [part for part in wall["holds"] if part["name"] not in (f"{side}-4", f"{side}-5")]
+    read = scenario(wall)
+    proof = Proof(read, ROBOT, build_problem(read, ROBOT))
+    assert proof.quick() is None
+    reason = str(proof.instead_of(LevelGoalError("reach", "of a level body")))
+    named = re.match(rf"no hold within reach of {limb} for a body between \[(0\.\d+), .*\] m and \[(0\.\d+), ", reason)
+    assert named is not None
+    assert 0.365 < float(named[1]) <= float(named[2]) < 0.575
+    other = InfeasibleError("passage", "another reason")
+    assert proof.instead_of(other) is other
 
 
 def test_too_little_friction_at_the_goal_is_proven_with_the_force_that_lacks() -> None:

@@ -14,7 +14,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Array
 from crux_planner.build import all_grips
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.proof.connection import AIR, Connection, Grips
 from crux_planner.proof.palms import clashes, largest_gap
@@ -22,6 +22,9 @@ from crux_planner.proof.poses import GoalPoses
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 from crux_planner.reasons import point_text
 from crux_planner.shapes import palm_shape
+
+_WAY_POINTS = 100  # looked at between start and goal
+_TURN_RAD = float(np.radians(10.0))  # of a body that more or less heads for where it goes
 
 
 class Proof:
@@ -96,6 +99,28 @@ class Proof:
         """The start's part of the graph lacks the goal, or the goal's the start; None: they meet, or time is up."""
         part = self.connection.separated(self.start, self.goals, deadline)
         return None if part is None else self._closed(set(part.headings), part.forward)
+
+    def instead_of(self, reason: InfeasibleError) -> InfeasibleError:
+        """The reason to give where a level body's is about the goal, which other bodies have in reach (see `quick`)."""
+        if not isinstance(reason, LevelGoalError):
+            return reason
+        for most_turn_rad, turned in ((np.inf, ""), (_TURN_RAD, f" and turned by up to {np.degrees(_TURN_RAD):.0f}°")):
+            if (gap := self._gap(most_turn_rad)) is not None:
+                return InfeasibleError("reach", gap + turned)
+        text = f"{reason}; a body that turns or tilts has holds there, but no way to them was found"
+        return InfeasibleError(reason.constraint, text)
+
+    def _gap(self, most_turn_rad: float) -> str | None:
+        """Where on the straight way to the goal a limb has nothing in reach: that with most of it; None: nowhere."""
+        way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
+        gaps = [~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMBS))]
+        limb = int(np.argmax([gap.sum() for gap in gaps]))
+        if not gaps[limb].any():
+            return None
+        first = int(np.argmax(gaps[limb]))
+        last = first + int(np.argmin([*gaps[limb][first:], False])) - 1
+        span = " and ".join(point_text(self.problem, way[i]) for i in (first, last))
+        return f"no hold within reach of {LIMBS[limb]} for a body between {span}"
 
     def _closed(self, part: set[Grips], from_start: bool) -> InfeasibleError:
         """The reason, from the part of the graph that has no way out."""

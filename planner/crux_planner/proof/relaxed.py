@@ -119,6 +119,17 @@ class RelaxedReach:
         least: Array = beyond.max(axis=2).min(axis=0)
         return least
 
+    def in_reach(self, limb: int, position_m: Array, most_turn_rad: float) -> Flags:
+        """(P,) whether a body at positions (P, 3), of any tilt, has some grip in reach of a limb.
+
+        It may be turned by no more than `most_turn_rad` beyond the headings of start and goal.
+        """
+        yaw, ends = self.all.yaw_rad, sorted((0.0, float(self.problem.goal.body.rpy_rad[2])))
+        bins = (yaw >= ends[0] - most_turn_rad) & (yaw <= ends[1] + most_turn_rad)
+        place = np.einsum("bji,pj->bpi", self.all.to_w[bins], position_m)[:, :, None, :2]  # (B, P, 1, 2)
+        low, high = self.all.low[bins, None, limb] - self.shift_m, self.all.high[bins, None, limb] + self.shift_m
+        return np.asarray(((place >= low) & (place <= high)).all(axis=3).any(axis=(0, 2)))
+
     def hull(self, stance: tuple[int, ...], bins: Flags | None = None) -> tuple[Array, Array] | None:
         """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none.
 
@@ -218,7 +229,7 @@ class RelaxedBalance:
         return missing, np.clip(found[:3], low, high)
 
     def _cuts(self, support: tuple[int, ...], which: list[int], found: Array) -> list[Array]:
-        """Tangents of (2)+(3), as rows, at the wrenches found outside it; `which` has each place's grip in `support`."""
+        """Tangents of (2)+(3), as rows, at wrenches found outside it; `which` has each place's grip in `support`."""
         k, cuts = self.problem.patch.k_m, []
         for j, i in enumerate(which):
             contact, at = self.grips[support[i]].contact, 3 + 6 * j
