@@ -25,44 +25,13 @@ enum {
   RCC_CCIPR = 0x88 / 4
 };
 enum { GPIO_MODER = 0x00 / 4, GPIO_IDR = 0x10 / 4, GPIO_ODR = 0x14 / 4, GPIO_BSRR = 0x18 / 4 };
+#define GPIO_WORDS 64U
 enum { SPI_SR = 0x08 / 4, SPI_DR = 0x0C / 4 };
 
 #define RCC_CR_HSEON (1U << 16U)
 #define RCC_CR_PLLON (1U << 24U)
 #define SPI_RXNE (1U << 0U)
 #define SPI_TXE (1U << 1U)
-
-typedef enum unit { ADC, TIMER1, GPIO, SPI1, CAN1, CAN2, RAM1, RAM2, RCC, PWR, FLASH, IWDG } unit;
-
-typedef struct place {
-  uint32_t start;  ///< from 0x40000000
-  uint32_t bytes;
-  unit what;
-  uint32_t gate;  ///< word of the RCC that holds the clock's gate
-  uint32_t bit;
-} place;
-
-/// Often used ones first.
-static const place places[] = {
-    {0x10000000U, 0x400U, ADC, RCC_AHB2ENR, 13U},   {0x00012C00U, 0x100U, TIMER1, RCC_APB2ENR, 11U},
-    {0x08000000U, 0x400U, GPIO, RCC_AHB2ENR, 0U},   {0x08000400U, 0x400U, GPIO, RCC_AHB2ENR, 1U},
-    {0x08000800U, 0x400U, GPIO, RCC_AHB2ENR, 2U},   {0x00013000U, 0x100U, SPI1, RCC_APB2ENR, 12U},
-    {0x00006400U, 0x100U, CAN1, RCC_APB1ENR1, 25U}, {0x0000A400U, 0x350U, RAM1, RCC_APB1ENR1, 25U},
-    {0x00006800U, 0x100U, CAN2, RCC_APB1ENR1, 25U}, {0x0000A750U, 0x350U, RAM2, RCC_APB1ENR1, 25U},
-    {0x00021000U, 0x100U, RCC, RCC_AHB1ENR, 31U},   {0x00007000U, 0x100U, PWR, RCC_APB1ENR1, 28U},
-    {0x00022000U, 0x100U, FLASH, RCC_AHB1ENR, 8U},  {0x00003000U, 0x10U, IWDG, RCC_AHB1ENR, 31U},
-};
-
-static const place *find(const stm32g4 *chip, uint32_t offset, bool *gated) {
-  for (size_t i = 0U; i < sizeof(places) / sizeof(places[0]); i++) {
-    if (offset - places[i].start < places[i].bytes) {
-      const bool has_gate = (places[i].what != RCC) && (places[i].what != IWDG);
-      *gated = has_gate && (((chip->rcc[places[i].gate] >> places[i].bit) & 1U) == 0U);
-      return &places[i];
-    }
-  }
-  return NULL;
-}
 
 // --- clocks ---
 
@@ -78,7 +47,14 @@ static uint32_t core_hz(const stm32g4 *chip) {
   return (uint32_t)(((uint64_t)source * ((pll >> 8U) & 0x7FU)) / divisor / output / half);
 }
 
-static void write_clocks(stm32g4 *chip, uint32_t word, uint32_t value) {
+static uint32_t read_clocks(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  const bool swings = (word == RCC_CR) && (chip->crystal_at <= chip->core.now);
+  return chip->rcc[word] | (swings ? RCC_CR_HSEON << 1U : 0U);
+}
+
+static void write_clocks(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
   chip->rcc[word] = value;
   if (word == RCC_CR) {  // the PLL is ready at once, the crystal swings after a while
     chip->rcc[word] &= ~((RCC_CR_HSEON | RCC_CR_PLLON) << 1U);
@@ -103,14 +79,16 @@ static void write_clocks(stm32g4 *chip, uint32_t word, uint32_t value) {
 
 // --- pins and SPI ---
 
-static uint32_t read_port(const stm32g4 *chip, uint32_t port, uint32_t word) {
+static uint32_t read_port(stm32g4 *chip, uint32_t port, uint32_t offset_words) {
+  const uint32_t word = offset_words % GPIO_WORDS;
   if (word != GPIO_IDR) {
     return chip->gpio[port][word];
   }
   return (port == 2U) ? chip->board.straps : chip->gpio[port][GPIO_ODR];
 }
 
-static void write_port(stm32g4 *chip, uint32_t port, uint32_t word, uint32_t value) {
+static void write_port(stm32g4 *chip, uint32_t port, uint32_t offset_words, uint32_t value) {
+  const uint32_t word = offset_words % GPIO_WORDS;
   uint32_t *registers = chip->gpio[port];
   const uint32_t before = registers[GPIO_ODR];
   if (word == GPIO_BSRR) {
@@ -123,14 +101,16 @@ static void write_port(stm32g4 *chip, uint32_t port, uint32_t word, uint32_t val
   }
 }
 
-static uint32_t read_spi(stm32g4 *chip, uint32_t word) {
+static uint32_t read_spi(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
   if (word == SPI_DR) {
     chip->spi1[SPI_SR] &= ~SPI_RXNE;
   }
   return chip->spi1[word];
 }
 
-static void write_spi(stm32g4 *chip, uint32_t word, uint32_t value) {
+static void write_spi(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
   if (word == SPI_DR) {
     chip->spi1[SPI_DR] = chip->board.transfer(chip->board.context, (uint16_t)value);
     chip->spi1[SPI_SR] |= SPI_RXNE;
@@ -172,110 +152,138 @@ static void on_time(void *context) {
   stm32g4_settle(chip);
 }
 
+// --- the registers: a row for each peripheral ---
+
+static uint32_t read_converters(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  const uint32_t value = stm32g4_read_adc(chip, word);
+  stm32g4_settle(chip);
+  return value;
+}
+
+static void write_converters(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
+  stm32g4_write_adc(chip, word, value);
+  stm32g4_settle(chip);
+}
+
+static uint32_t read_timer(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  return chip->timer1[word];
+}
+
+static void write_timer(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
+  stm32g4_write_timer1(chip, word, value);
+  stm32g4_settle(chip);
+}
+
+static uint32_t read_can(stm32g4 *chip, uint32_t which, uint32_t word) {
+  return fdcan_model_read(&chip->can[which], 4U * word);
+}
+
+static void write_can(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  fdcan_model_write(&chip->can[which], chip->core.now, 4U * word, value);
+  stm32g4_settle(chip);
+}
+
+static uint32_t read_can_ram(stm32g4 *chip, uint32_t which, uint32_t word) { return chip->can[which].ram[word]; }
+
+static void write_can_ram(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  chip->can[which].ram[word] = value;
+}
+
+static uint32_t read_power(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  return chip->pwr[word];
+}
+
+static void write_power(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
+  chip->pwr[word] = value;
+}
+
+static uint32_t read_flash(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  return stm32g4_read_flash(chip, word);
+}
+
+static void write_flash(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
+  stm32g4_write_flash(chip, word, value);
+}
+
+static uint32_t read_watchdog(stm32g4 *chip, uint32_t which, uint32_t word) {
+  (void)which;
+  return stm32g4_read_watchdog(chip, word);
+}
+
+static void write_watchdog(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value) {
+  (void)which;
+  stm32g4_write_watchdog(chip, word, value);
+  stm32g4_settle(chip);
+}
+
+typedef struct peripheral {
+  uint32_t start;  ///< from 0x40000000
+  uint32_t bytes;
+  uint32_t gate;  ///< word of the RCC that holds the clock's gate, or ALWAYS_ON
+  uint32_t bit;
+  uint32_t which;  ///< of its kind
+  uint32_t (*read)(stm32g4 *chip, uint32_t which, uint32_t word);
+  void (*write)(stm32g4 *chip, uint32_t which, uint32_t word, uint32_t value);
+} peripheral;
+
+#define ALWAYS_ON UINT32_MAX
+
+/// Often used ones first.
+static const peripheral peripherals[] = {
+    {0x10000000U, 0x400U, RCC_AHB2ENR, 13U, 0U, read_converters, write_converters},
+    {0x00012C00U, 0x100U, RCC_APB2ENR, 11U, 0U, read_timer, write_timer},
+    {0x08000000U, 0x400U, RCC_AHB2ENR, 0U, 0U, read_port, write_port},
+    {0x08000400U, 0x400U, RCC_AHB2ENR, 1U, 1U, read_port, write_port},
+    {0x08000800U, 0x400U, RCC_AHB2ENR, 2U, 2U, read_port, write_port},
+    {0x00013000U, 0x100U, RCC_APB2ENR, 12U, 0U, read_spi, write_spi},
+    {0x00006400U, 0x100U, RCC_APB1ENR1, 25U, 0U, read_can, write_can},
+    {0x0000A400U, 0x350U, RCC_APB1ENR1, 25U, 0U, read_can_ram, write_can_ram},
+    {0x00006800U, 0x100U, RCC_APB1ENR1, 25U, 1U, read_can, write_can},
+    {0x0000A750U, 0x350U, RCC_APB1ENR1, 25U, 1U, read_can_ram, write_can_ram},
+    {0x00021000U, 0x100U, ALWAYS_ON, 0U, 0U, read_clocks, write_clocks},
+    {0x00007000U, 0x100U, RCC_APB1ENR1, 28U, 0U, read_power, write_power},
+    {0x00022000U, 0x100U, RCC_AHB1ENR, 8U, 0U, read_flash, write_flash},
+    {0x00003000U, 0x10U, ALWAYS_ON, 0U, 0U, read_watchdog, write_watchdog},
+};
+
+static const peripheral *find(uint32_t offset) {
+  for (size_t i = 0U; i < sizeof(peripherals) / sizeof(peripherals[0]); i++) {
+    if (offset - peripherals[i].start < peripherals[i].bytes) {
+      return &peripherals[i];
+    }
+  }
+  return NULL;
+}
+
+/// Without its clock a peripheral reads zero and takes nothing.
+static bool has_clock(const stm32g4 *chip, const peripheral *at) {
+  return (at->gate == ALWAYS_ON) || (((chip->rcc[at->gate] >> at->bit) & 1U) != 0U);
+}
+
 static bool read_chip(void *context, uint32_t offset, uint32_t *value) {
   stm32g4 *chip = context;
-  bool gated = false;
-  const place *at = find(chip, offset, &gated);
-  if (at == NULL) {
-    return false;
+  const peripheral *at = find(offset);
+  if (at != NULL) {
+    *value = has_clock(chip, at) ? at->read(chip, at->which, (offset - at->start) / 4U) : 0U;
   }
-  *value = 0U;
-  if (gated) {
-    return true;
-  }
-  const uint32_t word = (offset - at->start) / 4U;
-  switch (at->what) {
-    case ADC:
-      *value = stm32g4_read_adc(chip, word);
-      stm32g4_settle(chip);
-      break;
-    case TIMER1:
-      *value = chip->timer1[word];
-      break;
-    case GPIO:
-      *value = read_port(chip, (at->start - 0x08000000U) / 0x400U, word % 64U);
-      break;
-    case SPI1:
-      *value = read_spi(chip, word);
-      break;
-    case CAN1:
-    case CAN2:
-      *value = fdcan_model_read(&chip->can[(at->what == CAN1) ? 0 : 1], 4U * word);
-      break;
-    case RAM1:
-    case RAM2:
-      *value = chip->can[(at->what == RAM1) ? 0 : 1].ram[word];
-      break;
-    case RCC:
-      *value = chip->rcc[word] | (((word == RCC_CR) && (chip->crystal_at <= chip->core.now)) ? RCC_CR_HSEON << 1U : 0U);
-      break;
-    case PWR:
-      *value = chip->pwr[word];
-      break;
-    case FLASH:
-      *value = stm32g4_read_flash(chip, word);
-      break;
-    case IWDG:
-      *value = stm32g4_read_watchdog(chip, word);
-      break;
-    default:
-      break;
-  }
-  return true;
+  return at != NULL;
 }
 
 static bool write_chip(void *context, uint32_t offset, uint32_t value) {
   stm32g4 *chip = context;
-  bool gated = false;
-  const place *at = find(chip, offset, &gated);
-  if (at == NULL) {
-    return false;
+  const peripheral *at = find(offset);
+  if ((at != NULL) && has_clock(chip, at)) {
+    at->write(chip, at->which, (offset - at->start) / 4U, value);
   }
-  if (gated) {
-    return true;
-  }
-  const uint32_t word = (offset - at->start) / 4U;
-  switch (at->what) {
-    case ADC:
-      stm32g4_write_adc(chip, word, value);
-      stm32g4_settle(chip);
-      break;
-    case TIMER1:
-      stm32g4_write_timer1(chip, word, value);
-      stm32g4_settle(chip);
-      break;
-    case GPIO:
-      write_port(chip, (at->start - 0x08000000U) / 0x400U, word % 64U, value);
-      break;
-    case SPI1:
-      write_spi(chip, word, value);
-      break;
-    case CAN1:
-    case CAN2:
-      fdcan_model_write(&chip->can[(at->what == CAN1) ? 0 : 1], chip->core.now, 4U * word, value);
-      stm32g4_settle(chip);
-      break;
-    case RAM1:
-    case RAM2:
-      chip->can[(at->what == RAM1) ? 0 : 1].ram[word] = value;
-      break;
-    case RCC:
-      write_clocks(chip, word, value);
-      break;
-    case PWR:
-      chip->pwr[word] = value;
-      break;
-    case FLASH:
-      stm32g4_write_flash(chip, word, value);
-      break;
-    case IWDG:
-      stm32g4_write_watchdog(chip, word, value);
-      stm32g4_settle(chip);
-      break;
-    default:
-      break;
-  }
-  return true;
+  return at != NULL;
 }
 
 bool stm32g4_pin(const stm32g4 *chip, unsigned pin) { return ((chip->gpio[0][GPIO_ODR] >> pin) & 1U) != 0U; }
