@@ -129,7 +129,10 @@ class Proof:
         others = self._text(stance, without=limb)
         where = "from the start" if from_start else "from the goal back"
         if len(full) <= 1 and 0.0 < lacking < np.inf:
-            text = f"no equilibrium when {LIMBS[limb]} lifts off with the others on {others}: short by {lacking:.1f} N"
+            text = (
+                f"no equilibrium when any limb lifts off; {LIMBS[limb]} lacks least, with the others on {others}: "
+                f"short by {lacking:.1f} N at the full limit surface"
+            )
             return InfeasibleError("equilibrium", text, proven=True)
         text = f"{where} only {len(full)} stances can be had, and none of them leads on: "
         stuck = self._stuck_limb(full, from_start)
