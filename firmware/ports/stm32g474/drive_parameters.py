@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import math
 
 from crux_contracts.robot import Robot
 from crux_contracts.robot_sections import Motor
+
+BANDWIDTH_OF_SWING = 25.0  # of a gripper's current loop, against the frequency its fingers swing with
 
 
 class MotorParameters(ctypes.Structure):
@@ -57,7 +60,9 @@ class GripperDriveParameters(ctypes.Structure):
     _fields_ = [("motor", MotorParameters), ("screw", ScrewParameters), ("coarse_travel_m", ctypes.c_float)]
 
 
-def _motor(robot: Robot, motor: Motor, peak_current_A: float, temperature_limit_degC: float) -> MotorParameters:
+def _motor(
+    robot: Robot, motor: Motor, peak_current_A: float, bandwidth_rad_s: float, temperature_limit_degC: float
+) -> MotorParameters:
     return MotorParameters(
         pole_pairs=motor.pole_pairs,
         resistance_ohm=motor.resistance_ohm,
@@ -66,7 +71,7 @@ def _motor(robot: Robot, motor: Motor, peak_current_A: float, temperature_limit_
         peak_current_A=peak_current_A,
         continuous_current_A=min(motor.continuous_current_A, peak_current_A),
         heating_time_s=motor.heating_time_s,
-        bandwidth_rad_s=1 / robot.servo.torque_time_constant_s,
+        bandwidth_rad_s=bandwidth_rad_s,
         max_speed_rad_s=motor.max_speed_rad_s,
         encoder_counts=robot.drive.encoder_counts,
         supply_V=robot.drive.supply_V,
@@ -76,10 +81,11 @@ def _motor(robot: Robot, motor: Motor, peak_current_A: float, temperature_limit_
 
 def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
     """Of the 24 joints, limb-major: the peak current makes the joint's peak torque."""
-    motor = robot.motor
+    motor, servo = robot.motor, robot.servo
+    bandwidth_rad_s = 1 / servo.torque_time_constant_s
     return [
         JointDriveParameters(
-            motor=_motor(robot, motor, motor.current_A(joint.effort), robot.servo.temperature_limit_degC),
+            motor=_motor(robot, motor, motor.current_A(joint.effort), bandwidth_rad_s, servo.temperature_limit_degC),
             gear=GearParameters(ratio=motor.gear_ratio, efficiency=motor.gear_efficiency),
         )
         for limb in robot.limbs
@@ -91,9 +97,11 @@ def gripper_drive_parameters(robot: Robot) -> list[GripperDriveParameters]:
     """Of the four grippers: the peak current builds the greatest finger force."""
     gripper, motor = robot.gripper, robot.gripper_motor
     peak_current_A = motor.current_A(gripper.max_finger_force_N)
+    # The fingers' mass swings on the stiffness of the loop above, and each millisecond of delay undamps it.
+    bandwidth_rad_s = BANDWIDTH_OF_SWING * math.sqrt(gripper.stiffness_N_m / gripper.moving_mass_kg)
     return [
         GripperDriveParameters(
-            motor=_motor(robot, motor, peak_current_A, gripper.temperature_limit_degC),
+            motor=_motor(robot, motor, peak_current_A, bandwidth_rad_s, gripper.temperature_limit_degC),
             screw=ScrewParameters(
                 lead_m=motor.screw_lead_m,
                 efficiency=motor.screw_efficiency,
