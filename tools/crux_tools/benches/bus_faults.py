@@ -127,17 +127,18 @@ def _ms(seconds: float | None) -> str:
     return "never" if seconds is None else f"{seconds * 1e3:.0f} ms"
 
 
-def _table(rows: list[Row]) -> None:
-    note(f"{'fault':16} {'where':5} {'lasts':>6} {'stops':>7} {'holds':>7} {'moves':>7}  {'on wall':8} slips  cause")
-    for row in rows:
-        stays = "yes" if row.on_wall else "FELL"
-        mark = "" if row.ok else "  <- not as it must be"
-        moves = "?" if row.moved_m is None else f"{row.moved_m * 1e3:.1f} mm"
-        lasts = f"{row.for_s:g} s" if row.for_s > 0 else "-"
-        note(
-            f"{row.kind:16} {row.where:5} {lasts:>6} {_ms(row.stopped_s):>7} {_ms(row.held_s):>7} {moves:>7}  "
-            f"{stays:8} {row.slips:<5}  {row.cause or 'none'}{mark}"
-        )
+HEAD = f"{'fault':16} {'where':5} {'lasts':>6} {'stops':>7} {'holds':>7} {'moves':>7}  {'on wall':8} slips  cause"
+
+
+def _line(row: Row) -> str:
+    stays = "yes" if row.on_wall else "FELL"
+    mark = "" if row.ok else "  <- not as it must be"
+    moves = "?" if row.moved_m is None else f"{row.moved_m * 1e3:.1f} mm"
+    lasts = f"{row.for_s:g} s" if row.for_s > 0 else "-"
+    return (
+        f"{row.kind:16} {row.where:5} {lasts:>6} {_ms(row.stopped_s):>7} {_ms(row.held_s):>7} {moves:>7}  "
+        f"{stays:8} {row.slips:<5}  {row.cause or 'none'}{mark}"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -149,11 +150,13 @@ def run(options: argparse.Namespace) -> int:
     tried = cases(tuple(options.kinds or ON_ANY_BUS + ON_SOCKETCAN))
     rows = []
     with progress("faults", len(tried)) as bar:
+        if not options.json:
+            note(HEAD)
         for done, case in enumerate(tried):
             rows.append(_climb(plan, options.output, case, options.images))
+            if not options.json:
+                note(_line(rows[-1]))
             bar.at(done + 1)
     if options.json:
         print_json({"ok": all(row.ok for row in rows), "faults": [asdict(row) for row in rows]})
-    else:
-        _table(rows)
     return 0 if all(row.ok for row in rows) else 1
