@@ -31,6 +31,13 @@ def test_the_interval_before_is_slowed_at_a_knot_and_its_own_in_the_middle() -> 
     assert speeds(both, contacts, 0.02) == pytest.approx([0.02, 0.004, 0.004, 0.02, 0.02])
 
 
+def test_every_cut_counts_however_little_is_missing() -> None:
+    contacts: list[list[int | None]] = [[0, 1, 2, 3]] * 5
+    cut = slowed({}, report(4.0, amount=0.01), contacts, np.full(5, 0.02), 2.0)
+    assert cut is not None
+    assert cut[0, 1, 2, 3] <= 0.8 * 0.02 + 1e-12
+
+
 def test_other_violations_and_bodies_at_rest_are_not_mended_by_slowness() -> None:
     contacts: list[list[int | None]] = [[0, 1, 2, 3]] * 5
     assert slowed({}, report(4.0, constraint="clearance"), contacts, np.full(5, 0.02), 2.0) is None

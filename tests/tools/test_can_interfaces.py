@@ -127,6 +127,12 @@ def test_the_robots_cycle_is_within_the_budget() -> None:
     assert 0.45 < least < most <= BUDGET["each"]
 
 
+def test_heartbeats_of_all_eight_talkers_are_counted() -> None:
+    still = dataclasses.replace(ROBOT, can=dataclasses.replace(ROBOT.can, rate_Hz=0.0))
+    one = frame_time_s(8, ROBOT.can.bit_rate, ROBOT.can.data_bit_rate)
+    assert planned_load(still) == pytest.approx([10.0 * 8 * time for time in one])  # 10 Hz, as msgs/can/README.md says
+
+
 def test_a_kilohertz_has_room_for_broadcasts_only() -> None:
     fast = dataclasses.replace(ROBOT, can=dataclasses.replace(ROBOT.can, rate_Hz=1000.0))
     assert planned_load(fast)[1] > 1.0

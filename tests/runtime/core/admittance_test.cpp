@@ -164,6 +164,17 @@ TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
   EXPECT_LT(highest, 26.0);
 }
 
+TEST(GraspController, WhatDragsTheFingersInTheAirIsNoTouch) {
+  GraspController grasp(robot().gripper, robot().control);
+  grasp.reset(0.048, 0.0);
+  const double touch_N = 0.3 * robot().control.contact_force_N, before = grasp.opening_command_m();
+  grasp.press(25.0, 0.9 * touch_N, kDt_s);
+  EXPECT_EQ(grasp.force_reference_N(), 0.0);
+  EXPECT_NEAR((before - grasp.opening_command_m()) / kDt_s, robot().control.closing_speed_m_s, 1e-9);
+  grasp.press(25.0, 1.1 * touch_N, kDt_s);
+  EXPECT_GE(grasp.force_reference_N(), robot().control.contact_force_N);
+}
+
 TEST(GraspController, TakesOverAPressingActuatorWithoutAJolt) {
   GraspController grasp(robot().gripper, robot().control);
   const Actuator actuator;

@@ -131,6 +131,20 @@ TEST(Climb, TheClockWaitsForTheStartToSettle) {
   EXPECT_GT(run.result.state.plan_time_s, 0.0);
 }
 
+TEST(Climb, AGripThatIsLooseBeforeTheClockStartsIsWaitedForAndNotLost) {
+  Climber run(sample_plan());
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.step(command_t::START);
+  const int cycles = static_cast<int>(4.0 * robot().supervisor.persistence_s / 0.002);
+  for (int i = 0; i < cycles; ++i) {
+    run.plant.input().finger_force_n[2] = 0.5;
+    run.step();
+  }
+  EXPECT_FALSE(run.result.has_fault);
+  EXPECT_EQ(run.core.state(), SupervisorState::kClimbing);
+  EXPECT_EQ(run.result.state.plan_time_s, 0.0);
+}
+
 TEST(Climb, TakesNoOtherPlanWhileClimbing) {
   Climber run(sample_plan());
   ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
