@@ -15,6 +15,7 @@ from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
 from crux_tools.errors import UsageError, WorkFailed
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+START_IT = "start crux-runtime there, or name its --lcm URL"
 ANSWER_TIMEOUT_S = 0.5
 VERDICT_TIMEOUT_S = 10.0  # the runtime decodes and validates the whole plan
 TRIES = 4
@@ -95,7 +96,7 @@ class OperatorLink:
         """Like command(), but raises WorkFailed when nobody answers or the runtime refuses."""
         answer = self.command(command, plan_id, at_cycle)
         if answer is None:
-            raise WorkFailed(f"no runtime answers on {self.url}; start crux-runtime there, or name its --lcm URL")
+            raise WorkFailed(f"no runtime answers on {self.url}; {START_IT}")
         if answer.verdict != acknowledgement_t.ACCEPTED:
             raise WorkFailed(f"the runtime refuses: {answer.reason}")
         return answer
@@ -147,4 +148,4 @@ class OperatorLink:
             if answer.verdict != acknowledgement_t.ACCEPTED:
                 raise UsageError(f"the runtime refuses the plan: {answer.reason}")
             return
-        raise WorkFailed(f"no runtime on {self.url} acknowledges piece {message.piece} of the plan")
+        raise WorkFailed(f"no runtime on {self.url} acknowledges piece {message.piece} of the plan; {START_IT}")

@@ -1,4 +1,4 @@
-"""The robot a plan was made for, as described on this machine."""
+"""Robots as described on this machine: the one named, the one a plan was made for."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from crux_msgs import plan_t
 from crux_tools.errors import UsageError
 
 SHOWN = 12  # digits of a hash that tell it from another
+
+
+def robot_named(name: str) -> Robot:
+    """The robot that --robot names; raises UsageError when there is none."""
+    if name not in robot_names():
+        raise UsageError(f"--robot {name}: right is one of {', '.join(robot_names())}")
+    return load_robot(name)
 
 
 def robot_of_plan(plan: plan_t, path: Path) -> Robot:

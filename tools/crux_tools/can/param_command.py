@@ -39,12 +39,11 @@ def add_node_options(parser: argparse.ArgumentParser) -> None:
 
 def open_link(options: argparse.Namespace) -> NodeLink:
     """The link to the node that the options name."""
-    from crux_contracts.robot import load_robot, robot_names
+    from crux_tools.plan_robot import robot_named
 
-    if options.robot not in robot_names():
-        raise UsageError(f"--robot {options.robot}: right is one of {', '.join(robot_names())}")
+    robot = robot_named(options.robot)
     name = node_name(options.node)
-    return NodeLink(name, limb_bus(options.bus_base, load_robot(options.robot), name.limb))
+    return NodeLink(name, limb_bus(options.bus_base, robot, name.limb))
 
 
 def add_param(actions: Any) -> None:

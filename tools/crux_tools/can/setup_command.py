@@ -9,7 +9,7 @@ import subprocess
 from typing import Any
 
 from crux_tools.arguments import positive, taught
-from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.errors import WorkFailed
 from crux_tools.output import add_json_option, note, print_json
 
 INTERFACES = ["can0", "can1", "can2", "can3"]
@@ -68,14 +68,6 @@ def add_check(actions: Any) -> None:
     parser.add_argument("--rate", type=positive, metavar="HZ", help="cycles a second (default: the robot's)")
 
 
-def _robot(name: str) -> Any:
-    from crux_contracts.robot import load_robot, robot_names
-
-    if name not in robot_names():
-        raise UsageError(f"--robot {name}: right is one of {', '.join(robot_names())}")
-    return load_robot(name)
-
-
 def _found(names: list[str]) -> dict[str, Any]:
     """The interfaces asked for; raises WorkFailed when one is missing."""
     from crux_tools.can.interfaces import present
@@ -91,8 +83,9 @@ def _found(names: list[str]) -> dict[str, Any]:
 def run_up(options: argparse.Namespace) -> int:
     """Exit status 0 when all are up."""
     from crux_tools.can.interfaces import set_up_commands, shell_line
+    from crux_tools.plan_robot import robot_named
 
-    robot = _robot(options.robot)
+    robot = robot_named(options.robot)
     found = _found(options.interfaces)
     commands = [command for interface in found.values() for command in set_up_commands(interface, robot)]
     lines = [shell_line(command) for command in commands]
@@ -132,8 +125,9 @@ def run_check(options: argparse.Namespace) -> int:
     """Exit status 0 when the robot can use every interface."""
     from crux_tools.can.bus_load import BUDGET, planned_load
     from crux_tools.can.interfaces import defects
+    from crux_tools.plan_robot import robot_named
 
-    robot = _robot(options.robot)
+    robot = robot_named(options.robot)
     if options.rate is not None:
         robot = dataclasses.replace(robot, can=dataclasses.replace(robot.can, rate_Hz=options.rate))
     least, most = planned_load(robot, options.commands)
