@@ -43,7 +43,8 @@ test-sanitized: setup build/asan/build.ninja
 	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
 
 test-python: build can-kernel
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -m "not alone" -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 lint: build ## ruff, mypy, clang-format, clang-tidy
 	$(BIN)/ruff check

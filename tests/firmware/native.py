@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from shutil import which
 
-from crux_tools.paths import BUILD_DIR, ROOT
+from crux_tools.paths import BUILD_DIR, ROOT, built
 
 GENERATED_C = ROOT / "build" / "gen" / "c"
 MONOCYPHER = ROOT / ".venv" / "share" / "monocypher"
@@ -37,13 +37,7 @@ SERVICE_SOURCES = (
     GENERATED_C / "crux_parameters.c",
 )
 SIGNATURE_SOURCES = (MONOCYPHER / "monocypher.c",)
-SAFETY_TESTS = (
-    *(
-        ROOT / f"tests/firmware/{name}_test.cpp"
-        for name in ("acceptance", "broadcast", "guard", "permission", "watchdog", "random_stream")
-    ),
-    ROOT / "tests/msgs/e2e_test.cpp",
-)
+SAFETY_LIBRARY = "libcrux_safety_room.so"
 JOBS = 2
 
 
@@ -87,6 +81,19 @@ def objects(sources: Iterable[Path], folder: Path, flags: Sequence[str], family:
 
     with ThreadPoolExecutor(JOBS) as pool:
         return list(pool.map(one, sources))
+
+
+def safety_tests(folder: Path, *options: str, limit_s: float | None = None) -> subprocess.CompletedProcess[str]:
+    """The tests of the safety room, run with the room's library that lies in `folder`."""
+    return subprocess.run(
+        [str(built("tests/firmware/safety_tests")), *options],
+        env={"LD_LIBRARY_PATH": str(folder)},
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=limit_s,
+        check=False,
+    )
 
 
 def build_folder(name: str) -> Path:

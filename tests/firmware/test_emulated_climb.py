@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_tools.paths import ROOT
 from crux_tools.telemetry.reader import Telemetry, read_log
+from short_climb import plan_short_climb
+from with_can import CRUX
 
-CRUX = [sys.executable, "-m", "crux_tools.cli"]
 EMULATED = "LF"  # six joints and the gripper
 LF = slice(0, 6)
 
@@ -40,9 +39,7 @@ def _climb(plan: Path, name: str, *options: str) -> Climb:
 @pytest.fixture(scope="module")
 def climbs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Climb, Climb]:
     """With the library alone, and with emulated boards."""
-    plan = tmp_path_factory.mktemp("emulated") / "plan.mcap"
-    scenario = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
-    subprocess.run([*CRUX, "plan", str(scenario), "-o", str(plan)], check=True, capture_output=True)
+    plan = plan_short_climb(tmp_path_factory.mktemp("emulated"))
     with ThreadPoolExecutor(2) as pool:
         library = pool.submit(_climb, plan, "library")
         emulated = pool.submit(_climb, plan, "emulated", "--emulate", EMULATED)

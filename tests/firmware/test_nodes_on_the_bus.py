@@ -296,6 +296,7 @@ def test_a_node_that_does_not_exist_is_named(bench: Host) -> None:
         bench.nodes.drop_sent(0, 8, 1)
 
 
+@pytest.mark.alone
 def test_a_cycle_of_all_nodes_is_quick(bench: Host) -> None:
     """Receive + control + publish of 28 nodes; the budget leaves most of a 2 ms cycle to physics."""
     spent = []

@@ -17,48 +17,37 @@ TIME_LIMIT_S = 20.0  # a mutant may loop for ever
 
 
 @pytest.fixture(scope="module")
-def harness() -> Path:
-    """The tests, linked against the safety room as a shared library that can be exchanged."""
+def room() -> Path:
+    """A folder with the safety room as it is: its objects, and the library made of them."""
     folder = native.build_folder("mutants")
     safety = native.objects(native.SAFETY_SOURCES, folder, FLAGS)
-    rest = native.objects([*native.CORE_SOURCES, *native.SAFETY_TESTS], folder, FLAGS)
-    native.run(["gcc", "-shared", *map(str, safety), "-o", "libsafety.so"], folder)
-    tests = ["g++", *map(str, rest), "-L.", "-lsafety", "-lgtest_main", "-lgtest", "-o", "tests"]
-    native.run(tests, folder)
+    native.run(["gcc", "-shared", *map(str, safety), "-o", native.SAFETY_LIBRARY], folder)
     return folder
 
 
-def _survives(harness: Path, number: int, mutant: Mutant, source: Path) -> bool:
+def _survives(room: Path, number: int, mutant: Mutant, source: Path) -> bool:
     """Whether all tests pass with the mutant in place. One that does not compile or link counts as killed."""
-    folder = harness / f"{number:03d}"
+    folder = room / f"{number:03d}"
     folder.mkdir(exist_ok=True)
     changed = folder / source.name
     changed.write_text(apply(mutant, source.read_text(encoding="utf-8")), encoding="utf-8")
-    others = [str(harness / f"{other.stem}.o") for other in native.SAFETY_SOURCES if other != source]
+    others = [str(room / f"{other.stem}.o") for other in native.SAFETY_SOURCES if other != source]
     # ABI and warnings as before; an unused variable is no reason to call a mutant dead.
     command = ["gcc", "-std=c11", *FLAGS, "-w", "-ffp-contract=off", *native.INCLUDES, "-shared", str(changed), *others]
     try:
-        native.run([*command, "-o", str(folder / "libsafety.so")], harness)
+        native.run([*command, "-o", str(folder / native.SAFETY_LIBRARY)], room)
     except native.CompileError:
         return False
     try:
-        done = subprocess.run(
-            [str(harness / "tests"), "--gtest_fail_fast", "--gtest_brief=1"],
-            env={"LD_LIBRARY_PATH": str(folder)},
-            capture_output=True,
-            timeout=TIME_LIMIT_S,
-            check=False,
-        )
+        done = native.safety_tests(folder, "--gtest_fail_fast", "--gtest_brief=1", limit_s=TIME_LIMIT_S)
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 0
 
 
-def test_every_mutant_is_killed_or_explained(harness: Path) -> None:
-    unchanged = subprocess.run(
-        [str(harness / "tests")], env={"LD_LIBRARY_PATH": str(harness)}, capture_output=True, check=False
-    )
-    assert unchanged.returncode == 0, unchanged.stdout.decode()
+def test_every_mutant_is_killed_or_explained(room: Path) -> None:
+    unchanged = native.safety_tests(room)
+    assert unchanged.returncode == 0, unchanged.stdout
     todo = [
         (mutant, source)
         for source in native.SAFETY_SOURCES
@@ -66,7 +55,7 @@ def test_every_mutant_is_killed_or_explained(harness: Path) -> None:
     ]
     assert len(todo) > 100
     with ThreadPoolExecutor(native.JOBS) as pool:
-        alive = list(pool.map(lambda item: _survives(harness, item[0], *item[1]), enumerate(todo)))
+        alive = list(pool.map(lambda item: _survives(room, item[0], *item[1]), enumerate(todo)))
     survivors = {mutant.key for (mutant, _), survived in zip(todo, alive, strict=True) if survived}
     explained = yaml.safe_load(EXPLAINED.read_text(encoding="utf-8"))
     assert survivors - set(explained) == set(), "mutants that no test notices"

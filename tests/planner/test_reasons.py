@@ -26,7 +26,7 @@ def gap_in_the_holds(wall: dict[str, Any]) -> None:
 
 def smooth_target_holds(wall: dict[str, Any]) -> None:
     wall["contact"].update(spine_shear_N=0)
-    wall["planner"] = {"time_limit_s": 3.0}
+    wall["planner"] = {"time_limit_s": 6.0}
     for part in wall["holds"]:
         part["friction"] = 0.5
 

@@ -7,6 +7,7 @@ import pytest
 from crux_planner.contacts import Contact, GripperShape
 from crux_planner.search.swing import Swing, SwingLimits, footprint, gripper_gap, palm_gap, plan_swing
 from crux_planner.terms.obstacles import Cuboids
+from scipy.spatial import cKDTree
 
 SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
 LIMITS = SwingLimits(2.0, 0.05, 0.25, 0.024, 0.01, 0.16)
@@ -102,5 +103,5 @@ def test_palms_meet_at_their_corners_first() -> None:
             along, across = np.meshgrid(np.linspace(-length, length, 141), np.linspace(-0.02, 0.02, 41))
             c, s = np.cos(turn), np.sin(turn)
             edges.append(np.stack([x + c * along - s * across, y + s * along + c * across], -1).reshape(-1, 2))
-        sampled = min(np.linalg.norm(edges[1] - p, axis=1).min() for p in edges[0])
+        sampled = cKDTree(edges[1]).query(edges[0])[0].min()
         assert palm_gap(a, b, 0.02) == pytest.approx(sampled, abs=1.5e-3)

@@ -1,17 +1,22 @@
-"""The plan of a climb of one step, short enough for a kernel with one processor."""
+"""The plan of a climb of one step, short enough for a kernel with one processor and for emulated boards."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
 from crux_tools.paths import ROOT
 from with_can import CRUX
 
+SCENARIO = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
+HORIZON = "{steps: 13, dt_s: 0.6}"  # the quickest that the robot's speeds permit
+
 
 def plan_short_climb(folder: Path) -> Path:
     """Plans it with the real planner."""
-    plan = folder / "plan.mcap"
-    scenario = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
+    plan, scenario = folder / "plan.mcap", folder / "short.yaml"
+    text = SCENARIO.read_text(encoding="utf-8")
+    scenario.write_text(re.sub(r"(?m)^horizon: .*$", f"horizon: {HORIZON}", text), encoding="utf-8")
     subprocess.run([*CRUX, "plan", str(scenario), "-o", str(plan)], check=True)
     return plan

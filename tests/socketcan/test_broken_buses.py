@@ -25,11 +25,11 @@ LF, RF, LR, RR = range(4)
 IN_MID_CLIMB = """
 version: 1
 faults:
-  - {kind: error_passive, limb: LF, at_s: 8.0, for_s: 0.2}
-  - {kind: interface_down, limb: RF, at_s: 8.4, for_s: 0.2}
-  - {kind: bus_off, limb: LR, at_s: 10.6, for_s: 0.2}
-  - {kind: queue_full, limb: RR, at_s: 12.8, for_s: 0.2}
-  - {kind: unacknowledged, limb: LF, at_s: 15.0, for_s: 0.2}
+  - {kind: error_passive, limb: LF, at_s: 5.0, for_s: 0.2}
+  - {kind: interface_down, limb: RF, at_s: 5.4, for_s: 0.2}
+  - {kind: bus_off, limb: LR, at_s: 7.6, for_s: 0.2}
+  - {kind: queue_full, limb: RR, at_s: 9.8, for_s: 0.2}
+  - {kind: unacknowledged, limb: LF, at_s: 12.0, for_s: 0.2}
 """
 BEFORE = """
 version: 1

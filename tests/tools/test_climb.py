@@ -157,6 +157,7 @@ def test_a_plan_for_another_robot_is_refused(tmp_path: Path) -> None:
     assert not log.exists()
 
 
+@pytest.mark.alone
 def test_by_the_clock(tmp_path: Path) -> None:
     plan = saved(tmp_path, standing_plan())
     status, result = finish_climb(start_climb(plan, tmp_path / "log.mcap", "--pace", "realtime"))

@@ -236,12 +236,13 @@ def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     model.add([(x["v"][1:], step), (x["v"][:-1], -step), *terms], weight, weight)
 
 
-def solve(scene: PaperScene, time_limit_s: float) -> dict[str, Any]:
-    """Build, solve until the time is up, and say how far HiGHS came."""
+def solve(scene: PaperScene, time_limit_s: float, gap: float = 1e-4) -> dict[str, Any]:
+    """Build, solve until the gap is closed to this share or the time is up, and say how far HiGHS came."""
     began = time.monotonic()
     model, _ = build(scene)
     solver = highspy.Highs()  # type: ignore[no-untyped-call]
     solver.setOptionValue("output_flag", False)
+    solver.setOptionValue("mip_rel_gap", gap)
     solver.passModel(model.highs())
     built = time.monotonic() - began
     solver.setOptionValue("time_limit", max(time_limit_s - built, 1.0))

@@ -180,6 +180,7 @@ def test_more_friction_never_raises_it() -> None:
     assert values[0] <= values[1] * 1.01 <= values[2] * 1.02  # type: ignore[operator]
 
 
+@pytest.mark.alone
 def test_beside_says_what_is_proven_so_far() -> None:
     problem = scene(20, goal_m=0.0).problem
     beside = Beside(problem, 3.0)

@@ -44,6 +44,7 @@ def test_the_report_lists_every_joint_with_its_limits() -> None:
         assert 0.0 <= joint.rms_torque_Nm <= joint.peak_torque_Nm < joint.effort_limit_Nm
 
 
+@pytest.mark.alone
 def test_the_cold_budget_of_planning_is_spared() -> None:
     """Processor time, so that a busy machine does not matter."""
     plan, spent = synthetic.make_plan(), []

@@ -35,6 +35,7 @@ def test_a_short_wait_is_planned_and_passes_the_check() -> None:
     assert shown["history"] == []
 
 
+@pytest.mark.alone
 def test_it_says_how_far_it_came_within_its_time_limit() -> None:
     begin = time.monotonic()
     with pytest.raises(InfeasibleError, match=r"relaxation [0-9.]+, \d of 5, after \d+ iterations; it came to") as said:

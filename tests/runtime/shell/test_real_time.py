@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import crux_nodes
 import numpy as np
+import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import command_t
 from crux_tools.paths import built
@@ -51,6 +52,7 @@ def answering_nodes(runtime: Runtime) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.alone
 def test_cycles_follow_the_clock_and_are_all_logged(start: Starter) -> None:
     runtime = start(pace="clock")
     with answering_nodes(runtime):

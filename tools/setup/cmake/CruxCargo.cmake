@@ -15,7 +15,7 @@ function(crux_cargo_staticlib target)
   endif()
   find_program(CRUX_CARGO cargo HINTS $ENV{HOME}/.cargo/bin REQUIRED)
 
-  set(work ${CMAKE_BINARY_DIR}/cargo/${target})
+  cmake_path(SET work NORMALIZE ${CMAKE_BINARY_DIR}/../cargo/${target}) # one for all build folders beside each other
   set(library ${work}/target/release/lib${ARG_LIBRARY}.a)
   set(CRATES_IO ${CRUX_CRATES_IO})
   file(MAKE_DIRECTORY ${work})

@@ -1,0 +1,17 @@
+"""How the tests are shared out among processes (`pytest -n 2 --dist loadfile`, as `make test` runs them)."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that no long file begins last
+
+# Not ignored as in a job in the background, for what tests start inherits that and could not be interrupted.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first."""
+    items.sort(key=lambda item: not item.nodeid.startswith(LONG_FIRST))
