@@ -25,7 +25,7 @@ from crux_planner.search.swing import SwingLimits
 from crux_planner.shapes import limb_shape
 from crux_planner.terms.obstacles import Cuboids
 from crux_planner.terms.torque import limb_masses
-from crux_planner.workspace import WorkspaceRange, acceptance_boxes
+from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more room
@@ -57,45 +57,12 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
-    clearance = margins.get("clearance_m", robot.grasp.swing_clearance_m)
-    shape = GripperShape(
-        *robot.gripper.opening_m,
-        robot.gripper.open_opening_m,
-        robot.gripper.pad_radius_m,
-        robot.gripper.finger_height_m,
-    )
-    boxes = acceptance_boxes(
-        robot.limbs,
-        WorkspaceRange(
-            robot.body.height_m,
-            robot.grasp.pad_height_m,
-            robot.grasp.pad_height_m[1] + robot.gripper.pad_radius_m + robot.grasp.swing_clearance_m,
-            robot.grasp.max_swing_height_m,
-            robot.body.max_tilt_rad,
-            robot.grasp.gripper_yaw_rad,
-        ),
-    )
-    highest = body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
-    limits = SwingLimits(
-        scenario.horizon.dt_s,
-        robot.grasp.approach_speed_m_s,
-        robot.grasp.yaw_rate_rad_s,
-        clearance,
-        PASSING_CLEARANCE_M,
-        min(robot.grasp.max_swing_height_m, highest),
-    )
+    shape, boxes = _gripper_shape(robot), _boxes(robot)
+    limits = _swing_limits(scenario, robot, boxes, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     begin = start_contacts(scenario, contacts, unusable)
     contact = scenario.contact
-    low, high = robot.grasp.gripper_yaw_rad
-    final_yaw = float(goal.rpy_rad[2])
-    usable = [
-        i
-        for i, c in enumerate(contacts)
-        if low + max(final_yaw, 0.0) <= c.yaw_rad <= high + min(final_yaw, 0.0) or i in begin
-    ]
-    hanging = [contact.spines_only.get(limb, 0) for limb in LIMBS]
     return Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
@@ -111,7 +78,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         cuboids=cuboids,
         hold_names=[hold.name for hold in scenario.holds],
         contacts=contacts,
-        limb_contacts=[[i for i in usable if contacts[i].spines_only == finger] for finger in hanging],
+        limb_contacts=_limb_contacts(scenario, robot, contacts, begin, float(goal.rpy_rad[2])),
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
         start=start,
         goal=Goal(
@@ -134,6 +101,57 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,
     )
+
+
+def _gripper_shape(robot: Robot) -> GripperShape:
+    return GripperShape(
+        *robot.gripper.opening_m,
+        robot.gripper.open_opening_m,
+        robot.gripper.pad_radius_m,
+        robot.gripper.finger_height_m,
+    )
+
+
+def _boxes(robot: Robot) -> AcceptanceBoxes:
+    """(9a) for every tilt and gripper yaw, from the pads' least height on a hold to the highest swing."""
+    return acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            robot.grasp.pad_height_m,
+            robot.grasp.pad_height_m[1] + robot.gripper.pad_radius_m + robot.grasp.swing_clearance_m,
+            robot.grasp.max_swing_height_m,
+            robot.body.max_tilt_rad,
+            robot.grasp.gripper_yaw_rad,
+        ),
+    )
+
+
+def _swing_limits(scenario: Scenario, robot: Robot, boxes: AcceptanceBoxes, clearance_m: float) -> SwingLimits:
+    """No swing is higher than what every limb reaches under the highest body."""
+    top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
+    return SwingLimits(
+        scenario.horizon.dt_s,
+        robot.grasp.approach_speed_m_s,
+        robot.grasp.yaw_rate_rad_s,
+        clearance_m,
+        PASSING_CLEARANCE_M,
+        min(robot.grasp.max_swing_height_m, top_m),
+    )
+
+
+def _limb_contacts(
+    scenario: Scenario, robot: Robot, contacts: list[Contact], begin: list[int], final_yaw_rad: float
+) -> list[list[int]]:
+    """By limb, the contacts that its gripper may turn to under the heading of the start and of the goal alike."""
+    low, high = robot.grasp.gripper_yaw_rad
+    usable = [
+        i
+        for i, c in enumerate(contacts)
+        if low + max(final_yaw_rad, 0.0) <= c.yaw_rad <= high + min(final_yaw_rad, 0.0) or i in begin
+    ]
+    hanging = [scenario.contact.spines_only.get(limb, 0) for limb in LIMBS]
+    return [[i for i in usable if contacts[i].spines_only == finger] for finger in hanging]
 
 
 def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
