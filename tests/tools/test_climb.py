@@ -94,9 +94,10 @@ def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert other is not None
     assert other.cycle == cycle
     assert other.logged != other.computed
-    del inputs[cycle - 2]
-    gap = recompute.recompute(log)
-    assert (gap.ok, gap.missing_cycle, gap.cycles) == (False, cycle - 1, cycle - 2)
+    for topic, gone in (("/control_input", cycle - 1), ("/robot_state", cycle - 7)):
+        del told.payloads[topic][gone - 1]
+        gap = recompute.recompute(log)
+        assert (gap.ok, gap.first_difference, gap.missing_cycle, gap.cycles) == (False, None, gone, gone - 1)
 
 
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:

@@ -117,6 +117,8 @@ def _compare(log: Payloads, computed: bytes, cycles: list[int], missing_cycle: i
             (length,) = _LENGTH.unpack_from(computed, at)
             at += _LENGTH.size + length
             again, logged = computed[at - length : at], log.payloads[topic][index]
+            if _CYCLE.unpack_from(logged)[0] != cycles[index]:
+                return Comparison(index, None, cycles[index])
             if again != logged:
                 return Comparison(index + 1, _difference(log, cycles[index], topic, logged, again), missing_cycle)
     return Comparison(whole, None, missing_cycle)
