@@ -6,18 +6,22 @@ import itertools
 from dataclasses import replace
 from functools import lru_cache
 
+import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.arrays import Array
 from crux_planner.build import build_problem
+from crux_planner.checker.plan_arrays import read_plan
+from crux_planner.checker.report import Findings
 from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.problem import Pose, Problem
 from crux_planner.proof import poses
 from crux_planner.proof.infeasible import Proof
 from crux_planner.proof.poses import GoalPoses
 from crux_tools.benches.random_fields import random_field
+from crux_tools.benches.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from walls import scenario, two_rows
@@ -115,3 +119,31 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
             ]
             choice.append({proof.hold[i] for i in ends})
         assert not any(len(set(holds)) == 4 for holds in itertools.product(*choice))
+
+
+def test_every_knot_of_a_plan_is_within_the_relaxation() -> None:
+    """Reach, balance and the goal's pose of a plan that the check passes."""
+    read = parse_scenario(random_wall(2, all_limbs=True))
+    result = crux_planner.plan(read, ROBOT)
+    plan = read_plan(result.plan, Findings())
+    assert plan is not None
+    proof = Proof(read, ROBOT, build_problem(read, ROBOT))
+    stances = [
+        tuple(
+            proof.number[int(plan.hold[k, limb]), int(plan.finger1_face[k, limb]) // 2] if plan.gripped[k, limb] else -1
+            for limb in range(4)
+        )
+        for k in range(plan.n_knots)
+    ]
+    for stance, position, rpy in zip(stances, plan.body_position, plan.body_rpy, strict=True):
+        fits, low, high = proof.reach.all.fits(stance)
+        heading = np.arange(len(fits)) == np.argmin(np.abs(proof.reach.all.yaw_rad - rpy[2]))
+        bounds = proof.reach.region(heading, low, high)
+        assert (fits & heading).any()
+        assert (bounds[0] <= position).all()
+        assert (position <= bounds[1]).all()
+    for k in range(0, plan.n_knots - 1, 5):
+        support = tuple(sorted(g for g in stances[k] if g >= 0))
+        assert proof.balance.missing_force(support, plan.body_position[k], plan.body_position[k] + 1e-6) <= 0.0
+    assert proof.quick() is None
+    assert stances[-1] in proof.goals
