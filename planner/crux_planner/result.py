@@ -73,7 +73,7 @@ def plan_message(
     plan.max_normal_n = problem.patch.max_normal_N
     plan.spine_shear_n = problem.patch.spine_shear_N
     plan.spine_twist_nm = problem.patch.spine_twist_Nm
-    plan.knots = [_knot(problem, schedule, solution, k) for k in range(problem.steps + 1)]
+    plan.knots = _knots(problem, schedule, solution)
     plan.n_knots = len(plan.knots)
     plan.plan_id = plan_id(plan)
     return plan
@@ -112,38 +112,50 @@ def _hold(cuboid: Any) -> Any:
     return hold
 
 
-def _knot(problem: Problem, schedule: Schedule, solution: Solution, k: int) -> Any:
+def _knots(problem: Problem, schedule: Schedule, solution: Solution) -> list[Any]:
     to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
-    state = solution.body[k]
-    knot = crux_msgs.plan_knot_t()
-    knot.time_s = k * problem.dt_s
-    knot.body_position_w_m = list(to_w @ state[0:3])
-    knot.body_rpy_rad = list(state[3:6] + heading)
-    knot.body_velocity_w_m_s = list(to_w @ state[6:9])
-    knot.body_angular_velocity_b_rad_s = list(state[9:12])
-    knot.limbs = [_limb(problem, schedule, solution, k, limb, to_w) for limb in range(4)]
-    return knot
+    body = solution.body
+    columns = [body[:, 0:3] @ to_w.T, body[:, 3:6] + heading, body[:, 6:9] @ to_w.T, body[:, 9:12]]
+    limbs = _limbs(problem, schedule, solution, to_w)
+    knots = []
+    for k, (position, rpy, velocity, rate) in enumerate(zip(*(part.tolist() for part in columns), strict=True)):
+        knot = crux_msgs.plan_knot_t()
+        knot.time_s = k * problem.dt_s
+        knot.body_position_w_m, knot.body_rpy_rad = position, rpy
+        knot.body_velocity_w_m_s, knot.body_angular_velocity_b_rad_s = velocity, rate
+        knot.limbs = limbs[4 * k : 4 * k + 4]
+        knots.append(knot)
+    return knots
 
 
-def _limb(problem: Problem, schedule: Schedule, solution: Solution, k: int, limb: int, to_w: Array) -> Any:
-    message = crux_msgs.limb_knot_t()
-    pose = schedule.poses[k, limb]
-    message.gripper_position_w_m = list(to_w @ pose[:3])
-    message.gripper_yaw_w_rad = float(pose[3]) + problem.heading_rad
-    message.finger_separation_m = 2 * float(pose[4])
-    index = schedule.contacts[k][limb]
-    if index is None:
-        message.phase, message.hold = crux_msgs.limb_knot_t.AIR, -1
-        message.finger1_face, message.friction = crux_msgs.limb_knot_t.FACE_NONE, 0.0
-        message.finger_force_w_n, message.finger_moment_w_nm = [0.0] * 6, [0.0] * 6
-        return message
-    contact = problem.contacts[index]
-    q = solution.wrenches[min(k, problem.steps - 1)][limb]  # the last knot repeats the one before
+def _limbs(problem: Problem, schedule: Schedule, solution: Solution, to_w: Array) -> list[Any]:
+    """Of all knots, four each."""
+    from crux_planner.terms.dynamics import WRENCH_INPUTS  # with casadi, which walks do without
     from crux_planner.terms.limit_surface import finger_forces
 
-    forces, moments = finger_forces(q, contact.axis, contact.tangent)
-    message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
-    message.finger1_face, message.friction = contact.finger1_face, contact.friction
-    message.finger_force_w_n = list((forces @ to_w.T).ravel())
-    message.finger_moment_w_nm = list((moments @ to_w.T).ravel())
-    return message
+    held = [problem.contacts[c] if c is not None else None for knot in schedule.contacts for c in knot]
+    loads = [*solution.wrenches, solution.wrenches[-1]]  # the last knot repeats the one before
+    none = np.zeros(WRENCH_INPUTS)
+    q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
+    axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
+    forces, moments = ((part @ to_w.T).reshape(-1, 6).tolist() for part in finger_forces(q, axes, tangents))
+    positions = (schedule.poses[..., :3] @ to_w.T).reshape(-1, 3).tolist()
+    yaws = (schedule.poses[..., 3].ravel() + problem.heading_rad).tolist()
+    separations = (2 * schedule.poses[..., 4].ravel()).tolist()
+    messages = []
+    for i, contact in enumerate(held):
+        message = crux_msgs.limb_knot_t()
+        message.gripper_position_w_m, message.gripper_yaw_w_rad = positions[i], yaws[i]
+        message.finger_separation_m = separations[i]
+        message.finger_force_w_n, message.finger_moment_w_nm = forces[i], moments[i]
+        if contact is None:
+            message.phase, message.hold = crux_msgs.limb_knot_t.AIR, -1
+            message.finger1_face, message.friction = crux_msgs.limb_knot_t.FACE_NONE, 0.0
+        else:
+            message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
+            message.finger1_face, message.friction = contact.finger1_face, contact.friction
+        messages.append(message)
+    return messages
+
+
+_UP = np.array([0.0, 0.0, 1.0])  # any: nothing is multiplied by it

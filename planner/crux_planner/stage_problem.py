@@ -96,16 +96,14 @@ class StageProblem:
         """Bounds (7) of wrenches and (3) of the spines' shares, (N, 4, 8), scaled."""
         problem, scale = self.problem, self.functions.scale
         low, high = (np.full((self.knots, 4, COLUMN), sign * np.inf) for sign in (-1, 1))
-        for k, limb in zip(*np.nonzero(self.stance), strict=True):
-            contact = contacts[k][limb]
-            assert contact is not None
+        for contact, (knots, limbs) in _places(contacts):
             bounds = wrench_bounds(problem, contact)
-            low[k, limb, :WRENCH_INPUTS], high[k, limb, :WRENCH_INPUTS] = bounds[0] / scale, bounds[1] / scale
+            low[knots, limbs, :WRENCH_INPUTS], high[knots, limbs, :WRENCH_INPUTS] = bounds[0] / scale, bounds[1] / scale
             spines = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm])
             # Where the cone has shrunk to a ray spines carry all: their limits are those of the load itself.
-            share = slice(WRENCH_INPUTS, COLUMN) if self.rough[k, limb] else slice(0, 3)
-            high[k, limb, share] = problem.friction_share * spines / scale[:3]
-            low[k, limb, share] = -high[k, limb, share]
+            share = slice(WRENCH_INPUTS, COLUMN) if contact.grip_friction > 0.0 else slice(0, 3)
+            high[knots, limbs, share] = problem.friction_share * spines / scale[:3]
+            low[knots, limbs, share] = -high[knots, limbs, share]
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
@@ -257,3 +255,15 @@ class StageProblem:
             body[knots, :POSE] += both[:, :POSE]
             columns[knots, limb, :WRENCH_INPUTS] += both[:, POSE:]
         return body, columns
+
+
+def _places(contacts: list[list[Contact | None]]) -> list[tuple[Contact, tuple[list[int], list[int]]]]:
+    """Every contact with the knots and limbs that it is held at."""
+    found: dict[int, tuple[Contact, tuple[list[int], list[int]]]] = {}
+    for k, knot in enumerate(contacts):
+        for limb, contact in enumerate(knot):
+            if contact is not None:
+                _, (knots, limbs) = found.setdefault(id(contact), (contact, ([], [])))
+                knots.append(k)
+                limbs.append(limb)
+    return list(found.values())

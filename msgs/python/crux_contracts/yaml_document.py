@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import yaml
@@ -190,10 +191,16 @@ def read_bytes(path: Path) -> bytes:
         raise DocumentError(str(path), [Problem("", "", f"cannot be read: {error.strerror}")]) from error
 
 
+@lru_cache(maxsize=4)
+def _document(text: str) -> Node | None:
+    """Of a text that is read again and again: by who wrote it, and by who checks it."""
+    return _Builder(text).document()
+
+
 def parse_mapping(data: bytes, path: str) -> Node:
-    """The top mapping of a YAML file. Raises DocumentError with one problem."""
+    """The top mapping of a YAML file, not to be changed. Raises DocumentError with one problem."""
     try:
-        root = _Builder(data.decode("utf-8")).document()
+        root = _document(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise DocumentError(path, [Problem("", f"byte {error.start}", "is not UTF-8 text")]) from None
     except _Refusal as refusal:

@@ -70,13 +70,14 @@ def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:
 
 
 def finger_forces(q: Array, normal_w: Array, tangent_w: Array) -> tuple[Array, Array]:
-    """Forces (2, 3) and moments (2, 3) on the robot of finger 1 (at +e) and 2 (at -e) for q = (s1, s2, m, n1, n2).
+    """Forces (..., 2, 3) and moments on the robot of finger 1 (at +e) and 2 (at -e) for q = (s1, s2, m, n1, n2).
 
-    `normal_w` is e, the outward normal of finger 1's face; the shear axes are `tangent_w` and W's z.
+    `normal_w` (..., 3) is e, the outward normal of finger 1's face; the shear axes are `tangent_w` and W's z.
     """
-    shear = q[0] * tangent_w + q[1] * np.array([0.0, 0.0, 1.0])
-    forces = np.stack([q[3] * normal_w + shear, -q[4] * normal_w + shear])
-    return forces, np.stack([q[2] * normal_w] * 2)
+    s1, s2, twist, n1, n2 = np.moveaxis(np.asarray(q)[..., None], -2, 0)
+    shear = s1 * tangent_w + s2 * np.array([0.0, 0.0, 1.0])
+    forces = np.stack([n1 * normal_w + shear, -n2 * normal_w + shear], axis=-2)
+    return forces, np.stack([twist * normal_w] * 2, axis=-2)
 
 
 def finger_inputs(force_w: Array, moment_w: Array, yaw_rad: Array) -> Array:
