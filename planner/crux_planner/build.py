@@ -36,8 +36,12 @@ TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for 
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
 
 
-def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False) -> Problem:
+def build_problem(
+    scenario: Scenario, robot: Robot, *, off_centre: bool = False, boxes: AcceptanceBoxes | None = None
+) -> Problem:
     """P1 of a scenario of patch contacts; with `off_centre`, grasps near the ends of wide faces too.
+
+    `boxes` are the robot's, where another problem has them already: they take most of the time.
 
     Raises ScenarioError and InfeasibleError.
     """
@@ -57,7 +61,7 @@ def build_problem(scenario: Scenario, robot: Robot, *, off_centre: bool = False)
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
-    shape, boxes = _gripper_shape(robot), _boxes(robot)
+    shape, boxes = _gripper_shape(robot), boxes or _boxes(robot)
     limits = _swing_limits(scenario, robot, boxes, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)

@@ -93,9 +93,9 @@ def _plan_anyhow(
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(scenario, robot, problem, none_level, _realise, work, deadline)
+        return plan_wider(scenario, robot, problem, none_level, realise_moves, work, deadline)
     try:
-        return plan_wider(scenario, robot, problem, none_level, _realise, work, deadline, share=WIDER_SHARE)
+        return plan_wider(scenario, robot, problem, none_level, realise_moves, work, deadline, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
         if none_wider.proven or time.monotonic() > deadline:
             raise
@@ -132,7 +132,7 @@ def _plan_level(
             if moves is None:
                 failures.append(explain(problem, balance, reach, ways, seen, at_once))
                 break
-            attempt = _realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
+            attempt = realise_moves(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
             if isinstance(attempt, PlanResult):
                 attempt.gap = _proven_gap(work, attempt.cost)
                 return attempt
@@ -216,7 +216,7 @@ def _search(
     return search(problem, balance, reach, ways, at_once=at_once, greed=1.0 if quick else GREED, deadline=until)
 
 
-def _realise(
+def realise_moves(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,

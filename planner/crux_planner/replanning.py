@@ -23,11 +23,12 @@ from crux_planner.build import build_problem, start_contacts, start_inertia
 from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.nlp import Start, start_from_path
-from crux_planner.planning import plan
+from crux_planner.planning import plan, realise_moves
 from crux_planner.poses import pose_in_heading_frame
 from crux_planner.problem import Pose, Problem
-from crux_planner.realise import finish
+from crux_planner.realise import Failure, finish
 from crux_planner.result import PlanResult
+from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
 from crux_planner.search.schedule import Schedule, lay_out, least_durations
 from crux_planner.search.stances import Move, Reach, search
@@ -35,9 +36,11 @@ from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.tail import Tail, read_tail
+from crux_planner.wider import plan_turning
 from crux_planner.work import Work
 
 TIME_LIMIT_S = 10.0
+TURNING_S = 4.0  # at most, for the searches that choose headings
 SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
 
 
@@ -67,7 +70,8 @@ class Planner:
         `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
         more, but still in the way. The horizon is what is left, or what the way takes if that is more. `timing` has
         stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
-        are tried first, then others that lead back to them; where all that finds nothing `plan` is asked.
+        are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
+        cost); where all that finds nothing `plan` is asked, which also says why.
         Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's.
         """
         began = time.monotonic()
@@ -83,6 +87,17 @@ class Planner:
             result = self._along(scenario, problem, tail, work, deadline)
         if result is None:
             result = self._anew(scenario, problem, tail, work, deadline)
+        if result is None:
+            found = plan_turning(
+                scenario,
+                self.robot,
+                self.problem,
+                self._realise,
+                work,
+                min(deadline, time.monotonic() + TURNING_S),
+                deadline,
+            )
+            result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
             return plan(scenario, self.robot, time_limit_s=max(deadline - time.monotonic(), 1.0), log=log)
@@ -123,6 +138,26 @@ class Planner:
         schedule = lay_out(problem, self.ways, moves, step)
         path = knot_path(self._as_level(problem), self.balance, schedule)
         return None if path is None else (problem, schedule, start_from_path(problem, path))
+
+    def _realise(
+        self,
+        scenario: Scenario,
+        robot: Robot,
+        problem: Problem,
+        balance: Balance,
+        reach: Reach,
+        ways: Ways,
+        moves: list[Move],
+        work: Work,
+        deadline: float,
+    ) -> PlanResult | Failure:
+        """A checked plan for moves of a problem of its own, with the steps they need."""
+        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+        smooth = smooth_events(problem, balance, reach, ways, moves)
+        needed = int(sum(part.sum() for part in least_durations(problem, ways, smooth, step)))
+        steps = max(problem.steps, needed)
+        scenario, problem = rewritten(scenario, steps=steps), replace(problem, steps=steps)
+        return realise_moves(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
 
     def _finish(
         self, scenario: Scenario, problem: Problem, schedule: Schedule, start: Start, work: Work, deadline: float

@@ -78,6 +78,26 @@ def plan_wider(
         raise none_level  # what follows takes longer still
     now = time.monotonic()
     until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
+    found = plan_turning(scenario, robot, problem, realise, work, until, deadline)
+    if found is not None:
+        result, wide = found
+        with work.part("bound", 0.95):  # of the problem with this aim and these grasps
+            bound = lower_bound(wide, (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
+            result.gap = gap(result.cost, bound)
+        return result
+    if share is not None:
+        raise none_level
+    with work.part("proof", 0.9):
+        impossible = proof.disconnected(min(deadline, time.monotonic() + LAST_PROOF_S))
+    raise none_level if impossible is None else _explained(none_level, impossible)
+
+
+def plan_turning(
+    scenario: Scenario, robot: Robot, problem: Problem, realise: Realise, work: Work, until: float, deadline: float
+) -> tuple[PlanResult, Problem] | None:
+    """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found until then,
+    or made of it until the deadline.
+    """
     aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
         if time.monotonic() > until or (aim > 0 and aims[off_centre, aim - 1] is None):
@@ -85,7 +105,9 @@ def plan_wider(
         if (off_centre, aim) not in aims:
             tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
             with work.part("problem", 0.1):
-                aims[off_centre, aim] = aimed(build_problem(scenario, robot, off_centre=off_centre), tried)
+                aims[off_centre, aim] = aimed(
+                    build_problem(scenario, robot, off_centre=off_centre, boxes=problem.boxes), tried
+                )
         found = aims[off_centre, aim]
         if found is None:
             continue
@@ -95,19 +117,10 @@ def plan_wider(
         if off_centre and (start := clear_start(wide, Ways(wide))) is not None:
             wide = replace(wide, start_contacts=start)
         now = time.monotonic()
-        result = _plan_turning(
-            scenario, robot, wide, found[1], realise, work, now + TURN_SHARE * (until - now), deadline
-        )
+        result = _plan_aimed(scenario, robot, wide, found[1], realise, work, now + TURN_SHARE * (until - now), deadline)
         if result is not None:
-            with work.part("bound", 0.95):  # of the problem with this aim and these grasps
-                bound = lower_bound(wide, (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
-                result.gap = gap(result.cost, bound)
-            return result
-    if share is not None:
-        raise none_level
-    with work.part("proof", 0.9):
-        impossible = proof.disconnected(min(deadline, time.monotonic() + LAST_PROOF_S))
-    raise none_level if impossible is None else _explained(none_level, impossible)
+            return result, wide
+    return None
 
 
 def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> InfeasibleError:
@@ -115,7 +128,7 @@ def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> Infe
     return InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)
 
 
-def _plan_turning(
+def _plan_aimed(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,

@@ -20,7 +20,7 @@ from crux_tools.arguments import whole
 from crux_tools.output import note, print_json, progress
 from crux_tools.paths import SCENARIOS
 
-LIMIT_S = 0.3  # of the planning, from a stance as the plan has it; the check is timed apart
+LIMIT_S = 0.3  # of planning and check, from a stance as the plan has it
 OFF_M = (0.01, 0.02)  # how far off the body is
 DRAWS = 50  # of a place for it that all limbs reach
 LOST_LIMIT_S = 5.0  # for a wall that lacks a hold: it may have no way at all
@@ -34,7 +34,7 @@ class Case:
     at_s: float
     case: str  # plain, off or lost
     found: bool
-    how: str  # along the old moves, back to them, or from scratch
+    how: str  # along the old moves, back to them, by other headings, or from scratch
     planning_s: float
     whole_s: float
     cost: float | None
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when every plain stance gave a plan that passes the check, within the limit without the check."""
+    """Exit status 0 when every plain stance gave a plan that passes the check, within the limit, check and all."""
     from crux_contracts.scenario import load_scenario, parse_scenario
 
     from crux_tools.benches.random_walls import random_ladder
@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
             cases += _wall(wall, options.repeat, ("plain",) if options.plain else ("plain", "off", "lost"))
             bar.at(done)
     plain = [case for case in cases if case.case == "plain"]
-    ok = all(case.found and case.planning_s <= LIMIT_S for case in plain)
+    ok = all(case.found and case.whole_s <= LIMIT_S for case in plain)
     if options.json:
         print_json({"ok": ok, "summary": _summary(cases), "cases": [vars(case) for case in cases]})
         return 0 if ok else 1
@@ -168,7 +168,8 @@ def _case(planner: Any, running: Any, k: int, name: str, more: dict[str, Any], r
         tries.append((time.monotonic() - began, result.timing["check"]))
     parts = {} if result is None else result.timing
     if result is not None:
-        how = "from scratch" if "problem" in parts else "back to them" if "contacts" in parts else "along"
+        how = "back to them" if "contacts" in parts else "along"
+        how = "from scratch" if "stance" not in parts else "headings" if "headings" in parts else how
     return Case(
         wall=planner.scenario.name,
         at_s=at_s,
