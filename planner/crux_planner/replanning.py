@@ -24,7 +24,7 @@ from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.nlp import Start, start_from_path
 from crux_planner.planning import plan, realise_moves
-from crux_planner.poses import pose_in_heading_frame
+from crux_planner.poses import check_body, pose_in_heading_frame
 from crux_planner.problem import Pose, Problem
 from crux_planner.realise import Failure, finish
 from crux_planner.result import PlanResult
@@ -72,7 +72,7 @@ class Planner:
         stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
         are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
         cost); where all that finds nothing `plan` is asked, which also says why.
-        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's.
+        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
         """
         began = time.monotonic()
         deadline = began + time_limit_s
@@ -81,6 +81,8 @@ class Planner:
             first = stance_knot(running, at_s)
             scenario = scenario_at(self.scenario, running, first, body, without)
             problem = self._from(scenario, without)
+            if body is not None:
+                check_body(scenario, problem.body, problem.start, problem.goal.body)
             tail = read_tail(problem, running, first)
         result = None
         if tail is not None and tail.open_to(problem):

@@ -65,6 +65,14 @@ def test_with_the_body_elsewhere_the_plan_begins_there() -> None:
     assert list(result.plan.knots[0].body_position_w_m) == pytest.approx([x + 0.008, y - 0.01, z])
 
 
+def test_a_body_outside_its_bounds_is_refused_at_once() -> None:
+    planner, running = route()
+    k = stances(running)[1]
+    x, y, _ = running.knots[k].body_position_w_m
+    with pytest.raises(ScenarioError, match="position_m"):
+        planner.replan(running, k * running.dt_s, body=BodyPose((x, y, 0.1), (0.0, 0.0, 0.0)))
+
+
 def test_a_lost_hold_is_gone_round_and_stays_in_the_way() -> None:
     wall, robot = scenario(ladder(5, steps=60)), load_robot("scaler")
     planner, running = Planner(wall, robot), plan(wall, robot).plan
