@@ -40,16 +40,22 @@ def rate_steps(problem: WalkProblem) -> Array:
 
 
 def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | None:
-    """Lower and upper bounds (S, 2) of the footholds: each foot's last one is near its goal.
+    """Lower and upper bounds (S, 2) of the footholds: beside obstacles, and each foot's last one near its goal.
 
-    None where a foot that takes no step begins too far from there.
+    None where a foot that takes no step begins too far from there, or one too few past an obstacle.
     """
-    low, high = np.full((len(gait.steps), 2), -np.inf), np.full((len(gait.steps), 2), np.inf)
+    limbs, ranges = [step.limb for step in gait.steps], problem.foothold_ranges_w_m
+    low, high = (np.array(each[limbs]) for each in ranges.later)
+    for limb in set(limbs):
+        low[limbs.index(limb)], high[limbs.index(limb)] = ranges.first[0][limb], ranges.first[1][limb]
+    if any(limbs.count(limb) < 2 for limb in range(4) if ranges.detour[limb]):
+        return None
     last = {step.limb: i for i, step in enumerate(gait.steps)}
     for limb in range(4):
         wanted = problem.goal_feet_w_m[limb]
         if limb in last:
-            low[last[limb]], high[last[limb]] = wanted - FINAL_FOOT_M, wanted + FINAL_FOOT_M
+            low[last[limb]] = np.maximum(low[last[limb]], wanted - FINAL_FOOT_M)
+            high[last[limb]] = np.minimum(high[last[limb]], wanted + FINAL_FOOT_M)
         elif np.abs(problem.start_feet_w_m[limb] - wanted).max() > FINAL_FOOT_M:
             return None
     return low, high

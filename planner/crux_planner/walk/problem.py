@@ -17,6 +17,7 @@ from crux_planner.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.mass import centre_of_mass, composite_inertia
 from crux_planner.poses import check_body, pose_in_heading_frame, weights_of
 from crux_planner.problem import LIMBS, BodyBounds, Goal, Pose, Weights
+from crux_planner.walk.obstacles import FootholdRanges, foothold_ranges
 from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
@@ -63,7 +64,8 @@ class WalkProblem:
     start_feet_w_m: Array  # (4, 2)
     start: Pose
     goal: Goal
-    goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start
+    goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start, or beside an obstacle there
+    foothold_ranges_w_m: FootholdRanges  # beside obstacles
     boxes: AcceptanceBoxes  # of the foot points
     cuts: tuple[Cut, ...]
     body: BodyBounds
@@ -99,11 +101,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     """P1 of a scenario with point contacts. Raises ScenarioError and InfeasibleError."""
     if scenario.contact.model != "point":
         raise wrong(scenario, "contact.model", scenario.contact.model, "expected point: this is about walks")
-    if scenario.cuboids:
-        name = scenario.cuboids[0].name
-        raise wrong(
-            scenario, "holds" if scenario.holds else "obstacles", name, "expected none with contact.model point"
-        )
+    if scenario.holds:
+        raise wrong(scenario, "holds", scenario.holds[0].name, "expected none with contact.model point")
     if scenario.contact.spine_shear_N or scenario.contact.spine_twist_Nm:
         raise wrong(scenario, "contact.spine_shear_N", "above 0", "expected 0: feet on the surface have no spines")
     heading = scenario.start.body.rpy_rad[2]
@@ -132,6 +131,10 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     )
     boxes = AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
     share, neutral = _limbs_pull(robot, start, feet)
+    goal_yaw = float(goal.rpy_rad[2])
+    goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T
+    room = boxes.half_m[:2] - np.abs(goal_feet - goal.position_m[:2] - boxes.centre_b_m[:, :2]).max(axis=0)
+    ranges = foothold_ranges(scenario.obstacles, robot, heading, goal_yaw, feet, goal_feet, np.maximum(room, 0.0))
     problem = WalkProblem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
@@ -144,8 +147,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         start_feet_w_m=feet,
         start=start,
         goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
-        goal_feet_w_m=goal.position_m[:2]
-        + (feet - start.position_m[:2]) @ rotation_z(float(goal.rpy_rad[2]))[:2, :2].T,
+        goal_feet_w_m=np.clip(goal_feet, *ranges.later),
+        foothold_ranges_w_m=ranges,
         boxes=boxes,
         cuts=(),
         body=body,

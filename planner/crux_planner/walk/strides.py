@@ -49,7 +49,8 @@ class Strides:
         if np.linalg.norm(straight) <= room and self._goal_turn <= problem.goal.rotation_room_rad:
             return 0
         strides = straight / (LONGEST_STRIDE * 2 * problem.boxes.half_m[:2])
-        return max(1, int(np.ceil(float(strides.max()) - 1e-9)))
+        fewest = 2 if problem.foothold_ranges_w_m.detour.any() else 1
+        return max(fewest, int(np.ceil(float(strides.max()) - 1e-9)))
 
     def starts(self, rounds: int) -> list[Slots]:
         """Every order of the feet, each stepping `rounds` times. Raises InfeasibleError where time is too short."""

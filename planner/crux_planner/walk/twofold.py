@@ -9,7 +9,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
@@ -49,6 +48,17 @@ class Second(Generic[Question, Answer]):
         answer: Answer = self._link.recv()
         return answer
 
+    def answers(self, questions: Sequence[Question]) -> list[Answer]:
+        """The answers to all, every second one by the second process where there can be one."""
+        told: list[Answer] = []
+        for first, *other in (questions[i : i + 2] for i in range(0, len(questions), 2)):
+            beside = bool(other) and self.start()
+            if beside:
+                self.ask(other[0])
+            told.append(self._answer(first))
+            told += [self.hear() if beside else self._answer(each) for each in other]
+        return told
+
     def close(self) -> None:
         """End the process, whatever it is doing."""
         if self._process is not None and self._link is not None:
@@ -56,19 +66,6 @@ class Second(Generic[Question, Answer]):
             self._process.join()
             self._link.close()
             self._process = self._link = None
-
-
-def answers(answer: Callable[[Question], Answer], questions: Sequence[Question]) -> list[Answer]:
-    """The answers to all, every second one by a second process where there can be one."""
-    told: list[Answer] = []
-    with closing(Second(answer)) as second:
-        for first, *other in (questions[i : i + 2] for i in range(0, len(questions), 2)):
-            beside = bool(other) and second.start()
-            if beside:
-                second.ask(other[0])
-            told.append(answer(first))
-            told += [second.hear() if beside else answer(each) for each in other]
-    return told
 
 
 def _serve(link: Connection, answer: Callable[[Any], Any]) -> None:

@@ -134,9 +134,15 @@ def test_a_foot_that_turns_far_is_in_the_air_for_longer() -> None:
         ("position_m: [0.1, 0.0, 0.185]", "position_m: [1.5, 0.0, 0.185]", InfeasibleError, "horizon.steps"),
         (
             "horizon:",
-            "obstacles: [{name: box, position_m: [1, 1], size_m: [0.1, 0.1, 0.1]}]\nhorizon:",
+            "obstacles: [{name: box, position_m: [0.22, 0.36], size_m: [0.05, 0.05, 0.06]}]\nhorizon:",
+            InfeasibleError,
+            "start.feet.LF is 27 mm too near to obstacle 'box'",
+        ),
+        (
+            "horizon:",
+            "holds: [{name: grip, position_m: [1, 1], size_m: [0.1, 0.1, 0.1], friction: 0.6}]\nhorizon:",
             ScenarioError,
-            "box",
+            "grip",
         ),
         ("max_normal_N: 60", "max_normal_N: 60, spine_shear_N: 3", ScenarioError, "spine_shear_N"),
         ("max_normal_N: 60", "max_normal_N: 20", InfeasibleError, None),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from crux_planner.walk.flat_search import FlatSearch
 from crux_planner.walk.gait import Gait, Step
 from crux_planner.walk.problem import build_walk
 from crux_planner.walk.stretch import bent
-from crux_planner.walk.twofold import answers
+from crux_planner.walk.twofold import Second
 
 FLAT = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-flat.yaml").read_text()
 PROBLEM = build_walk(parse_scenario(FLAT), load_robot("scaler"))
@@ -74,7 +75,8 @@ def test_the_corner_where_joints_are_too_fast_is_left_out(share: tuple[float, fl
 
 def test_two_processes_answer_as_one_does() -> None:
     questions = [1.0, 4.0, 9.0, 16.0, 25.0]
-    assert answers((2.0).__mul__, questions) == [2.0, 8.0, 18.0, 32.0, 50.0]
+    with closing(Second(np.sqrt)) as second:
+        assert second.answers(questions) == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 def test_a_gait_solved_beside_another_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,109 @@
+"""Where feet may stand beside obstacles: a foot passes each of them on one side, or along one side and then another.
+
+Steps lead straight from foothold to foothold, so that a step whose two ends are on one side of an obstacle does not
+pass over it. Sides are along and across the first heading. A foot that cannot go on past the side on which it begins
+makes its first step to where that side and the next one meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Obstacle
+
+from crux_planner.arrays import Array, Flags
+from crux_planner.errors import InfeasibleError
+from crux_planner.kinematics import rotation_z
+from crux_planner.problem import LIMBS
+from crux_planner.shapes import palm_shape
+
+CLEARANCE_M = 0.012  # of a standing gripper: in the air it is off its way by 8 mm
+
+
+@dataclass(frozen=True)
+class FootholdRanges:
+    """Lower and upper bounds (4, 2) of each foot's first foothold and of its later ones; `detour` (4,): it needs both
+    kinds.
+    """
+
+    first: tuple[Array, Array]
+    later: tuple[Array, Array]
+    detour: Flags
+
+
+def foothold_ranges(
+    obstacles: Sequence[Obstacle],
+    robot: Robot,
+    heading_rad: float,
+    yaw_rad: float,
+    feet: Array,
+    wanted: Array,
+    room_m: Array,
+) -> FootholdRanges:
+    """In the frame that is turned by `heading_rad`.
+
+    Feet (4, 2) are where they stand, `wanted` (4, 2) where they would be at the goal, turned by up to `yaw_rad` on the
+    way; `room_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
+    obstacle, or has no way past one.
+    """
+    first, later = ((np.full((4, 2), -np.inf), np.full((4, 2), np.inf)) for _ in range(2))
+    detour = np.zeros(4, dtype=bool)
+    reach = _reach(robot, yaw_rad) + CLEARANCE_M
+    for obstacle in obstacles:
+        centre = rotation_z(-heading_rad)[:2, :2] @ np.array(obstacle.position_m)
+        turned = np.abs(rotation_z(obstacle.yaw_rad - heading_rad)[:2, :2])
+        half = turned @ (0.5 * np.array(obstacle.size_m[:2])) + reach
+        for limb, name in enumerate(LIMBS):
+            # by how much the start is outside of each side, and the goal inside; (2, 2): lower and upper, axis
+            outside = np.array([centre - half - feet[limb], feet[limb] - centre - half])
+            inside = np.array([wanted[limb] - centre + half, centre + half - wanted[limb]])
+            if outside.max() < 0.0:
+                text = f"start.feet.{name} is {-1000 * outside.max():.0f} mm too near to obstacle {obstacle.name!r}"
+                raise InfeasibleError("contacts", f"{text} for its gripper")
+            begins = _side(np.where(outside >= 0.0, inside, np.inf))
+            _keep(first, limb, begins, centre, half)
+            if inside[begins] <= room_m[begins[1]]:
+                _keep(later, limb, begins, centre, half)
+                continue
+            across = np.full((2, 2), np.inf)
+            across[:, 1 - begins[1]] = inside[:, 1 - begins[1]]
+            then = _side(across)
+            if across[then] > room_m[then[1]]:
+                raise InfeasibleError(
+                    "contacts", f"no foothold for {name} beside obstacle {obstacle.name!r} at the goal"
+                )
+            detour[limb] = True
+            _keep(first, limb, then, centre, half)
+            _keep(later, limb, then, centre, half)
+    for low, high in (first, later):
+        for name in (LIMBS[i] for i in np.flatnonzero((low > high).any(axis=1))):
+            raise InfeasibleError("contacts", f"no foothold for {name} between the obstacles")
+    return FootholdRanges(first, later, detour)
+
+
+def _side(inside: Array) -> tuple[int, int]:
+    """The side that asks least: 0 for the lower and 1 for the upper, and its axis."""
+    side, axis = np.unravel_index(int(np.argmin(inside)), (2, 2))
+    return int(side), int(axis)
+
+
+def _keep(ranges: tuple[Array, Array], limb: int, side: tuple[int, int], centre: Array, half: Array) -> None:
+    """Narrow the ranges of a foot to one side."""
+    upper, axis = side
+    low, high = ranges
+    if upper:
+        low[limb, axis] = max(low[limb, axis], centre[axis] + half[axis])
+    else:
+        high[limb, axis] = min(high[limb, axis], centre[axis] - half[axis])
+
+
+def _reach(robot: Robot, yaw_rad: float) -> Array:
+    """(2,): how far a gripper with its fingers closed reaches along and across, turned by up to an angle."""
+    palm = palm_shape(robot)
+    fingers = np.array([robot.gripper.opening_m[0] + 2 * robot.gripper.pad_radius_m, robot.gripper.pad_radius_m])
+    size = fingers if palm is None else np.maximum(fingers, [palm.half_length, palm.half_width])
+    turned: Array = size + np.sin(abs(yaw_rad)) * size[::-1]
+    return turned
