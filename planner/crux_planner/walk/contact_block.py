@@ -35,7 +35,7 @@ _NEXT_ORACLES = 30  # asked in the ADMM iterations after the first
 _LINEARISATIONS = 3  # of (8b) and (9a) about the answer
 _NEAR = 90  # gaits looked at near one that has no solution
 _SETTLED, _COMPARED = 9, 3  # walks in the plane given to the oracle, and how many at once for the best of them
-_POLISHED, _POLISH = 24, 5e-4  # gaits that the oracle looks at in the end, and what of J is worth a change then
+_POLISHED, _POLISH = 16, 5e-4  # gaits that the oracle looks at in the end, and what of J is worth a change then
 _BETTER = 2e-3  # of J, what is worth a change
 
 
