@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
 from crux_planner.walk.cost import FORCE_SHARE
@@ -34,8 +33,7 @@ FLAT_GAITS = 60  # solved by the first search beyond its first ones
 _NEXT_ORACLES = 30  # asked in the ADMM iterations after the first
 _LINEARISATIONS = 3  # of (8b) and (9a) about the answer
 _NEAR = 90  # gaits looked at near one that has no solution
-_SETTLED, _COMPARED = 9, 3  # walks in the plane given to the oracle, and how many at once for the best of them
-_POLISHED, _POLISH = 16, 5e-4  # gaits that the oracle looks at in the end, and what of J is worth a change then
+_SETTLED, _COMPARED = 12, 6  # walks in the plane given to the oracle, and how many at once for the best of them
 _BETTER = 2e-3  # of J, what is worth a change
 
 
@@ -69,36 +67,33 @@ class WalkContacts:
         with closing(self._flat.second):
             self._flat.begin(deadline)
 
-    def search(self, deadline: float, *, polish: bool = True) -> Iterator[WalkKnots]:
-        """Walks, the best first, each as good as the oracle makes it. Raises InfeasibleError where there is none.
-
-        With `polish` the oracle itself looks for the best near those.
-        """
+    def search(self, deadline: float) -> Iterator[WalkKnots]:
+        """Walks, the best first, each once by the oracle. Raises InfeasibleError where there is none."""
         with closing(self._flat.second):
             begun = self._flat.begin(deadline)
             self._flat.improve(begun, self._many, deadline)
-        yield from self._answers(deadline, polish=polish)
+        yield from self._answers()
 
-    def _answers(self, deadline: float, *, polish: bool) -> Iterator[WalkKnots]:
-        """The oracle's answers for the best walks in the plane, and the best near those. Raises InfeasibleError where
-        it has none.
-        """
+    def _answers(self) -> Iterator[WalkKnots]:
+        """The oracle's answers for the best walks in the plane. Raises InfeasibleError where it has none."""
         found = 0
         walks = self._flat.best_first()[:_SETTLED]
         while walks:
             some, walks = walks[:_COMPARED], walks[_COMPARED:]
-            with closing(Second(self._settled)) as second:
-                settled = [knots for knots in second.answers(some) if knots is not None]
-            if settled and not found and polish:
-                settled.append(self._polished(min(settled, key=lambda knots: knots.cost), deadline))
-            found += len(settled)
-            yield from sorted(settled, key=lambda knots: knots.cost)
+            with closing(Second(self._lifted)) as second:
+                lifted = [knots for knots in second.answers(some) if knots is not None]
+            self.oracles += len(some)
+            found += len(lifted)
+            yield from sorted(lifted, key=lambda knots: knots.cost)
         if not found:
             raise InfeasibleError("contacts", "no gait keeps the feet within reach and the body in balance")
 
     def minimise(self, rho: float, target: Eta | None, deadline: float) -> WalkPlan:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
-        best = next(self.search(deadline, polish=False)) if self._known is None else self._known
+        if self._known is None:
+            first = next(self.search(deadline))
+            self._known = self._settled(first) or first
+        best = self._known
         if target is not None:
             best = self._improved(self._again(best, rho, target), rho, target, deadline)
         self._known = best
@@ -123,7 +118,11 @@ class WalkContacts:
             if best is None:
                 best = flat.begin(deadline)
             flat.improve(best, self._many, deadline)
-        yield from self._answers(deadline, polish=True)
+        yield from self._answers()
+
+    def _lifted(self, walk: FlatWalk) -> WalkKnots | None:
+        """The oracle's answer for a walk in the plane; None where it has none."""
+        return self._qp.solve(walk.gait, Reference(walk.body, walk.forces, walk.footholds), 0.0, None)
 
     def _settled(self, walk: FlatWalk | WalkKnots) -> WalkKnots | None:
         """The oracle's answer for a walk, linearised about itself; None where nothing is left of it."""
@@ -138,29 +137,6 @@ class WalkContacts:
             if settled:
                 break
         return knots
-
-    def _polished(self, best: WalkKnots, deadline: float) -> WalkKnots:
-        """The cheapest of the gaits near one, by the oracle, two at a time."""
-        seen, doubts, tried = {Slots.of(best.gait)}, Counter[Change](), 0
-        with closing(Second(self._near_by)) as second:
-            while tried < _POLISHED and time.monotonic() < deadline:
-                pair = self._promising(best, 0.0, seen, doubts)[:2]
-                if not pair:
-                    break
-                seen.update(slots for _, slots in pair)
-                tried += len(pair)
-                doubts.update(change for change, _ in pair)
-                found = [knots for knots in second.answers([(slots, best.body) for _, slots in pair]) if knots]
-                cheapest = min(found, key=lambda knots: knots.cost, default=best)
-                if cheapest.cost < best.cost - _POLISH:
-                    best = cheapest
-                    doubts.clear()
-        return self._settled(best) or best
-
-    def _near_by(self, asked: tuple[Slots, Array]) -> WalkKnots | None:
-        """The oracle's answer for a gait, linearised about another one's body."""
-        gait = asked[0].gait(self.problem.steps + 1)
-        return self._qp.solve(gait, Reference.of(self.problem, gait, asked[1]), 0.0, None)
 
     def _again(self, known: WalkKnots, rho: float, target: Eta | None) -> WalkKnots:
         """The last answer's binaries with another consensus term."""
