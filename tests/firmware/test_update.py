@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -131,6 +132,45 @@ def test_power_lost_within_an_update_leaves_the_old_firmware_and_room_for_the_ne
         load(joint, header, payload)
         joint.restart()
         wait_until_confirmed(joint, 0x000500 + operation)
+
+
+def linked(folder: Path, slot: int) -> Path:
+    """An ELF file of a program for slot 0 or 1, in two segments with a gap between."""
+    start, code, data = 0x08008200 + slot * 0x38000, b"code" * 5, b"data"
+    segments = [(start, code, 116), (start + 32, data, 136)]
+    file = b"\x7fELF\1\1\1".ljust(16, b"\0")
+    file += struct.pack("<HHIIIIIHHHHHH", 2, 40, 1, start, 52, 0, 0, 52, 32, len(segments), 0, 0, 0)
+    for address, content, offset in segments:
+        file += struct.pack("<8I", 1, offset, address, address, len(content), len(content), 5, 4)
+    path = folder / f"slot{slot}.elf"
+    path.write_bytes(file + code + data)
+    return path
+
+
+def test_programs_of_both_slots_are_signed_into_one_file(
+    tmp_path: Path, key: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package, programs = tmp_path / "package", [linked(tmp_path, slot) for slot in (0, 1)]
+    words = ["can", "sign", "--kind", "joint", "--firmware-version", "0.3.0", "--key", str(key), "-o", str(package)]
+    assert main([*words, *map(str, programs)]) == 0
+    images = read_images(package)
+    assert [image.address for image in images] == [0x08008200, 0x08040200]
+    assert {image.payload for image in images} == {b"code" * 5 + b"\xff" * 12 + b"data"}
+    capsys.readouterr()
+    assert main([*words, str(programs[0]), str(programs[0])]) == 2
+    assert "linked for the same address" in capsys.readouterr().err
+    programs[0].write_bytes(programs[0].read_bytes()[:90])
+    assert main([*words, str(programs[0])]) == 2
+    assert "cut short" in capsys.readouterr().err
+
+
+def test_a_node_is_not_sent_what_is_linked_for_another_slot(
+    table_top: Desk, tmp_path: Path, key: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package = tmp_path / "package"
+    package.write_bytes(sign(PROGRAM, "joint", 0x009900, key, 0x08040200)[0])
+    assert main(["can", "update", "LF.joint4", str(package), "--bus-base", table_top.base(), "--off-the-wall"]) == 2
+    assert "no image in it is linked for no address" in capsys.readouterr().err
 
 
 def test_damaged_files_and_wrong_keys_are_told(tmp_path: Path, key: Path) -> None:
