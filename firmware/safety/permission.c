@@ -24,6 +24,6 @@ bool crux_parameter_accepts(const crux_parameter *parameter, uint32_t described,
          (value <= (parameter->greatest_share * standard));
 }
 
-bool crux_may_restart(uint8_t state, uint32_t acknowledgement) {
-  return crux_is_at_rest(state) && (acknowledgement == (uint32_t)CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL);
+bool crux_may_restart(uint8_t state, bool commanded, uint32_t acknowledgement) {
+  return crux_is_at_rest(state) && !commanded && (acknowledgement == (uint32_t)CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL);
 }

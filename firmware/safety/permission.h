@@ -16,8 +16,9 @@ bool crux_is_at_rest(uint8_t state);
 /// within the table's range.
 bool crux_parameter_accepts(const crux_parameter *parameter, uint32_t described, uint32_t bits);
 
-/// Whether the node may be restarted: at rest and, as a joint without current falls, acknowledged by an operator who
-/// has the robot off the wall (CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL).
-bool crux_may_restart(uint8_t state, uint32_t acknowledgement);
+/// Whether the node may be restarted, or take an image that will: at rest, with no host that commands it, for a robot
+/// on a wall has one, and, as a joint without current falls, acknowledged by an operator who has the robot off the wall
+/// (CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL).
+bool crux_may_restart(uint8_t state, bool commanded, uint32_t acknowledgement);
 
 #endif

@@ -108,6 +108,8 @@ uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t l
   return receive(&guard->command, frame, length, guard->window);
 }
 
+bool crux_guard_is_commanded(const crux_guard *guard) { return guard->silent_us < guard->limit_us; }
+
 bool crux_guard_tick(crux_guard *guard, uint32_t dt_us) {
   bool tripped = false;
   age(&guard->sync, dt_us, guard->limit_us);

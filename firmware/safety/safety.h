@@ -75,6 +75,9 @@ uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t l
 /// for single nodes within the watchdog's time, somebody else sends too: nothing is taken over.
 uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool sensible);
 
+/// Whether a host commands the node: a good period lies no longer back than the watchdog waits.
+bool crux_guard_is_commanded(const crux_guard *guard);
+
 /// Ends a control period. True in the one period in which the silence reaches the limit.
 bool crux_guard_tick(crux_guard *guard, uint32_t dt_us);
 

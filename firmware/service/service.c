@@ -121,7 +121,7 @@ static uint8_t reset(crux_service *service, const uint8_t *request, uint16_t len
     refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
   } else if (request[1] != 1U) {
     refusal = (uint8_t)CRUX_REFUSAL_UNKNOWN_FUNCTION;
-  } else if (!crux_may_restart(state, crux_word_at(&request[2]))) {
+  } else if (!crux_may_restart(state, service->commanded, crux_word_at(&request[2]))) {
     refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
   } else {
     service->restart = true;
@@ -148,7 +148,7 @@ static uint8_t serve(crux_service *service, const uint8_t *request, uint16_t len
   } else if ((service->update != NULL) &&
              ((request[0] == (uint8_t)CRUX_SERVICE_DOWNLOAD) || (request[0] == (uint8_t)CRUX_SERVICE_TRANSFER) ||
               (request[0] == (uint8_t)CRUX_SERVICE_TRANSFER_EXIT))) {
-    refusal = crux_update_serve(service->update, request, length, state, answer);
+    refusal = crux_update_serve(service->update, request, length, state, service->commanded, answer);
   } else {
     // unknown
   }
@@ -209,7 +209,8 @@ static void probe(crux_service *service, uint32_t dt_us, uint8_t state) {
   }
 }
 
-void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state) {
+void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state, bool commanded) {
+  service->commanded = commanded;
   crux_isotp_tick(&service->isotp, dt_us);
   // A command that came since the reset was granted goes first.
   service->restart = service->restart && crux_is_at_rest(state);

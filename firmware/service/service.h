@@ -20,6 +20,7 @@ typedef struct crux_service {
   crux_update *update;  ///< NULL: the node takes no images
   uint32_t healthy_us;  ///< without a fault
   bool heard;           ///< a request, since the start
+  bool commanded;       ///< see crux_service_tick
   uint32_t version;
   uint32_t parameter_hash;
   bool restart;  ///< asked for and allowed: the port restarts the node once the answer is out
@@ -39,8 +40,8 @@ void crux_service_attach(crux_service *service, void *parameters);
 /// Takes a frame from the bus; `state` is the node's (DBC enumeration).
 void crux_service_on_frame(crux_service *service, const crux_frame *frame, uint8_t state);
 
-/// Time passes.
-void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state);
+/// Time passes. `commanded`: a host commands the node (crux_guard_is_commanded).
+void crux_service_tick(crux_service *service, uint32_t dt_us, uint8_t state, bool commanded);
 
 /// The next frame to send; false when there is none now.
 bool crux_service_take_frame(crux_service *service, crux_frame *frame);

@@ -5,12 +5,12 @@
 
 #define ACKNOWLEDGEMENT 4U
 
-static uint8_t download(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state,
+static uint8_t download(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state, bool commanded,
                         crux_reply *reply) {
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   if (length != (1U + ACKNOWLEDGEMENT + CRUX_IMAGE_HEADER)) {
     refusal = (uint8_t)CRUX_REFUSAL_LENGTH;
-  } else if (!crux_may_restart(state, crux_word_at(&request[1]))) {
+  } else if (!crux_may_restart(state, commanded, crux_word_at(&request[1]))) {
     refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;
   } else {
     refusal = crux_update_begin(update, &request[1U + ACKNOWLEDGEMENT]);
@@ -19,11 +19,11 @@ static uint8_t download(crux_update *update, const uint8_t *request, uint16_t le
   return refusal;
 }
 
-uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state,
+uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state, bool commanded,
                           crux_reply *reply) {
   uint8_t refusal = (uint8_t)CRUX_REFUSAL_NONE;
   if (request[0] == (uint8_t)CRUX_SERVICE_DOWNLOAD) {
-    refusal = download(update, request, length, state, reply);
+    refusal = download(update, request, length, state, commanded, reply);
   } else if (!crux_is_at_rest(state)) {
     crux_update_abort(update);
     refusal = (uint8_t)CRUX_REFUSAL_CONDITIONS;

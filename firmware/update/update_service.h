@@ -12,8 +12,9 @@
 #define CRUX_UPDATE_PROBATION_US 1000000U
 
 /// Answers a request whose service is DOWNLOAD, TRANSFER or TRANSFER_EXIT; returns the refusal. Only a node at rest
-/// takes an image, and only from an operator who has the robot off the wall: the restart that ends it drops the joint.
-uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state,
+/// that no host commands takes an image, and only from an operator who has the robot off the wall: the restart that
+/// ends it drops the joint.
+uint8_t crux_update_serve(crux_update *update, const uint8_t *request, uint16_t length, uint8_t state, bool commanded,
                           crux_reply *reply);
 
 /// Tells of the slots: running slot, whether it is confirmed, its version, the other slot's, the longest payload and

@@ -36,6 +36,18 @@ TEST(Guard, TripsInTheMicrosecondOfTheLimitAndInNoOther) {
   }
 }
 
+TEST(Guard, IsCommandedUntilTheMicrosecondOfTheLimit) {
+  Guard guard;
+  guard.good_period();
+  EXPECT_TRUE(crux_guard_is_commanded(&guard.guard));
+  (void)crux_guard_tick(&guard.guard, kLimit - 1);
+  EXPECT_TRUE(crux_guard_is_commanded(&guard.guard));
+  (void)crux_guard_tick(&guard.guard, 1);
+  EXPECT_FALSE(crux_guard_is_commanded(&guard.guard));
+  guard.good_period();
+  EXPECT_TRUE(crux_guard_is_commanded(&guard.guard));
+}
+
 TEST(Guard, SilenceSaturatesAtTheLimit) {
   Guard guard;
   guard.good_period();

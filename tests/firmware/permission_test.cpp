@@ -57,13 +57,16 @@ TEST(Permission, ReadOnlyIsNotWrittenEvenToTheSameValue) {
   EXPECT_FALSE(crux_parameter_accepts(&kReadOnly, bits(10.0F), bits(10.0F)));
 }
 
-TEST(Permission, ARestartNeedsRestAndTheAcknowledgement) {
-  EXPECT_TRUE(crux_may_restart(CRUX_STATE_HOLD, CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL));
-  EXPECT_TRUE(crux_may_restart(CRUX_STATE_BOOT, CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL));
-  EXPECT_FALSE(crux_may_restart(CRUX_STATE_TRACK, CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL));
-  EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, 0));
-  EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL + 1U));
-  EXPECT_FALSE(crux_may_restart(CRUX_STATE_FAULT, CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL));
+TEST(Permission, ARestartNeedsRestNobodyWhoCommandsAndTheAcknowledgement) {
+  constexpr std::uint32_t kOff = CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL;
+  EXPECT_TRUE(crux_may_restart(CRUX_STATE_HOLD, false, kOff));
+  EXPECT_TRUE(crux_may_restart(CRUX_STATE_BOOT, false, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_TRACK, false, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, true, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_BOOT, true, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, false, 0));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, false, kOff + 1U));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_FAULT, false, kOff));
 }
 
 }  // namespace

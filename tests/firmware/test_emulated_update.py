@@ -75,8 +75,11 @@ def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tm
         assert refusal.value.code == number("refusal", "CONDITIONS")
         desk.gripper["Mode"] = HOLD
         desk.command(TRACKED | {"Mode": HOLD})
-        time.sleep(0.2)
+        with pytest.raises(Refused) as refusal:  # at rest, but commanded
+            load(link, right.header, right.payload)
+        assert refusal.value.code == number("refusal", "CONDITIONS")
         desk.command(None)
+        time.sleep(0.2)
         before_it = len(desk.forces_N)
         load(link, right.header, right.payload)
         assert slots(link)["other_version"] == right.version

@@ -82,7 +82,7 @@ LOWER_LIMIT = "? -node->force_limit_N : "
             "changes what a node does",
         ),
         (SERVICES, "permission.c", "(value >= (parameter->least_share * standard))", "(value >= -1.0e9F)", "senseless"),
-        (SERVICES, "permission.c", "return crux_is_at_rest(state) && (ack", "return (ack", "a moving node obeys"),
+        (SERVICES, "permission.c", "return crux_is_at_rest(state) && !com", "return !com", "a moving node obeys"),
     ],
 )
 def test_the_fuzzer_finds_a_node_that_lets_go(

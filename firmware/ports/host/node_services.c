@@ -68,6 +68,10 @@ static uint8_t state_of(const limb *owner, int index) {
   return (index == GRIPPER) ? owner->gripper.state : owner->joint[index].state;
 }
 
+static bool is_commanded(const limb *owner, int index) {
+  return crux_guard_is_commanded((index == GRIPPER) ? &owner->gripper.guard : &owner->joint[index].guard);
+}
+
 void crux_nodes_request(limb *owner, int index, const crux_frame *frame) {
   crux_service_on_frame(&owner->service[index], frame, state_of(owner, index));
 }
@@ -76,7 +80,7 @@ void crux_nodes_serve(crux_nodes *nodes, int limb_index, uint32_t dt_us) {
   limb *owner = &nodes->limbs[limb_index];
   for (int i = 0; i < NODES_PER_LIMB; i++) {
     if (owner->outside[i] == NULL) {
-      crux_service_tick(&owner->service[i], dt_us, state_of(owner, i));
+      crux_service_tick(&owner->service[i], dt_us, state_of(owner, i), is_commanded(owner, i));
       if (crux_service_restarts(&owner->service[i])) {
         crux_nodes_start_node(nodes, limb_index, i);
       }

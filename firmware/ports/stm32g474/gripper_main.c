@@ -121,7 +121,7 @@ int main(void) {
       crux_service_on_frame(&service, &frame, node.state);
     }
     if (tick) {
-      crux_service_tick(&service, BOARD_TICK_US, node.state);
+      crux_service_tick(&service, BOARD_TICK_US, node.state, crux_guard_is_commanded(&node.guard));
     }
     while (fdcan_can_send() && crux_service_take_frame(&service, &frame)) {
       fdcan_send(&frame);

@@ -84,9 +84,9 @@ void ask(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state
 }
 
 // Now and then a second at once, after which a healthy image keeps itself.
-void serve(Bytes& bytes, Services& services, std::uint8_t state) {
+void serve(Bytes& bytes, Services& services, std::uint8_t state, const crux_guard& guard) {
   const float dt_s = (bytes.take<std::uint8_t>() < 32) ? 1.0F : kDt;
-  crux_service_tick(&services.service, crux_microseconds(dt_s), state);
+  crux_service_tick(&services.service, crux_microseconds(dt_s), state, crux_guard_is_commanded(&guard));
   crux_frame frame{};
   crux_service_take_frame(&services.service, &frame);
 }
@@ -121,7 +121,7 @@ void play_joint(Bytes& bytes) {
       joint.inputs.position_rad = joint.node.setpoint_rad + std::clamp(bytes.number(-0.2F, 0.2F), -0.2F, 0.2F);
       joint.inputs.velocity_rad_s = bytes.number(-6.0F, 6.0F);
       judge(joint, tick_s(bytes), limits);
-      serve(bytes, services, joint.node.state);
+      serve(bytes, services, joint.node.state, joint.node.guard);
     } else {
       ask(bytes, services, kJoint, joint.node.state,
           [&joint] { return torque_when_at(joint, joint.inputs.position_rad, kDt); });
@@ -162,7 +162,7 @@ void play_gripper(Bytes& bytes) {
       gripper.inputs.opening_m = gripper.node.setpoint_m + std::clamp(bytes.number(-0.004F, 0.004F), -0.004F, 0.004F);
       gripper.inputs.speed_m_s = bytes.number(-0.05F, 0.05F);
       judge(gripper, tick_s(bytes), widest_asked_m, gripper.node.parameters);
-      serve(bytes, services, gripper.node.state);
+      serve(bytes, services, gripper.node.state, gripper.node.guard);
     } else {
       ask(bytes, services, kGripper, gripper.node.state,
           [&gripper] { return force_when_at(gripper, gripper.inputs.opening_m, kDt); });

@@ -160,6 +160,8 @@ inline void update(Bytes& bytes, Services& services, std::uint8_t node, std::uin
   }
   const bool accepted = services.request(node, state, message);
   require(!accepted || is_at_rest(state), "a moving node obeys a request about its firmware");
+  const bool begins = message[0] == CRUX_SERVICE_RESET || message[0] == CRUX_SERVICE_DOWNLOAD;
+  require(!accepted || !begins || !services.service.commanded, "a commanded node restarts or takes an image");
   updates_tally.taken += (accepted && message[0] == CRUX_SERVICE_TRANSFER_EXIT) ? 1 : 0;
 }
 
