@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
@@ -31,9 +32,9 @@ from crux_planner.search.ways import Ways
 from crux_planner.wider import plan_wider
 from crux_planner.work import Progress, Work, begin
 
-IMPROVING_SHARE = 0.1  # of the time left, at most, goes into a cheaper sequence near the one found
+IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
 IMPROVED_SHARE = 0.92  # of the first sequence's cost that is left when cheaper ones have been tried
-QUICKEST_SHARE = 1 / 3  # of the time left goes into the quickest sequence of contacts
+QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
@@ -210,10 +211,14 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 def _search(
     problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float, quick: bool
 ) -> tuple[list[Move] | None, SearchReport]:
-    """The quickest moves if they are found in a third of the time left, else any that are quick enough."""
-    now = time.monotonic()
-    until = now + (deadline - now) * QUICKEST_SHARE if quick else deadline
-    return search(problem, balance, reach, ways, at_once=at_once, greed=1.0 if quick else GREED, deadline=until)
+    """The quickest moves if they are found with so much work, else any that are quick enough."""
+    greed, busy_until = (1.0, _busy_until(QUICKEST_SHARE, deadline)) if quick else (GREED, np.inf)
+    return search(problem, balance, reach, ways, at_once=at_once, greed=greed, deadline=deadline, busy_until=busy_until)
+
+
+def _busy_until(share: float, deadline: float) -> float:
+    """When (of time.process_time) this process has worked for a share of the time left."""
+    return time.process_time() + share * (deadline - time.monotonic())
 
 
 def realise_moves(
@@ -232,11 +237,10 @@ def realise_moves(
         with work.part("body", 0.2):
             _begin_bound(problem, balance, reach, ways, moves, work.bound)
     with work.part("improve", 0.3):
-        now = time.monotonic()
         costs = EventCost(problem, balance, reach, ways)
-        until = now + IMPROVING_SHARE * (deadline - now)
         level = moves and not problem.turns  # its estimates are of a level body that takes steps
-        timed = improve(costs, moves, until) if level else None
+        busy_until = _busy_until(IMPROVING_SHARE, deadline)
+        timed = improve(costs, moves, deadline, busy_until=busy_until) if level else None
     first: Failure | None = None
     attempt: PlanResult | Failure
     hasty = problem

@@ -35,17 +35,22 @@ class _Best:
     estimate: Estimate
 
 
-def improve(costs: EventCost, moves: list[Move], deadline: float, estimates: int = ESTIMATES) -> Timed | None:
-    """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance."""
-    return _Improvement(costs, deadline, estimates).run(moves)
+def improve(
+    costs: EventCost, moves: list[Move], deadline: float, estimates: int = ESTIMATES, busy_until: float = np.inf
+) -> Timed | None:
+    """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance.
+
+    It ends after so many `estimates`, at `deadline` (of time.monotonic) and at `busy_until` (of time.process_time).
+    """
+    return _Improvement(costs, deadline, estimates, busy_until).run(moves)
 
 
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 
 
 class _Improvement:
-    def __init__(self, costs: EventCost, deadline: float, estimates: int) -> None:
-        self.costs, self.deadline, self.estimates = costs, deadline, estimates
+    def __init__(self, costs: EventCost, deadline: float, estimates: int, busy_until: float) -> None:
+        self.costs, self.deadline, self.estimates, self.busy_until = costs, deadline, estimates, busy_until
         self.problem, self.reach, self.ways = costs.problem, costs.reach, costs.ways
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
@@ -70,7 +75,7 @@ class _Improvement:
         return self.costs.count >= self.estimates or self._late()
 
     def _late(self) -> bool:
-        return time.monotonic() > self.deadline
+        return time.monotonic() > self.deadline or time.process_time() > self.busy_until
 
     def _first(self, steps: Steps) -> _Best | None:
         """The steps with all spare time in one stance: the best of those that promise most, by where waiting is cheap.

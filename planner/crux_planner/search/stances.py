@@ -156,12 +156,14 @@ def search(
     at_once: int,
     greed: float,
     deadline: float,
+    busy_until: float = np.inf,
     known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
-    the stances in `known` the rest of the way is known: the search ends there.
+    the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of
+    time.monotonic), and at `busy_until` (of time.process_time), which a machine busy with other things does not hasten.
     """
     report = SearchReport()
     to_go = costs_to_go(problem, reach, ways)
@@ -190,7 +192,7 @@ def search(
         if ahead < 1e-9 and _ends_well(problem, balance, reach, stance):
             return _trace(parent, stance), report
         report.expanded += 1
-        report.timed_out = time.monotonic() > deadline
+        report.timed_out = time.monotonic() > deadline or time.process_time() > busy_until
         bounds = reach.of(stance)
         if bounds is None:
             continue
