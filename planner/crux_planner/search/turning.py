@@ -60,7 +60,7 @@ class Turning:
 
     def __init__(self, problem: Problem, reach: Reach, ways: Ways, ends: Flags) -> None:
         """`ends` (4, C): contacts in reach at the goal's pose."""
-        self.problem, self.ways = problem, ways
+        self.problem, self.ways, self.ends = problem, ways, ends
         goal_yaw = float(problem.goal.body.rpy_rad[2])
         count = int(np.ceil(abs(goal_yaw) / HEADING_STEP_RAD))
         step = goal_yaw / count if count else HEADING_STEP_RAD
@@ -70,7 +70,6 @@ class Turning:
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
         self._speeds: dict[Contacts, float] = {}
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
-        self.ends = self._ends_together(ends)
         self.centres = np.stack([c.centre_w_m for c in problem.contacts])
         self.holds = np.array([c.hold for c in problem.contacts])
         self.grips = np.array([2 * c.hold + c.pair for c in problem.contacts])
@@ -102,18 +101,6 @@ class Turning:
             waiting[c] = False
             cost = np.minimum(cost, cost[c] + edges[c])
         return cost
-
-    def _ends_together(self, ends: Flags) -> Flags:
-        """Of `ends`, those from which the goal's body position is in reach at its heading, all limbs being level.
-
-        They are in reach of a body that tilts as the goal's pose does; the search sees some room for that, no more.
-        """
-        view, goal = self.views[self.end], self.problem.goal
-        place, room = view.from_w(goal.body.position_m), goal.position_room_m
-        tilt = self.problem.tilt_room_m * np.array([1.0, 1.0, 0.0])
-        together = ends & view.usable & (view.reach.low <= place + room + tilt).all(axis=2)
-        together &= (view.reach.high >= place - room - tilt).all(axis=2)
-        return together
 
     def _likes(self, state: State) -> tuple[int, ...]:
         """What a state has in common with those that differ only in heading and in where holds are gripped."""
