@@ -27,6 +27,7 @@ class Desk:
         self.torques_Nm: list[crux_nodes.Array] = []  # of all joints, a period each
         self.forces_N: list[crux_nodes.Array] = []  # of all grippers
         self._cycle = 0
+        self.periods = 0  # that have passed for the nodes
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -41,6 +42,13 @@ class Desk:
             self.torques_Nm.append(torque_Nm.copy())
             self.forces_N.append(force_N.copy())
             self.host.publish()
+            self.periods += 1
+
+    def await_periods(self, number: int) -> None:
+        """Waits until so many more have passed for the nodes, however slow the machine is."""
+        last = self.periods + number
+        while self.periods < last:
+            time.sleep(0.01)
 
     def command(self, joint: can_codec.Values | None) -> None:
         """Sends this every cycle; waits until all joints have obeyed."""

@@ -90,7 +90,7 @@ def test_an_image_writes_at_rest_only_and_forgets_over_a_restart(
 
 def power_off_and_on(desk: Desk) -> None:
     desk.nodes.reset(LF, JOINT)
-    time.sleep(0.1)  # it boots, and hears nothing meanwhile
+    desk.await_periods(50)  # it boots, and hears nothing meanwhile
 
 
 def test_saved_values_outlive_the_power(boards: tuple[Desk, list[crux_emulated.Board]], robot: Robot) -> None:

@@ -96,7 +96,7 @@ def test_ending_the_tool_ends_the_guest(tmp_path: Path) -> None:
         ((), "no command"),
         (("-i", "a/b", "--", "true"), "'a/b' is no interface name"),
         (("-i", "a,a", "--", "true"), "twice"),
-        (("--timeout", "-1", "--", "true"), "'-1' is not a positive number"),
+        (("--timeout", "-1", "--", "true"), "'-1': expected a number above 0"),
         (("--virtual-time", "--backend", "qemu", "--", "true"), "only the back-end uml has it"),
     ],
 )
