@@ -63,8 +63,9 @@ void ask(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state
     const auto byte = [bits](int i) { return static_cast<std::uint8_t>(bits >> (8 * i)); };
     count_write(services.request(node, state, {CRUX_SERVICE_WRITE, 2, number, byte(0), byte(1), byte(2), byte(3)}));
   } else if (what == 11) {
+    const Host host = (bytes.take<std::uint8_t>() < 128) ? Host::kTool : Host::kFickle;
     for (int left = 1 + bytes.take<std::uint8_t>() % 12; left > 0 && !services.model.off; --left) {
-      update(bytes, services, node, state);
+      update(bytes, services, node, state, host);
     }
   } else if (what < 14) {
     services.power(bytes.take<std::uint8_t>() % 16U, static_cast<crux_flash_cut>(bytes.take<std::uint8_t>() % 3U));

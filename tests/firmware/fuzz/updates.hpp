@@ -121,22 +121,28 @@ struct Services {
   }
 };
 
-// The next step of an update, or one out of turn; now and then with a byte changed, or the power fails in it.
-inline void update(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state) {
+// Whose update it is: a tool's, in turn and of a newer image, or with a step out of turn, a byte changed, or no power.
+enum class Host { kTool, kFickle };
+
+// The next step of an update.
+inline void update(Bytes& bytes, Services& services, std::uint8_t node, std::uint8_t state, Host host) {
+  constexpr std::uint8_t kNoWhim = 15;
   crux_update& update = services.update;
   const std::uint32_t length = update.active ? crux_word_at(&update.header[16]) : 0;
-  const auto whim = bytes.take<std::uint8_t>() % 16U;
+  const bool is_tool = host == Host::kTool;
+  const std::uint8_t whim = is_tool ? kNoWhim : bytes.take<std::uint8_t>() % 16U;
   std::vector<std::uint8_t> message;
   const auto acknowledge = [&] {
     const std::uint32_t word = (whim == 1) ? bytes.take<std::uint32_t>() : CRUX_ACKNOWLEDGEMENT_OFF_THE_WALL;
     for (int i = 0; i < 4; ++i) message.push_back(static_cast<std::uint8_t>(word >> (8 * i)));
   };
   const bool loaded = update.target_version > update.running.version && !update.active;
-  if (whim == 2 || (loaded && whim < 12)) {
+  if (whim == 2 || (loaded && (is_tool || whim < 12))) {
     message = {CRUX_SERVICE_RESET, 1};
     acknowledge();
   } else if (!update.active || whim == 3) {
-    const Image& image = services.images[bytes.take<std::uint8_t>() % services.images.size()];
+    const std::size_t newer = std::min<std::size_t>(update.running.version, services.images.size() - 1);
+    const Image& image = services.images[is_tool ? newer : bytes.take<std::uint8_t>() % services.images.size()];
     message = {CRUX_SERVICE_DOWNLOAD};
     acknowledge();
     message.insert(message.end(), image.header.begin(), image.header.end());
