@@ -13,8 +13,6 @@ import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.interior_point import (
-    FIRST_BARRIER,
-    NEAR_BARRIER,
     WARM_BARRIER,
     Point,
     first_point,
@@ -89,12 +87,7 @@ def _solve_once(
     if near is not None:
         outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
     else:
-        barrier = NEAR_BARRIER if start.near else FIRST_BARRIER
-        first = first_point(stages, start.body, _columns(stages, start), barrier)
-        outcome = minimise(stages, first, deadline, barrier)
-    if not outcome.solved and start.near:  # it is not near after all, or there is no solution
-        first = first_point(stages, start.body, _columns(stages, start))
-        outcome = minimise(stages, first, deadline)
+        outcome = minimise(stages, first_point(stages, start.body, _columns(stages, start)), deadline)
     if not outcome.solved:
         return None
     return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point

@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dgesv
 from crux_planner.arrays import Array, Flags
 from crux_planner.stage_problem import PINNED, Derivatives, StageProblem
 
-FIRST_BARRIER, NEAR_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-3, 1e-4, 1e-7
+FIRST_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-4, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
 _MOST_ITERATIONS = 80
 _TO_BOUNDARY = 0.995
