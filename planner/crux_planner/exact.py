@@ -1,7 +1,7 @@
 """The exact P1 with contacts fixed: body motion and finger forces under (2)-(4), (7), (8), (9a).
 
 Solved stage by stage; where that does not converge, by ipopt. Joint torques become constraints where they are found
-too high: most climbs need few.
+too high, at both ends of an interval: most climbs need few.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from crux_planner.arrays import Array
 from crux_planner.interior_point import (
     WARM_BARRIER,
+    WARM_ITERATIONS,
     Point,
     first_point,
     minimise,
@@ -45,7 +46,7 @@ def solve_within_torques(
     point: Point | None = None
     for _ in range(_TORQUE_ROUNDS + 1):
         outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
-        if outcome is None and limited:  # no motor torque to spare there
+        if outcome is None and limited and np.any(problem.torque_limits_Nm < problem.last_torques_Nm):
             problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
             outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
         if outcome is None and start.near:  # other ways follow that promise more than ipopt
@@ -60,6 +61,8 @@ def solve_within_torques(
             break
         limited |= _watched(solution.torque_shares)
         start = Start(solution.body, solution.wrenches)
+    else:
+        return replace(solution, solved=False, status="joint torques")
     return solution
 
 
@@ -84,9 +87,10 @@ def _solve_once(
 ) -> tuple[Solution, Point] | None:
     """The solution stage by stage; None where that does not converge."""
     stages = StageProblem(functions, problem, schedule, limited)
+    outcome = None
     if near is not None:
-        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER)
-    else:
+        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER, WARM_ITERATIONS)
+    if outcome is None or not outcome.solved:  # from near it may go astray
         outcome = minimise(stages, first_point(stages, start.body, _columns(stages, start)), deadline)
     if not outcome.solved:
         return None

@@ -18,7 +18,7 @@ from crux_planner.stage_problem import PINNED, Derivatives, StageProblem
 
 FIRST_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-4, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
-_MOST_ITERATIONS = 80
+_MOST_ITERATIONS, WARM_ITERATIONS = 80, 40
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
 
@@ -71,7 +71,13 @@ def warm_point(stages: StageProblem, near: Point, barrier: float) -> Point:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # it ends where numbers are no longer finite
-def minimise(stages: StageProblem, point: Point, deadline: float, barrier: float = FIRST_BARRIER) -> Outcome:
+def minimise(
+    stages: StageProblem,
+    point: Point,
+    deadline: float,
+    barrier: float = FIRST_BARRIER,
+    most_iterations: int = _MOST_ITERATIONS,
+) -> Outcome:
     """Newton steps on the barrier problem, the barrier lowered as they succeed."""
     bounded = stages.bounded
     count = max(int(bounded.sum()), 1)
@@ -88,7 +94,7 @@ def minimise(stages: StageProblem, point: Point, deadline: float, barrier: float
         cost = at.cost
         if primal < _TOLERANCE and dual < _DUAL_TOLERANCE and gap < 2 * LAST_BARRIER:
             return Outcome(point, iteration, True, cost)
-        if iteration >= _MOST_ITERATIONS or time.monotonic() > deadline or not np.isfinite(primal + dual):
+        if iteration >= most_iterations or time.monotonic() > deadline or not np.isfinite(primal + dual):
             return Outcome(point, iteration, False, cost)
         slacks = np.where(bounded, point.slacks, 1.0)
         stiffness = point.duals / slacks

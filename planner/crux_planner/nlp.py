@@ -23,7 +23,7 @@ from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
 from crux_planner.terms.limit_surface import surface_room
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.terms.torque import joint_torques
+from crux_planner.terms.torque import interval_torques
 
 IPOPT: dict[str, Any] = {
     "print_time": 0,
@@ -55,7 +55,9 @@ class Solution:
     solved: bool
     position_residual_m: float
     force_residual_N: float
-    torque_shares: dict[Place, float]  # largest joint torque over its limit, per knot and limb in stance
+    torque_shares: dict[
+        Place, float
+    ]  # largest joint torque in the interval over its limit, per knot and limb in stance
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def solve(
         if columns:
             function = _torque_function(problem, limb, scale).map(len(columns))
             torques = function(x[:, [stance.knots[i] for i in columns]], q[:, columns], stance.grasps[:, columns])
-            limit = problem.torque_limits_Nm[limb][:, None]
+            limit = np.tile(problem.torque_limits_Nm[limb], 2)[:, None]
             rows.add(torques, -limit, limit)
 
     cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
@@ -195,7 +197,7 @@ def _torque_shares(problem: Problem, stance: _Stance, body: Array, scaled: Array
         function = _torque_function(problem, limb, scale).map(len(columns))
         knots = [stance.knots[i] for i in columns]
         torques = np.array(function(body[knots].T, scaled[columns].T, stance.grasps[:, columns]))
-        used = (np.abs(torques) / problem.torque_limits_Nm[limb][:, None]).max(axis=0)
+        used = (np.abs(torques) / np.tile(problem.torque_limits_Nm[limb], 2)[:, None]).max(axis=0)
         shares.update(zip([(k, limb) for k in knots], used.tolist(), strict=True))
     return shares
 
@@ -249,10 +251,8 @@ def _reach_function() -> ca.Function:
 
 def _torque_function(problem: Problem, limb: int, scale: Array) -> ca.Function:
     x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
-    force, _ = gripper_wrench(q * scale, grasp[0:3], grasp[3:6], grasp[6:9])
-    twist = 2 * q[2] * scale[2] * grasp[3:6]
-    place = (x[0:3], x[3:6], grasp[0:3], grasp[3:6])
-    torques = joint_torques(problem.limb_masses[limb], *place, force, twist, problem.gravity_w)
+    masses = problem.limb_masses[limb]
+    torques = interval_torques(masses, x, q * scale, grasp, problem.gravity_w, problem.dt_s)
     return ca.Function(f"torques_{limb}", [x, q, grasp], [torques])
 
 

@@ -20,7 +20,7 @@ from crux_planner.terms.cost import body_cost, wrench_cost
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
 from crux_planner.terms.limit_surface import surface_room
 from crux_planner.terms.reach import offset_in_body
-from crux_planner.terms.torque import joint_torques
+from crux_planner.terms.torque import interval_torques
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
 SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
@@ -64,12 +64,12 @@ class StageFunctions:
         return found
 
     def torque(self, limb: int, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
-        """Joint torques (n, 6) and their derivatives (n, 6, 11) by the pose and q."""
+        """Joint torques (n, 12) at both ends of intervals and their derivatives (n, 12, 17) by the body state and q."""
         found: tuple[Array, Array] = self._torques[limb](x, q, grasps)
         return found
 
     def torque_values(self, limb: int, x: Array, q: Array, grasps: Array) -> Array:
-        """Joint torques (n, 6) alone: most climbs never need more."""
+        """Joint torques (n, 12) alone: most climbs never need more."""
         (found,) = self._torque_values[limb](x, q, grasps)
         values: Array = found
         return values
@@ -122,14 +122,11 @@ class StageFunctions:
 
     @cached_property
     def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:
-        """Arguments, what to differentiate by, and the joint torques of every limb."""
+        """Arguments, what to differentiate by, and the joint torques of every limb in an interval."""
+        p = self.problem
         x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
-        force, _ = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
-        twist = 2 * q[2] * self.scale[2] * grasp[3:6]
-        place = (x[0:3], x[3:6], grasp[0:3], grasp[3:6])
-        by = ca.vertcat(x[:POSE], q)
-        masses = self.problem.limb_masses
-        return [x, q, grasp], by, [joint_torques(m, *place, force, twist, self.problem.gravity_w) for m in masses]
+        torques = [interval_torques(m, x, q * self.scale, grasp, p.gravity_w, p.dt_s) for m in p.limb_masses]
+        return [x, q, grasp], ca.vertcat(x, q), torques
 
     @cached_property
     def _torques(self) -> list[_Mapped]:

@@ -17,6 +17,7 @@ from crux_planner.search.schedule import Schedule
 from crux_planner.stage_functions import COLUMN, POSE, SPINE_WEIGHT, StageFunctions
 from crux_planner.terms.bounds import body_bounds, reach_bounds, wrench_bounds
 from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS
+from crux_planner.terms.torque import INTERVAL_TORQUES
 
 PINNED = 1e8  # weight that holds what is fixed
 _RELAXED = 1e-8  # bounds give so much, so that there is an inside
@@ -39,7 +40,7 @@ class Derivatives:
     rows: Array  # (R,)
     reach: Array  # (N, 12, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
-    torques: list[Array]  # per limb (P, 6, 11)
+    torques: list[Array]  # per limb (P, 12, 17)
 
 
 class StageProblem:
@@ -82,7 +83,7 @@ class StageProblem:
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
         m = self.functions.surface_rows
         surface_low = np.where(self.rough[..., None], np.zeros(m), -np.inf)
-        torque = [np.tile(problem.torque_limits_Nm[limb], len(at)) for limb, at in enumerate(self.limited)]
+        torque = [np.tile(problem.torque_limits_Nm[limb], 2 * len(at)) for limb, at in enumerate(self.limited)]
         lows = [body_low, reach_low, column_low, surface_low, *[-limit for limit in torque]]
         highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), *torque]
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
@@ -107,9 +108,16 @@ class StageProblem:
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, 12), column (N, 4, 8), surface (N, 4, m) and torques (P, 6)."""
+        """A vector of rows as body (N, 12), reach (N, 12), column (N, 4, 8), surface (N, 4, m) and torques
+        (P, 12)."""
         n, parts = self.knots, np.split(rows, self._ends)
-        shapes = [(n, BODY_STATES), (n, 12), (n, 4, COLUMN), (n, 4, self.functions.surface_rows), *[(-1, 6)] * 4]
+        shapes = [
+            (n, BODY_STATES),
+            (n, 12),
+            (n, 4, COLUMN),
+            (n, 4, self.functions.surface_rows),
+            *[(-1, INTERVAL_TORQUES)] * 4,
+        ]
         return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
     @property
@@ -136,14 +144,14 @@ class StageProblem:
         return self.functions.step(body[:-1], totals, np.zeros((self.knots, BODY_STATES)))[0]
 
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
-        """Largest joint torque over its limit, per knot and limb in stance."""
+        """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
         shares: dict[tuple[int, int], float] = {}
         for limb in range(4):
             knots = np.flatnonzero(self.stance[:, limb])
             torques = self.functions.torque_values(
                 limb, body[knots], columns[knots, limb, :WRENCH_INPUTS], self.grasps[knots, limb]
             )
-            used = (np.abs(torques) / self.problem.torque_limits_Nm[limb]).max(axis=1)
+            used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limb], 2)).max(axis=1)
             shares.update(zip([(int(k), limb) for k in knots], used.tolist(), strict=True))
         return shares
 
@@ -179,7 +187,8 @@ class StageProblem:
             if len(at):
                 value, slope = f.torque(limb, body[at], q[at, limb], self.grasps[at, limb])
             else:
-                value, slope = np.zeros((0, 6)), np.zeros((0, 6, POSE + WRENCH_INPUTS))
+                value = np.zeros((0, INTERVAL_TORQUES))
+                slope = np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
             torques.append(value)
             torque_slopes.append(slope)
         rows = [body[1:], reach, columns, surface, *torques]
@@ -224,9 +233,9 @@ class StageProblem:
         columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
         for limb, (knots, slope, weight) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
             both = slope.swapaxes(-1, -2) @ (weight[..., None] * slope)
-            body[knots, :POSE, :POSE] += both[:, :POSE, :POSE]
-            columns[knots, limb, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, POSE:, POSE:]
-            cross[knots, limb, :POSE, :WRENCH_INPUTS] += both[:, :POSE, POSE:]
+            body[knots] += both[:, :BODY_STATES, :BODY_STATES]
+            columns[knots, limb, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, BODY_STATES:, BODY_STATES:]
+            cross[knots, limb, :, :WRENCH_INPUTS] += both[:, :BODY_STATES, BODY_STATES:]
         body_slope, column_slope = self._pulled(at, -pull)
         return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
 
@@ -239,7 +248,7 @@ class StageProblem:
             np.einsum("klij,klj->kli", at.surface, columns),
         ]
         for limb, (knots, slope) in enumerate(zip(self.limited, at.torques, strict=True)):
-            both = np.concatenate([body[knots, :POSE], columns[knots, limb, :WRENCH_INPUTS]], axis=1)
+            both = np.concatenate([body[knots], columns[knots, limb, :WRENCH_INPUTS]], axis=1)
             parts.append(np.einsum("pij,pj->pi", slope, both))
         return np.concatenate([part.ravel() for part in parts])
 
@@ -252,8 +261,8 @@ class StageProblem:
         columns = on_column + np.einsum("klij,kli->klj", at.surface, on_surface)
         for limb, (knots, slope, force) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
             both = np.einsum("pij,pi->pj", slope, force)
-            body[knots, :POSE] += both[:, :POSE]
-            columns[knots, limb, :WRENCH_INPUTS] += both[:, POSE:]
+            body[knots] += both[:, :BODY_STATES]
+            columns[knots, limb, :WRENCH_INPUTS] += both[:, BODY_STATES:]
         return body, columns
 
 

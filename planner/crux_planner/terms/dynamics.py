@@ -40,13 +40,19 @@ def gripper_wrench(q: Any, centre: Any, normal: Any, tangent: Any) -> tuple[Any,
     return force, ca.cross(centre, force) + 2 * q[2] * normal
 
 
+def next_pose(x: Any, dt: float) -> Any:
+    """(6,) r and theta one step on: explicit Euler needs the body state alone (casadi)."""
+    r, theta, v, omega = x[0:3], x[3:6], x[6:9], x[9:12]
+    return ca.vertcat(r + dt * v, theta + dt * euler_rates(theta, omega))
+
+
 def euler_step(x: Any, force: Any, moment_origin: Any, mass: float, inertia: Array, gravity: Array, dt: float) -> Any:
     """The body state one step on, from the total force and its moment about W's origin (casadi)."""
     r, theta, v, omega = x[0:3], x[3:6], x[6:9], x[9:12]
     moment = rotation(theta).T @ (moment_origin - ca.cross(r, force))
     acceleration = force / mass + gravity
     angular = np.linalg.inv(inertia) @ (moment - ca.cross(omega, inertia @ omega))
-    return ca.vertcat(r + dt * v, theta + dt * euler_rates(theta, omega), v + dt * acceleration, omega + dt * angular)
+    return ca.vertcat(next_pose(x, dt), v + dt * acceleration, omega + dt * angular)
 
 
 def static_map(centre: Array, normal: Array, tangent: Array) -> Array:

@@ -15,9 +15,10 @@ import numpy as np
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import Link
 
-from crux_planner.terms.dynamics import rotation
+from crux_planner.terms.dynamics import gripper_wrench, next_pose, rotation
 
 JOINTS = 6
+INTERVAL_TORQUES = 2 * JOINTS
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,18 @@ def joint_torques(
                 total = total + ca.cross(place - origin, load)
         torques.append(-ca.dot(axis_i, total))
     return ca.vertcat(*torques)
+
+
+def interval_torques(masses: LimbMasses, x: Any, q: Any, grasp: Any, gravity: Any, dt: float) -> Any:
+    """Torques (12,) [Nm] at both ends of a knot's interval: its wrench q is held from the knot's body state x (12) on
+    until the next pose. `grasp` (9) is centre, opening axis, tangent (casadi).
+    """
+    centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
+    force, _ = gripper_wrench(q, centre, axis, tangent)
+    ends = []
+    for pose in (x[:6], next_pose(x, dt)):
+        ends.append(joint_torques(masses, pose[0:3], pose[3:6], centre, axis, force, 2 * q[2] * axis, gravity))
+    return ca.vertcat(*ends)
 
 
 def _elbow(wrist: Any, upper: float, lower: float) -> tuple[Any, Any]:
