@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from crux_planner import nlp
 from crux_planner.arrays import Array
 from crux_planner.interior_point import (
     WARM_BARRIER,
@@ -20,9 +21,9 @@ from crux_planner.interior_point import (
     minimise,
     warm_point,
 )
-from crux_planner.nlp import Place, Solution, Start, solve
 from crux_planner.problem import Problem
 from crux_planner.search.schedule import Schedule
+from crux_planner.solution import Place, Solution, Start
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.stage_problem import StageProblem
 from crux_planner.terms.cost import schedule_cost
@@ -53,7 +54,7 @@ def solve_within_torques(
             return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, np.inf, np.inf, {})
         if outcome is None:
             left = max(FALLBACK_SHARE * (deadline - time.monotonic()), FALLBACK_S)
-            solution, point = solve(problem, schedule, start, limited, left), None
+            solution, point = solve_by_ipopt(functions, problem, schedule, start, limited, left), None
         else:
             solution, point = outcome
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
@@ -94,7 +95,23 @@ def _solve_once(
         outcome = minimise(stages, first_point(stages, start.body, _columns(stages, start)), deadline)
     if not outcome.solved:
         return None
-    return _solution(stages, schedule, outcome.point, outcome.cost, outcome.iterations), outcome.point
+    point = outcome.point
+    columns = np.where(stages.fixed, stages.fixed_value, point.columns)
+    found = nlp.Optimum(point.body, columns, outcome.cost, outcome.iterations, "Solve_Succeeded", True)
+    return _solution(stages, schedule, found), point
+
+
+def solve_by_ipopt(
+    functions: StageFunctions,
+    problem: Problem,
+    schedule: Schedule,
+    start: Start,
+    limited: frozenset[Place],
+    time_limit_s: float,
+) -> Solution:
+    """The same problem, with constraints on the joint torques at the places `limited`, solved by ipopt."""
+    stages = StageProblem(functions, problem, schedule, limited)
+    return _solution(stages, schedule, nlp.solve(stages, start.body, _columns(stages, start), time_limit_s))
 
 
 def _columns(stages: StageProblem, start: Start) -> Array:
@@ -105,22 +122,21 @@ def _columns(stages: StageProblem, start: Start) -> Array:
     return columns
 
 
-def _solution(stages: StageProblem, schedule: Schedule, point: Point, cost: float, iterations: int) -> Solution:
+def _solution(stages: StageProblem, schedule: Schedule, found: nlp.Optimum) -> Solution:
     problem, scale = stages.problem, stages.functions.scale
-    columns = np.where(stages.fixed, stages.fixed_value, point.columns)
-    defects = np.abs(stages.next_states(point.body, columns) - point.body[1:])
+    defects = np.abs(stages.next_states(found.body, found.columns) - found.body[1:])
     wrenches: list[dict[int, Array]] = [
-        {int(limb): columns[k, limb, :WRENCH_INPUTS] * scale for limb in np.flatnonzero(stages.stance[k])}
+        {int(limb): found.columns[k, limb, :WRENCH_INPUTS] * scale for limb in np.flatnonzero(stages.stance[k])}
         for k in range(stages.knots)
     ]
     return Solution(
-        body=point.body,
+        body=found.body,
         wrenches=wrenches,
-        cost=cost + schedule_cost(schedule, problem),
-        iterations=iterations,
-        status="Solve_Succeeded",
-        solved=True,
+        cost=found.cost + schedule_cost(schedule, problem),
+        iterations=found.iterations,
+        status=found.status,
+        solved=found.solved,
         position_residual_m=float(defects[:, :3].max()),
         force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
-        torque_shares=stages.torque_shares(point.body, columns),
+        torque_shares=stages.torque_shares(found.body, found.columns),
     )

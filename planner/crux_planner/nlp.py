@@ -1,7 +1,7 @@
-"""The exact P1 with contacts fixed, as one programme for ipopt: used where exact.py does not converge.
+"""ipopt on the stages of an exact P1: used where the own interior-point method does not converge.
 
-Contacts, and with them the gripper poses, come from a schedule; what is left is smooth. Each equation is one small
-casadi function in `terms`, mapped over the knots or over all pairs of a knot and a limb in stance.
+Bounds are those of `stage_problem`, equations those of `stage_functions`; here they become one programme of casadi's,
+mapped over the knots and over all columns in stance, a knot and a limb each.
 """
 
 from __future__ import annotations
@@ -11,19 +11,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import bsr_array
 
 from crux_planner.arrays import Array
-from crux_planner.contacts import Contact
-from crux_planner.problem import Problem
-from crux_planner.search.body_path import BodyPath
-from crux_planner.search.schedule import Schedule
-from crux_planner.stage_functions import FORCE_SCALE_N, SPINE_WEIGHT
-from crux_planner.terms.bounds import body_bounds, reach_bounds, wrench_bounds
-from crux_planner.terms.cost import body_cost, schedule_cost, wrench_cost
-from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
-from crux_planner.terms.limit_surface import surface_room
-from crux_planner.terms.reach import offset_in_body
-from crux_planner.terms.torque import interval_torques
+from crux_planner.stage_functions import COLUMN, SPINE_WEIGHT
+from crux_planner.stage_problem import StageProblem
+from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS
 
 IPOPT: dict[str, Any] = {
     "print_time": 0,
@@ -39,59 +32,16 @@ IPOPT: dict[str, Any] = {
 }
 
 
-Place = tuple[int, int]
-"""A knot and a limb in stance there."""
-
-
 @dataclass(frozen=True)
-class Solution:
-    """Body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2) per knot and limb in stance, and how it went."""
+class Optimum:
+    """Body states (N + 1, 12) and columns (N, 4, 8) where ipopt ended, and how."""
 
     body: Array
-    wrenches: list[dict[int, Array]]
+    columns: Array
     cost: float
     iterations: int
     status: str
     solved: bool
-    position_residual_m: float
-    force_residual_N: float
-    torque_shares: dict[
-        Place, float
-    ]  # largest joint torque in the interval over its limit, per knot and limb in stance
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`; `near`: of a problem much like
-    this one.
-    """
-
-    body: Array
-    wrenches: list[dict[int, Array]]
-    near: bool = False
-
-
-@dataclass(frozen=True)
-class _Stance:
-    """All (knot, limb) in stance, in the order of the NLP's columns."""
-
-    knots: list[int]
-    limbs: list[int]
-    contacts: list[Contact]
-
-    @property
-    def places(self) -> list[Place]:
-        """(knot, limb) of every column."""
-        return list(zip(self.knots, self.limbs, strict=True))
-
-    @property
-    def grasps(self) -> Array:
-        """(9, P): centre, opening axis, tangent."""
-        return np.array([[*c.centre_w_m, *c.axis, *c.tangent] for c in self.contacts]).T
-
-    def sums(self, knots: int) -> Any:
-        """(P, knots) matrix that adds up what belongs to each knot."""
-        return ca.DM.triplet(range(len(self.knots)), self.knots, ca.DM.ones(len(self.knots)), len(self.knots), knots)
 
 
 class _Rows:
@@ -103,164 +53,67 @@ class _Rows:
         self.high: list[Array] = []
 
     def add(self, expression: Any, low: Array | float, high: Array | float) -> None:
-        """`expression` is a matrix; bounds are as many, or a column (rows, 1) of them, or one number for all."""
+        """`expression` is a matrix (rows, n); bounds are (n, rows), or one number for all."""
         self.expressions.append(ca.vec(expression))
-        self.low.append(np.broadcast_to(low, expression.shape).ravel(order="F"))
-        self.high.append(np.broadcast_to(high, expression.shape).ravel(order="F"))
+        self.low.append(np.broadcast_to(low, expression.T.shape).ravel())
+        self.high.append(np.broadcast_to(high, expression.T.shape).ravel())
 
 
-def solve(
-    problem: Problem, schedule: Schedule, start: Start, limited: frozenset[Place], time_limit_s: float
-) -> Solution:
-    """Solve P1 for a schedule, with constraints on the joint torques at the places `limited`."""
-    n, stance = problem.steps, _stance(problem, schedule)
-    scale = np.array([1.0, 1.0, problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
+def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float) -> Optimum:
+    """Solve P1 of a schedule from body states (N + 1, 12) and columns (N, 4, 8)."""
+    f, n, stance = stages.functions.equations, stages.knots, stages.stance
+    knots, limbs = np.nonzero(stance)
     x = ca.MX.sym("x", BODY_STATES, n + 1)
-    q = ca.MX.sym("q", WRENCH_INPUTS, len(stance.knots))  # scaled
-    a = ca.MX.sym("a", 3, len(stance.knots))  # the spines' share (3) of a finger's shear and twist, scaled
+    u = ca.MX.sym("u", COLUMN, len(knots))
+    grasps = stages.grasps[stance].T
+    low, high = stages.split(stages.low), stages.split(stages.high)
 
     rows = _Rows()
-    wrenches = _wrench_function(scale).map(len(stance.knots))(q, stance.grasps)
-    totals = wrenches @ stance.sums(n)
-    rows.add(_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0)
-    rough = [i for i, c in enumerate(stance.contacts) if c.grip_friction > 0.0]
-    if rough:
-        friction = problem.friction_share * np.array([[stance.contacts[i].grip_friction for i in rough]])
-        rows.add(_surface_function(problem, scale).map(len(rough))(q[:, rough], a[:, rough], friction), 0.0, np.inf)
-    slippery = [i for i, c in enumerate(stance.contacts) if c.grip_friction == 0.0]
-    if slippery:  # the cone has shrunk to a ray: spines carry all
-        rows.add(q[0:3, slippery] - a[:, slippery], 0.0, 0.0)
-    reach_low, reach_high = reach_bounds(problem, schedule)
-    grippers = schedule.poses[1:, :, :3].reshape(n, 12).T
-    rows.add(_reach_function().map(n)(x[:, 1:], grippers), reach_low.T, reach_high.T)
-    for limb in range(4):
-        columns = [i for i, place in enumerate(stance.places) if place in limited and place[1] == limb]
-        if columns:
-            function = _torque_function(problem, limb, scale).map(len(columns))
-            torques = function(x[:, [stance.knots[i] for i in columns]], q[:, columns], stance.grasps[:, columns])
-            limit = np.tile(problem.torque_limits_Nm[limb], 2)[:, None]
-            rows.add(torques, -limit, limit)
+    rows.add(f.step.map(n)(x[:, :-1], _totals(stages, u)) - x[:, 1:], 0.0, 0.0)
+    rows.add(f.reach.map(n)(x[:, 1:], stages.grippers.T), low[1], high[1])
+    if rough := np.flatnonzero(stages.rough[stance]).tolist():
+        room = f.surface.map(len(rough))(u[:, rough], stages.friction[stages.rough][None])
+        rows.add(room, low[3][stages.rough], high[3][stages.rough])
+    for limb, at in enumerate(stages.limited):
+        if len(at):
+            here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k in at]
+            torques = f.torques[limb].map(len(at))(x[:, at.tolist()], u[:WRENCH_INPUTS, here], grasps[:, here])
+            rows.add(torques, low[4 + limb], high[4 + limb])
 
-    cost = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
-    cost += ca.sum2(_wrench_cost_function(problem, scale).map(len(stance.knots))(q)) + SPINE_WEIGHT * ca.sumsqr(a)
-    low_x, high_x = body_bounds(problem, schedule)
-    bounds_q = [wrench_bounds(problem, contact) for contact in stance.contacts]
-    low_q, high_q = ((np.array([b[i] for b in bounds_q]) / scale).ravel() for i in (0, 1))
-    spines = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in stance.contacts])
-    spines = (problem.friction_share * spines / scale[:3]).ravel()
-    variables = ca.veccat(x, q, a)
-    nlp: dict[str, Any] = {"x": variables, "f": cost, "g": ca.vertcat(*rows.expressions)}
+    cost = ca.sum2(f.body_cost.map(n + 1)(x)) + ca.sum2(f.column_cost.map(len(knots))(u))
+    by_spines = np.flatnonzero(stages.by_spines[stance]).tolist()
+    cost += SPINE_WEIGHT * ca.sumsqr(u[:3, by_spines])
+    fixed, value = stages.fixed[stance], stages.fixed_value[stance]
+    last = [np.where(stages.pinned > 0.0, stages.last, bounds[0][-1]) for bounds in (low, high)]
+    bounds = [
+        np.concatenate([stages.first, b[0][:-1].ravel(), end, np.where(fixed, value, b[2][stance]).ravel()])
+        for b, end in zip((low, high), last, strict=True)
+    ]
+    nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
     solver = ca.nlpsol("p1", "ipopt", nlp, {**IPOPT, "ipopt.max_wall_time": time_limit_s})
-    many = len(stance.knots)
-    q0 = np.array([start.wrenches[k][limb] for k, limb in zip(stance.knots, stance.limbs, strict=True)]) / scale
     result = solver(
-        x0=np.concatenate([start.body.ravel(), q0.ravel(), np.zeros(3 * many)]),
-        lbx=np.concatenate([low_x.ravel(), low_q, -spines]),
-        ubx=np.concatenate([high_x.ravel(), high_q, spines]),
+        x0=np.concatenate([body.ravel(), columns[stance].ravel()]),
+        lbx=bounds[0],
+        ubx=bounds[1],
         lbg=np.concatenate(rows.low),
         ubg=np.concatenate(rows.high),
     )
-    return _solution(problem, schedule, stance, solver.stats(), result, scale)
-
-
-def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:
-    """The quasi-static path: orientation turned evenly, or the heading as given; velocities from the steps."""
-    n = problem.steps
-    body = np.zeros((n + 1, BODY_STATES))
-    body[:, 0:3] = path.positions
-    body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
-    if yaw_rad is not None:
-        body[:, 5] = yaw_rad
-        body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
-    body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
-    wrenches = [
-        {limb: np.array([s1, s2, m, n + max(f, 0.0), n + max(-f, 0.0)]) for limb, (s1, s2, m, f, n) in knot.items()}
-        for knot in path.wrenches
-    ]
-    return Start(body, wrenches)
-
-
-def _stance(problem: Problem, schedule: Schedule) -> _Stance:
-    found = [
-        (k, limb, problem.contacts[contact])
-        for limb in range(4)
-        for k in range(problem.steps)
-        if (contact := schedule.contacts[k][limb]) is not None
-    ]
-    return _Stance([k for k, _, _ in found], [limb for _, limb, _ in found], [c for _, _, c in found])
-
-
-def _torque_shares(problem: Problem, stance: _Stance, body: Array, scaled: Array, scale: Array) -> dict[Place, float]:
-    shares: dict[Place, float] = {}
-    for limb in range(4):
-        columns = [i for i, other in enumerate(stance.limbs) if other == limb]
-        function = _torque_function(problem, limb, scale).map(len(columns))
-        knots = [stance.knots[i] for i in columns]
-        torques = np.array(function(body[knots].T, scaled[columns].T, stance.grasps[:, columns]))
-        used = (np.abs(torques) / np.tile(problem.torque_limits_Nm[limb], 2)[:, None]).max(axis=0)
-        shares.update(zip([(k, limb) for k in knots], used.tolist(), strict=True))
-    return shares
-
-
-def _solution(problem: Problem, schedule: Schedule, stance: _Stance, stats: Any, result: Any, scale: Array) -> Solution:
-    n, values = problem.steps, np.array(result["x"]).ravel()
-    size = BODY_STATES * (n + 1)
-    body = values[:size].reshape(n + 1, BODY_STATES)
-    scaled = values[size : size + WRENCH_INPUTS * len(stance.knots)].reshape(-1, WRENCH_INPUTS)
-    wrenches: list[dict[int, Array]] = [{} for _ in range(n)]
-    for k, limb, q in zip(stance.knots, stance.limbs, scaled, strict=True):
-        wrenches[k][limb] = q * scale
-    defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
-    return Solution(
-        body=body,
-        wrenches=wrenches,
-        cost=float(result["f"]) + schedule_cost(schedule, problem),
+    values, stats = np.array(result["x"]).ravel(), solver.stats()
+    columns = stages.empty_columns()
+    columns[stance] = values[body.size :].reshape(-1, COLUMN)
+    return Optimum(
+        body=values[: body.size].reshape(body.shape),
+        columns=columns,
+        cost=float(result["f"]),
         iterations=int(stats["iter_count"]),
         status=str(stats["return_status"]),
         solved=bool(stats["success"]),
-        position_residual_m=float(defects[:, :3].max()),
-        force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
-        torque_shares=_torque_shares(problem, stance, body, scaled, scale),
     )
 
 
-def _wrench_function(scale: Array) -> ca.Function:
-    q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
-    force, moment = gripper_wrench(q * scale, grasp[0:3], grasp[3:6], grasp[6:9])
-    return ca.Function("gripper_wrench", [q, grasp], [ca.vertcat(force, moment)])
-
-
-def _step_function(problem: Problem) -> ca.Function:
-    x, total = ca.SX.sym("x", BODY_STATES), ca.SX.sym("total", 6)
-    step = euler_step(x, total[0:3], total[3:6], problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
-    return ca.Function("euler_step", [x, total], [step])
-
-
-def _surface_function(problem: Problem, scale: Array) -> ca.Function:
-    q, a, friction = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("a", 3), ca.SX.sym("friction")
-    loads = friction * q[3:5] * scale[3:]
-    room = surface_room(problem.limit_surface, q[0:3] * scale[:3], a * scale[:3], loads, problem.patch.k_m)
-    return ca.Function("limit_surface", [q, a, friction], [room / FORCE_SCALE_N])
-
-
-def _reach_function() -> ca.Function:
-    x, grippers = ca.SX.sym("x", BODY_STATES), ca.SX.sym("grippers", 12)
-    offsets = [offset_in_body(x[0:3], x[3:6], grippers[3 * limb : 3 * limb + 3]) for limb in range(4)]
-    return ca.Function("reach", [x, grippers], [ca.vertcat(*offsets)])
-
-
-def _torque_function(problem: Problem, limb: int, scale: Array) -> ca.Function:
-    x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
-    masses = problem.limb_masses[limb]
-    torques = interval_torques(masses, x, q * scale, grasp, problem.gravity_w, problem.dt_s)
-    return ca.Function(f"torques_{limb}", [x, q, grasp], [torques])
-
-
-def _body_cost_function(problem: Problem) -> ca.Function:
-    x = ca.SX.sym("x", BODY_STATES)
-    return ca.Function("body_cost", [x], [body_cost(x, problem)])
-
-
-def _wrench_cost_function(problem: Problem, scale: Array) -> ca.Function:
-    q = ca.SX.sym("q", WRENCH_INPUTS)
-    return ca.Function("wrench_cost", [q], [wrench_cost(q * scale, problem)])
+def _totals(stages: StageProblem, u: Any) -> Any:
+    """Force and moment about the origin (6, N) at every knot, of columns u (8, P) in stance."""
+    stance = stages.stance
+    first = np.concatenate([[0], np.cumsum(stance.sum(axis=1))])
+    maps = bsr_array((stages.maps[stance], np.arange(first[-1]), first), shape=(6 * len(stance), 5 * first[-1]))
+    return ca.reshape(ca.DM(maps.tocsc()) @ ca.vec(u[:WRENCH_INPUTS, :]), 6, len(stance))

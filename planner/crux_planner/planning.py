@@ -15,7 +15,6 @@ from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError
-from crux_planner.nlp import start_from_path
 from crux_planner.problem import Problem
 from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
 from crux_planner.reasons import TIME_LIMIT, check_start, explain
@@ -29,6 +28,7 @@ from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Move, Reach, SearchReport, goal_contacts, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
+from crux_planner.solution import start_from_path
 from crux_planner.wider import plan_wider
 from crux_planner.work import Progress, Work, begin
 

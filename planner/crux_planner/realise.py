@@ -10,7 +10,6 @@ from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import InfeasibleError
 from crux_planner.exact import solve_within_torques
-from crux_planner.nlp import Start
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
@@ -19,6 +18,7 @@ from crux_planner.search.calm import TooHasty, slowed
 from crux_planner.search.schedule import Schedule, lay_out
 from crux_planner.search.stances import Move, Reach
 from crux_planner.search.ways import Ways
+from crux_planner.solution import Start
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.work import Culprit, Work
 

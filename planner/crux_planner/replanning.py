@@ -22,7 +22,6 @@ from crux_planner.arrays import Array
 from crux_planner.build import build_problem, start_contacts, start_inertia
 from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.nlp import Start, start_from_path
 from crux_planner.planning import plan, realise_moves
 from crux_planner.poses import check_body, pose_in_heading_frame
 from crux_planner.problem import Pose, Problem
@@ -34,6 +33,7 @@ from crux_planner.search.schedule import Schedule, lay_out, least_durations
 from crux_planner.search.stances import Move, Reach, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
+from crux_planner.solution import Start, start_from_path
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.tail import Tail, read_tail
 from crux_planner.wider import plan_turning

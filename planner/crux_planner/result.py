@@ -15,9 +15,9 @@ from crux_planner.arrays import Array
 from crux_planner.kinematics import rotation_z
 
 if TYPE_CHECKING:
-    from crux_planner.nlp import Solution
     from crux_planner.problem import Problem
     from crux_planner.search.schedule import Schedule
+    from crux_planner.solution import Solution
 
 
 @dataclass

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,17 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
+
+
+class Equations(NamedTuple):
+    """The equations alone, as functions of casadi's columns."""
+
+    step: ca.Function  # (x, total)
+    reach: ca.Function  # (x, grippers)
+    surface: ca.Function  # (u, friction)
+    torques: list[ca.Function]  # (x, q, grasp) of each limb
+    body_cost: ca.Function  # (x)
+    column_cost: ca.Function  # (u)
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,13 @@ class StageFunctions:
     def scale(self) -> Array:
         """(5,) units of q: newtons and newton metres."""
         return np.array([1.0, 1.0, self.problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
+
+    @property
+    def equations(self) -> Equations:
+        """The same for a solver that differentiates by itself."""
+        torques = [mapped.equation for mapped in self._torque_values]
+        step, reach, surface = self._step.equation, self._reach.equation, self._surface.equation
+        return Equations(step, reach, surface, torques, self._body_cost.equation, self._column_cost.equation)
 
     def step(self, x: Array, total: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
         """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), (n, 12)."""
@@ -172,6 +190,15 @@ class _Mapped:
         self.function = function
         self._shapes = [function.size_out(i) for i in range(function.n_out())]
         self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
+
+    @property
+    def equation(self) -> ca.Function:
+        """The first output, of the arguments that it depends on."""
+        arguments = self.function.sx_in()
+        value = self.function(*arguments)
+        value = value[0] if self.function.n_out() > 1 else value
+        needed = [argument for argument in arguments if ca.depends_on(value, argument)]
+        return ca.Function(self.function.name(), needed, [value])
 
     def __call__(self, *arguments: Array) -> Any:
         """At every row of the arguments (n, size): outputs (n, rows), or (n, rows, columns) of a matrix."""

@@ -13,11 +13,11 @@ import numpy as np
 
 from crux_planner.arrays import Array
 from crux_planner.kinematics import rotation_z
-from crux_planner.nlp import Start
 from crux_planner.problem import Problem
 from crux_planner.search.body_path import SPEED_SHARE
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Move, Stance
+from crux_planner.solution import Start
 from crux_planner.terms.limit_surface import finger_inputs
 
 _SAME = 1e-6  # metres and radians between a grasp of the plan and one of the problem

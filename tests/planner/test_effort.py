@@ -9,7 +9,6 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_within_torques
-from crux_planner.nlp import start_from_path
 from crux_planner.realise import path_to_goal
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import ESTIMATES, improve
@@ -17,6 +16,7 @@ from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Reach, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
+from crux_planner.solution import start_from_path
 from walls import ladder, scenario
 
 

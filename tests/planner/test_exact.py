@@ -12,15 +12,15 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_planner import exact
 from crux_planner.build import build_problem
-from crux_planner.exact import solve_within_torques
+from crux_planner.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.interior_point import Outcome, Point, first_point
-from crux_planner.nlp import solve, start_from_path
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import Schedule, lay_out
 from crux_planner.search.stances import Reach, search
 from crux_planner.search.ways import Ways
+from crux_planner.solution import start_from_path
 from crux_planner.stage_functions import StageFunctions
 from crux_planner.stage_problem import StageProblem
 from walls import scenario, two_rows
@@ -112,8 +112,9 @@ def test_slopes_and_hessians_are_those_of_finite_differences() -> None:
 def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
-    other = solve(problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
-    monkeypatch.delattr(exact, "solve")  # it shall not ask ipopt
+    functions = StageFunctions(problem)
+    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
+    monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
     assert solution.solved
     assert other.solved
@@ -127,10 +128,15 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     weaker = problem.torque_limits_Nm * 0.85
     problem = replace(problem, torque_limits_Nm=weaker)
     start = start_from_path(problem, path)
-    assert max(solve(problem, schedule, start, frozenset(), 30.0).torque_shares.values()) > 1.05
+    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 30.0)
+    assert max(unlimited.torque_shares.values()) > 1.05
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
+    everywhere = frozenset(unlimited.torque_shares)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 30.0)
+    assert max(by_ipopt.torque_shares.values()) <= 1.0 + 1e-3
+    assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
 
 
 def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,6 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_within_torques
-from crux_planner.nlp import start_from_path
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
@@ -19,6 +18,7 @@ from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Move, Reach, search
 from crux_planner.search.ways import Ways
+from crux_planner.solution import start_from_path
 from walls import scenario, two_rows
 
 

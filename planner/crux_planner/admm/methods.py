@@ -17,13 +17,13 @@ from crux_planner.admm.limb_block import ParallelLimbs
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.stages import Stages
 from crux_planner.arrays import Array
-from crux_planner.nlp import Solution
 from crux_planner.problem import Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach
 from crux_planner.search.ways import Ways
+from crux_planner.solution import Solution
 
 RHO, MULTI_RHO = 10.0, 40.0
 ITERATIONS, MULTI_ITERATIONS = 10, 40
