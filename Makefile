@@ -8,7 +8,7 @@ BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean
+.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -21,14 +21,19 @@ build/cmake/build.ninja build/asan/build.ninja: | setup
 	@cmake -S . -B $(@D) -G Ninja $(if $(findstring asan,$@),-DCRUX_SANITIZE=ON -DCMAKE_BUILD_TYPE=Debug) >$(@D).log 2>&1 \
 	  || { cat $(@D).log; rm -f $@; exit 1; }
 
+compile = cmake --build build/cmake -j $(JOBS) --target $(1) \
+  && $(BIN)/python -m compileall -q msgs/python planner tools build/gen/python firmware/ports
+
 build: setup build/cmake/build.ninja ## generate and compile everything
-	@cmake --build build/cmake -j $(JOBS)
-	@$(BIN)/python -m compileall -q msgs/python planner tools build/gen/python firmware/ports
+	@$(call compile,all)
+
+programs: setup build/cmake/build.ninja ## generate and compile all but the tests, in a third of the time
+	@$(call compile,crux_programs)
 
 can-kernel: setup ## the kernel with CAN that tests run in; built when it is missing from ~/.cache/crux
 	@$(BIN)/crux can kernel
 
-climb: build ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
+climb: programs ## plan SCENARIO and climb it in the simulated world; plan, log and report go to OUT
 	@mkdir -p $(OUT)
 	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
 	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap --report $(OUT)/report.html
