@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from functools import lru_cache
 
 import crux_planner
 import numpy as np
@@ -24,16 +23,10 @@ from crux_tools.benches.random_fields import random_field
 from crux_tools.benches.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from walls import scenario, two_rows
+from test_proof import proof_of_two_rows
 
 ROBOT = load_robot("scaler")
 share = st.floats(-1.0, 1.0)
-
-
-@lru_cache
-def proof_of_two_rows() -> Proof:
-    read = scenario(two_rows())
-    return Proof(read, ROBOT, build_problem(read, ROBOT))
 
 
 @given(st.tuples(*[share] * 3), st.tuples(*[st.floats(0.0, 0.06)] * 3), st.tuples(*[share] * 3), share)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_msgs import plan_t
+from crux_tools.errors import WorkFailed
 from crux_tools.replay import recompute
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.reader import read_log, read_payloads
@@ -94,6 +95,11 @@ def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert other is not None
     assert other.cycle == cycle
     assert other.logged != other.computed
+    plans = told.payloads["/plan"]
+    plan, plans[0] = plans[0], b"no plan"
+    with pytest.raises(WorkFailed, match="a plan that is no plan_t"):
+        recompute.recompute(log)
+    plans[0] = plan
     for topic, gone in (("/control_input", cycle - 1), ("/robot_state", cycle - 7)):
         del told.payloads[topic][gone - 1]
         gap = recompute.recompute(log)

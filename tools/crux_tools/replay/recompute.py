@@ -9,13 +9,15 @@ from __future__ import annotations
 import struct
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from crux_contracts.robot import load_robot, robot_names
 
 from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.output import progress
 from crux_tools.paths import built
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 from crux_tools.telemetry.reader import Payloads, read_payloads
@@ -69,15 +71,21 @@ def recompute(path: Path) -> Comparison:
         raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
     robot = _robot_folder(path, log.metadata)
     given, cycles, missing_cycle = _given(log)
-    with tempfile.TemporaryFile() as records:
+    with tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
         for topic, payload in given:
             records.write(_RECORD.pack(KIND[topic], len(payload)))
             records.write(payload)
         records.seek(0)
-        done = subprocess.run([built(BINARY), robot], stdin=records, capture_output=True, check=False)
-    if done.returncode != 0:
-        raise WorkFailed(f"{path}: {done.stderr.decode(errors='replace').strip()}")
-    return _compare(log, done.stdout, cycles, missing_cycle)
+        with subprocess.Popen([built(BINARY), robot], stdin=records, stdout=subprocess.PIPE, stderr=errors) as core:
+            assert core.stdout is not None
+            try:
+                return _compare(log, _messages(core.stdout), cycles, missing_cycle)
+            except EOFError as error:
+                core.wait()
+                errors.seek(0)
+                raise WorkFailed(f"{path}: {errors.read().decode(errors='replace').strip()}") from error
+            finally:
+                core.kill()
 
 
 def _robot_folder(path: Path, metadata: dict[str, str]) -> Path:
@@ -109,18 +117,28 @@ def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | Non
     return given, cycles, None
 
 
-def _compare(log: Payloads, computed: bytes, cycles: list[int], missing_cycle: int | None) -> Comparison:
+def _messages(computed: IO[bytes]) -> Iterator[bytes]:
+    """What the core writes, one after the other. Raises EOFError where it ends."""
+    while len(head := computed.read(_LENGTH.size)) == _LENGTH.size:
+        (length,) = _LENGTH.unpack(head)
+        message = computed.read(length)
+        if len(message) < length:
+            break
+        yield message
+    raise EOFError
+
+
+def _compare(log: Payloads, computed: Iterator[bytes], cycles: list[int], missing_cycle: int | None) -> Comparison:
     whole = min(len(cycles), *(len(log.payloads[topic]) for topic in OUTPUTS))  # the last cycle may be cut off
-    at = 0
-    for index in range(whole):
-        for topic in OUTPUTS:
-            (length,) = _LENGTH.unpack_from(computed, at)
-            at += _LENGTH.size + length
-            again, logged = computed[at - length : at], log.payloads[topic][index]
-            if _CYCLE.unpack_from(logged)[0] != cycles[index]:
-                return Comparison(index, None, cycles[index])
-            if again != logged:
-                return Comparison(index + 1, _difference(log, cycles[index], topic, logged, again), missing_cycle)
+    with progress("computing again", whole) as bar:
+        for index in range(whole):
+            for topic in OUTPUTS:
+                again, logged = next(computed), log.payloads[topic][index]
+                if _CYCLE.unpack_from(logged)[0] != cycles[index]:
+                    return Comparison(index, None, cycles[index])
+                if again != logged:
+                    return Comparison(index + 1, _difference(log, cycles[index], topic, logged, again), missing_cycle)
+            bar.at(index + 1)
     return Comparison(whole, None, missing_cycle)
 
 
