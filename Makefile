@@ -44,7 +44,7 @@ test-native: build
 	ctest --test-dir build/cmake -j $(JOBS) --output-on-failure --no-tests=error
 
 test-sanitized: setup build/asan/build.ninja
-	@cmake --build build/asan -j $(JOBS)
+	@cmake --build build/asan -j $(JOBS) --target crux_native_tests
 	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
 
 test-python: build can-kernel
