@@ -1,22 +1,25 @@
-"""Numeric inverse kinematics of a limb for many gripper poses at once: damped Gauss-Newton on the pose error.
+"""Numeric inverse kinematics of the limbs for many gripper poses at once: damped Gauss-Newton on the pose error.
 
 A first pose is reached from the nearest of many postures spread over the joint ranges; from its solution a few others
 start, and from between these all others; those that fail, or end outside the joint limits, start again from the
-nearest sample in time that did not.
+nearest sample in time that did not. Limbs with the same arm take the first two steps together.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from crux_planner.checker.arm import Arm, arm_of, jacobian
 from crux_planner.checker.geometry import Array, cross, rotation_vector, solved
-from crux_planner.checker.limb_model import ChainState, Limb
+from crux_planner.checker.limb_model import Limb
 
 SEED_POSTURES = 1024
+SEEDS = 16  # of these, the nearest to a first pose
 STRIDE = 8  # samples of which one is solved from the first pose, the others from what lies between two such
 ITERATIONS = 30
 MAX_STEP_RAD = 0.4
@@ -34,50 +37,94 @@ class Solution:
     rotation_error_rad: Array
 
 
-def solve(limb: Limb, position_b_m: Array, rotation_b: Array) -> Solution:
-    """Joint angles for gripper poses (n, 3), (n, 3, 3) in B that follow each other in time."""
-    n = len(position_b_m)
+@dataclass(frozen=True)
+class _Poses:
+    """Where an arm is to have its end: positions (3, n) and rotations (3, 3, n), columns first."""
+
+    position: Array
+    columns: Array
+
+    def __len__(self) -> int:
+        return int(self.position.shape[1])
+
+    def __getitem__(self, some: NDArray[np.int_] | slice | list[int]) -> _Poses:
+        return _Poses(self.position[:, some], self.columns[..., some])
+
+
+def _together(poses: Iterable[_Poses]) -> _Poses:
+    position, columns = zip(*((each.position, each.columns) for each in poses), strict=True)
+    return _Poses(np.concatenate(position, axis=-1), np.concatenate(columns, axis=-1))
+
+
+def solve(limbs: Sequence[Limb], position_b_m: Sequence[Array], rotation_b: Sequence[Array]) -> list[Solution]:
+    """Joint angles of every limb for its gripper poses (n, 3), (n, 3, 3) in B that follow each other in time."""
+    alike: dict[bytes, tuple[Arm, dict[int, _Poses]]] = {}
+    for i, limb in enumerate(limbs):
+        arm, mounting = arm_of(limb)
+        poses = _Poses(*mounting.seen(position_b_m[i], rotation_b[i]))
+        alike.setdefault(arm.alike, (arm, {}))[1][i] = poses
+    found: dict[int, Solution] = {}
+    for arm, wanted in alike.values():
+        found |= zip(wanted, _solve_alike(arm, list(wanted.values())), strict=True)
+    return [found[i] for i in range(len(limbs))]
+
+
+def _solve_alike(arm: Arm, limbs: list[_Poses]) -> list[Solution]:
+    """The same for limbs that have one arm."""
+    n = len(limbs[0])
     some = np.unique(np.append(np.arange(0, n, STRIDE), n - 1))
-    first = np.tile(_first(limb, position_b_m[0], rotation_b[0]), (len(some), 1))
-    found, _ = _descend(limb, first, position_b_m[some], rotation_b[some])
-    start = np.stack([np.interp(np.arange(n), some, angles) for angles in found.T], axis=1)
-    q, error = _descend(limb, start, position_b_m, rotation_b)
+    first = np.repeat(_firsts(arm, _together(poses[:1] for poses in limbs)), len(some), axis=1)
+    between, _ = _descend(arm, first, _together(poses[some] for poses in limbs))
+    found = []
+    for poses, at in zip(limbs, np.split(between, len(limbs), axis=1), strict=True):
+        start = np.array([np.interp(np.arange(n), some, angles) for angles in at])
+        found.append(_follow(arm, start, poses))
+    return found
+
+
+def _follow(arm: Arm, start: Array, poses: _Poses) -> Solution:
+    """All samples of one limb from angles (J, n) near its solution."""
+    q, error = _descend(arm, start, poses)
     for _ in range(3):
-        good = _good(limb, q, error)
+        good = _good(arm, q, error)
         if good.all() or not good.any():
             break
-        bad = np.flatnonzero(~good)
-        fine = np.flatnonzero(good)
+        bad, fine = np.flatnonzero(~good), np.flatnonzero(good)
         nearest = fine[np.abs(fine[None, :] - bad[:, None]).argmin(axis=1)]
-        again, left = _descend(limb, q[nearest], position_b_m[bad], rotation_b[bad])
-        better = _good(limb, again, left) | (left.sum(axis=1) < 0.5 * error[bad].sum(axis=1))
-        q[bad[better]], error[bad[better]] = again[better], left[better]
+        again, left = _descend(arm, q[:, nearest], poses[bad])
+        better = _good(arm, again, left) | (left.sum(axis=0) < 0.5 * error[:, bad].sum(axis=0))
+        q[:, bad[better]], error[:, bad[better]] = again[:, better], left[:, better]
         if not better.any():
             break
-    return Solution(q, error[:, 0], error[:, 1] / ROTATION_LENGTH_M)
+    return Solution(q.T, error[0], error[1] / ROTATION_LENGTH_M)
 
 
-def _good(limb: Limb, q: Array, error: Array) -> NDArray[np.bool_]:
-    inside = ((q >= limb.lower_rad - 1e-9) & (q <= limb.upper_rad + 1e-9)).all(axis=1)
-    return np.asarray(inside & (error.max(axis=1) < 1e-5))
+def _good(arm: Arm, q: Array, error: Array) -> NDArray[np.bool_]:
+    angles = q.T
+    inside = ((angles >= arm.lower_rad - 1e-9) & (angles <= arm.upper_rad + 1e-9)).all(axis=1)
+    return np.asarray(inside & (error.max(axis=0) < 1e-5))
 
 
-def _first(limb: Limb, position: Array, rotation: Array) -> Array:
-    """The best of the descents from the postures nearest to a pose: inside the limits if any is."""
-    postures, positions, columns = _postures(limb)
-    wanted = np.broadcast_to(rotation.T[..., None], columns.shape)
-    away = _pose_error(positions, columns, position[:, None], wanted)
-    seeds = postures[np.argsort(np.sqrt((away * away).sum(axis=0)))[:16]]
-    q, error = _descend(limb, seeds, np.tile(position, (16, 1)), np.tile(rotation, (16, 1, 1)))
-    outside = np.maximum(np.maximum(limb.lower_rad - q, q - limb.upper_rad), 0.0).sum(axis=1)
-    return np.asarray(q[np.argmin(error.sum(axis=1) * 1e3 + outside)])
+def _firsts(arm: Arm, poses: _Poses) -> Array:
+    """Of every pose the best of the descents from the postures nearest to it, (J, n): inside the limits if any is."""
+    postures, at = _postures(arm)
+    seeds = []
+    for i in range(len(poses)):
+        away = _pose_error(at, poses[[i]])
+        seeds.append(postures[:, np.argsort(np.sqrt((away * away).sum(axis=0)))[:SEEDS]])
+    q, error = _descend(arm, np.concatenate(seeds, axis=1), poses[np.repeat(np.arange(len(poses)), SEEDS)])
+    lower, upper = arm.lower_rad[:, None], arm.upper_rad[:, None]
+    outside = np.maximum(np.maximum(lower - q, q - upper), 0.0).sum(axis=0)
+    best = np.argmin((error.sum(axis=0) * 1e3 + outside).reshape(-1, SEEDS), axis=1)
+    return q[:, best + SEEDS * np.arange(len(poses))]
 
 
 @lru_cache(maxsize=16)
-def _postures(limb: Limb) -> tuple[Array, Array, Array]:
-    """Postures (m, J) spread over the joint ranges, and the gripper's positions (3, m) and columns (3, 3, m) there."""
-    postures = limb.lower_rad + _evenly_spread(SEED_POSTURES, len(limb.joints)) * (limb.upper_rad - limb.lower_rad)
-    return postures, *_gripper(limb, limb.forward(postures))
+def _postures(arm: Arm) -> tuple[Array, _Poses]:
+    """Postures (J, m) spread over the joint ranges, and where the arm's end is there."""
+    spread = _evenly_spread(SEED_POSTURES, len(arm.lower_rad))
+    postures = np.ascontiguousarray((arm.lower_rad + spread * (arm.upper_rad - arm.lower_rad)).T)
+    return postures, _Poses(*arm.forward(postures)[:2])
 
 
 def _evenly_spread(count: int, dimension: int) -> Array:
@@ -90,51 +137,49 @@ def _evenly_spread(count: int, dimension: int) -> Array:
     return np.asarray(np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimension + 1)) % 1.0)
 
 
-def _gripper(limb: Limb, state: ChainState) -> tuple[Array, Array]:
-    """Position (3, n) of the gripper and columns (3, 3, n) of its rotation: components first, as all that follows."""
-    return state.link_position_m[limb.gripper].T, state.link_rotation[limb.gripper].T
-
-
-def _pose_error(p: Array, columns: Array, position: Array, wanted: Array) -> Array:
-    """Position and weighted rotation vector (6, n) from poses (3, n), (3, 3, n) to the wanted ones."""
-    skew = 0.5 * (cross(columns[0], wanted[0]) + cross(columns[1], wanted[1]) + cross(columns[2], wanted[2]))
-    cosine = np.clip(0.5 * ((columns * wanted).sum(axis=(0, 1)) - 1.0), -1.0, 1.0)
+def _pose_error(at: _Poses, wanted: _Poses) -> Array:
+    """Position and weighted rotation vector (6, n) from poses to the wanted ones."""
+    columns, there = at.columns, wanted.columns
+    skew = 0.5 * (cross(columns[0], there[0]) + cross(columns[1], there[1]) + cross(columns[2], there[2]))
+    cosine = np.clip(0.5 * ((columns * there).sum(axis=(0, 1)) - 1.0), -1.0, 1.0)
     sine = np.sqrt((skew * skew).sum(axis=0))
     turning = sine > 1e-9
     turn = skew * np.where(turning, np.arctan2(sine, cosine) / np.where(turning, sine, 1.0), 1.0)
     half_turn = np.flatnonzero((sine <= 1e-6) & (cosine < 0.0))
     if len(half_turn) > 0:
-        difference = np.einsum("icn,ijn->ncj", wanted[..., half_turn], columns[..., half_turn])
+        shape = np.broadcast_shapes(columns.shape, there.shape)
+        columns, there = np.broadcast_to(columns, shape), np.broadcast_to(there, shape)
+        difference = np.einsum("icn,ijn->ncj", there[..., half_turn], columns[..., half_turn])
         turn[:, half_turn] = rotation_vector(difference).T
-    return np.concatenate([position - p, ROTATION_LENGTH_M * turn])
+    return np.concatenate([wanted.position - at.position, ROTATION_LENGTH_M * turn])
 
 
-def _descend(limb: Limb, start: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Damped Gauss-Newton from `start`; returns angles and the norms of (position, weighted orientation) errors."""
-    q = np.array(start.T, order="C")
+def _descend(arm: Arm, start: Array, poses: _Poses) -> tuple[Array, Array]:
+    """Damped Gauss-Newton from angles (J, n); returns angles and the norms (2, n) of position and weighted orientation
+    errors.
+    """
+    q = angles = start.copy()
     left = np.full((2, q.shape[1]), np.inf)
     active = np.arange(q.shape[1])
-    angles, p, wanted = q, np.ascontiguousarray(position.T), np.ascontiguousarray(rotation.T)  # of the active ones
     weight = np.array([1.0, 1.0, 1.0, ROTATION_LENGTH_M, ROTATION_LENGTH_M, ROTATION_LENGTH_M])[:, None, None]
     for iteration in range(ITERATIONS):
-        state = limb.forward(angles.T)
-        error = _pose_error(*_gripper(limb, state), p, wanted)
+        position, columns, origins, axes = arm.forward(angles)
+        error = _pose_error(_Poses(position, columns), poses)
         squares = error * error
         left[:, active] = now = np.sqrt([squares[:3].sum(axis=0), squares[3:].sum(axis=0)])
         moving = np.flatnonzero(now.max(axis=0) > CONVERGED_M)
         if iteration == ITERATIONS - 1 or len(moving) == 0:
             break
-        jacobian = weight * limb.jacobian(state).transpose(1, 2, 0)
         if len(moving) < len(active):
-            active, angles, p, wanted = active[moving], angles[:, moving], p[:, moving], wanted[..., moving]
-            error, squares, jacobian = error[:, moving], squares[:, moving], jacobian[..., moving]
-        normal = np.empty((6, 6, len(active)))
-        for i in range(6):
-            normal[i:, i] = normal[i, i:] = (jacobian[i:] * jacobian[i]).sum(axis=1)
-            normal[i, i] += 0.01 * squares.sum(axis=0) + 1e-12
-        step = (jacobian * solved(normal, error)[:, None]).sum(axis=0)
+            active, angles, poses = active[moving], angles[:, moving], poses[moving]
+            position, origins, axes = position[:, moving], origins[..., moving], axes[..., moving]
+            error, squares = error[:, moving], squares[:, moving]
+        by_angle = weight * jacobian(position, origins, axes)
+        normal = np.einsum("ijn,kjn->ikn", by_angle, by_angle)
+        normal[range(6), range(6)] += 0.01 * squares.sum(axis=0) + 1e-12
+        step = np.einsum("ijn,in->jn", by_angle, solved(normal, error))
         size = np.abs(step).max(axis=0)
         angles = angles + step * np.minimum(1.0, MAX_STEP_RAD / np.maximum(size, 1e-12))
         q[:, active] = angles
-    middle = 0.5 * (limb.lower_rad + limb.upper_rad)
-    return middle + (q.T - middle + np.pi) % (2.0 * np.pi) - np.pi, left.T
+    middle = 0.5 * (arm.lower_rad + arm.upper_rad)[:, None]
+    return middle + (q - middle + np.pi) % (2.0 * np.pi) - np.pi, left

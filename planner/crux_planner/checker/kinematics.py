@@ -33,11 +33,14 @@ def check_kinematics(
 ) -> tuple[list[LimbMotion], list[JointLoad]]:
     """Inverse kinematics of every limb at every sample; returns the motions and the loads of all joints."""
     gravity_b = turned_back(samples.rotation, gravity_w)
+    turn, body, limbs = samples.rotation, samples.body_position, range(len(robot.limbs))
+    solutions = inverse_kinematics.solve(
+        robot.limbs,
+        [turned_back(turn, samples.gripper_position[:, i] - body) for i in limbs],
+        [_gripper_in_body(turn, samples.gripper_yaw[:, i]) for i in limbs],
+    )
     motions, loads = [], []
-    for index, limb in enumerate(robot.limbs):
-        position_b = turned_back(samples.rotation, samples.gripper_position[:, index] - samples.body_position)
-        rotation_b = _gripper_in_body(samples.rotation, samples.gripper_yaw[:, index])
-        solution = inverse_kinematics.solve(limb, position_b, rotation_b)
+    for index, (limb, solution) in enumerate(zip(robot.limbs, solutions, strict=True)):
         times, q = samples.time_s, solution.q_rad
         findings.add_series(
             "inverse_kinematics", solution.position_error_m, times, "m", tolerance=tolerances.LENGTH_M, limb=index

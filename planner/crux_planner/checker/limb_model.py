@@ -107,9 +107,7 @@ class Limb:
         """
         found: list[tuple[Joint, Array, Array | None]] = []
         for joint in self.chain:
-            aside = np.eye(3)[np.argmin(np.abs(joint.axis))]
-            x = np.cross(aside, joint.axis) / np.linalg.norm(np.cross(aside, joint.axis))
-            to_axis = np.stack([x, np.cross(joint.axis, x), joint.axis], axis=1)
+            to_axis = axis_frame(joint.axis)
             fixed = joint.kind != "revolute" or joint.axis[2] == 1.0
             found.append(
                 (joint, joint.rotation.T if fixed else (joint.rotation @ to_axis).T, None if fixed else to_axis)
@@ -148,12 +146,6 @@ class Limb:
             origins.T,
             axes.T,
         )
-
-    def jacobian(self, state: ChainState) -> Array:
-        """Geometric Jacobian of the gripper frame in B, rows (v, omega), shape (n, 6, J)."""
-        axes = state.joint_axis.T
-        arm = state.link_position_m[self.gripper].T[:, None] - state.joint_origin_m.T
-        return np.asarray(np.concatenate([cross(axes, arm), axes]).transpose(2, 0, 1))
 
     def gravity_torque(self, state: ChainState, gravity_b_m_s2: Array) -> Array:
         """Joint torques (n, J) that carry the limb's own links under gravity (n, 3) given in B."""
@@ -208,6 +200,15 @@ class WholeRobot:
                         link, state.link_position_m[link.name][0], state.link_rotation[link.name][0]
                     )
         return total
+
+
+def axis_frame(axis: Array) -> Array:
+    """A frame (3, 3) whose z is a unit vector: the frame itself where that is z already."""
+    if axis[2] == 1.0:
+        return np.eye(3)
+    aside = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
+    x = aside / np.linalg.norm(aside)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
 
 
 def load_model(robot: Robot) -> WholeRobot:

@@ -1,9 +1,12 @@
 """Numeric inverse kinematics: finds every pose the limb can take, and says so when there is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker import inverse_kinematics
+from crux_planner.checker.arm import arm_of
 from crux_planner.checker.geometry import rotation_about_z, rotation_from_rpy
 from crux_planner.checker.limb_model import load_model
 from hypothesis import given, settings
@@ -27,7 +30,7 @@ def test_the_known_workspace_is_reached(
     limb = MODEL.limbs[index]
     position = (np.array([0.14, 0.36, -0.13]) + offset) * SIGNS[index]
     rotation = rotation_from_rpy(np.array([*tilt, 0.0])).T @ rotation_about_z(np.array(yaw))
-    solution = inverse_kinematics.solve(limb, position[None], rotation[None])
+    (solution,) = inverse_kinematics.solve([limb], [position[None]], [rotation[None]])
     state = limb.forward(solution.q_rad)
     np.testing.assert_allclose(state.link_position_m[limb.gripper][0], position, atol=1e-6)
     np.testing.assert_allclose(state.link_rotation[limb.gripper][0], rotation, atol=1e-5)
@@ -41,14 +44,37 @@ def test_a_path_is_followed_without_jumps(index: int) -> None:
     swing = np.stack([0.12 * np.sin(6 * s), 0.07 * np.cos(5 * s), 0.06 * np.sin(9 * s)], axis=1)
     position = (np.array([0.14, 0.36, -0.13]) + swing) * SIGNS[index]
     rotation = rotation_about_z(1.7 * np.sin(7 * s))
-    solution = inverse_kinematics.solve(MODEL.limbs[index], position, rotation)
+    (solution,) = inverse_kinematics.solve([MODEL.limbs[index]], [position], [rotation])
     assert solution.position_error_m.max() < 1e-6
     assert np.abs(np.diff(solution.q_rad, axis=0)).max() < 0.05
+
+
+def test_limbs_solved_together_are_solved_as_alone() -> None:
+    """Two limbs with the same arm, and one whose elbow does not bend as far, in one call."""
+    elbow = MODEL.limbs[1].joints[2]
+    stiff = replace(elbow, upper=1.9)
+    other = replace(
+        MODEL.limbs[1],
+        chain=tuple(stiff if joint is elbow else joint for joint in MODEL.limbs[1].chain),
+        joints=tuple(stiff if joint is elbow else joint for joint in MODEL.limbs[1].joints),
+    )
+    limbs = [MODEL.limbs[3], other, MODEL.limbs[0]]
+    assert len({arm_of(limb)[0].alike for limb in limbs}) == 2
+    s = np.linspace(0.0, 1.0, 30)
+    swing = np.stack([0.10 * np.sin(2 * s), 0.06 * np.cos(3 * s), 0.05 * s], axis=1)
+    positions = [(np.array([0.14, 0.36, -0.13]) + swing) * SIGNS[i] for i in (3, 1, 0)]
+    rotations = [rotation_about_z(yaw * s) for yaw in (0.3, -0.5, 0.9)]
+    for limb, position, rotation, together in zip(
+        limbs, positions, rotations, inverse_kinematics.solve(limbs, positions, rotations), strict=True
+    ):
+        (alone,) = inverse_kinematics.solve([limb], [position], [rotation])
+        np.testing.assert_allclose(together.q_rad, alone.q_rad, atol=1e-6)
+        np.testing.assert_allclose(limb.forward(together.q_rad).link_position_m[limb.gripper], position, atol=1e-6)
 
 
 def test_out_of_reach_is_the_distance_that_is_missing() -> None:
     limb = MODEL.limbs[0]
     shoulder = limb.chain[0].origin_m
     target = shoulder + np.array([0.0, 0.6, -0.12])
-    solution = inverse_kinematics.solve(limb, target[None], np.eye(3)[None])
+    (solution,) = inverse_kinematics.solve([limb], [target[None]], [np.eye(3)[None]])
     assert solution.position_error_m[0] == pytest.approx(0.6 - 0.35, abs=0.03)
