@@ -18,6 +18,7 @@ from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
+from crux_planner.checker.load_sharing import largest_torque
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
@@ -59,14 +60,17 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     samples = sample(plan)
     twist_length_m = robot.control.twist_length_m
     check_between_knots(plan, samples, loads, scene, twist_length_m=twist_length_m, findings=findings)
+    feet, pads = samples, robot.gripper.pad_radius_m
     if point:
-        samples = on_pads(samples, robot.gripper.pad_radius_m)
+        samples = on_pads(samples, pads)
     continuous_Nm = np.array(robot.servo.continuous_torque_Nm)
     motions, report.joints = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
     start = np.stack([motion.q_rad[0] for motion in motions])
     inertia = model.inertia_about_body_origin(start, samples.opening[0])
     check_dynamics(plan, model.mass_kg, inertia, findings)
-    pads = robot.gripper.pad_radius_m
+    report.largest_torque = largest_torque(
+        feet, motions, model, plan.gravity_w, twist_length_m=twist_length_m, pad_radius_m=pads if point else None
+    )
     limbs = [limb_parts(samples, limb, i, motions[i], pads) for i, limb in enumerate(model.limbs)]
     body = body_parts(samples, model.body)
     check_clearance(samples, plan.cuboids, limbs, body, point_model=point, findings=findings)

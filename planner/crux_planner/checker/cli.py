@@ -10,7 +10,7 @@ from typing import Any
 
 from crux_contracts.yaml_document import DocumentError
 
-from crux_planner.checker.report import CheckReport, JointLoad, Violation
+from crux_planner.checker.report import CheckReport, JointLoad, PeakTorque, Violation
 
 OK, VIOLATED, UNREADABLE = 0, 1, 2
 SHOWN_VIOLATIONS = 20
@@ -90,6 +90,8 @@ def show(title: str, report: CheckReport) -> None:
         console.print(_table("closest to their limits (negative: slack)", limits[:SHOWN_TIGHTEST]))
     if report.joints:
         console.print(_joint_table(report.joints))
+    if report.largest_torque is not None:
+        console.print(_torque_line(report.largest_torque), soft_wrap=True)
     if report.friction_margin_N is not None:
         console.print(f"least margin of the limit surface {round(report.friction_margin_N, 2) + 0.0:.2f} N")
     if report.tumble_margin_m is not None:
@@ -139,6 +141,15 @@ def _joint_table(loads: list[JointLoad]) -> Any:
         cells = [f"{load.peak_torque_Nm:.1f}/{_warn(load)}" for load in row]
         table.add_row(limb, *cells, f"{max(load.peak_speed_rad_s for load in row):.2f}")
     return table
+
+
+def _torque_line(peak: PeakTorque) -> str:
+    """What the controller will ask of the hardest-worked joint, marked where that is more than it has."""
+    line = (
+        f"with the load shared about the true centre of mass, {peak.joint} carries {peak.torque_Nm:.1f} of "
+        f"{peak.effort_limit_Nm:g} N m at {peak.time_s:.2f} s"
+    )
+    return f"[yellow]{line}: it gives way there[/]" if peak.share > 1.0 else line
 
 
 def _warn(load: JointLoad) -> str:

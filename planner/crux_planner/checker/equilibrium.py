@@ -24,14 +24,17 @@ from crux_planner.checker.sampling import Samples
 from crux_planner.checker.scene import Scene
 
 
-def corrected_wrenches(samples: Samples, twist_length_m: float, point_model: bool) -> tuple[Array, Array, Array]:
-    """Gripper forces and moments (T, 4, 3) after the least correction that balances the moment about the body without
-    changing the total force, and the residual (T,) [Nm] that no correction of the limbs in stance removes.
+def corrected_wrenches(
+    samples: Samples, twist_length_m: float, point_model: bool, about_w_m: Array
+) -> tuple[Array, Array, Array]:
+    """Gripper forces and moments (T, 4, 3) after the least correction that balances the moment about the places
+    `about_w_m` (T, 3) without changing the total force, and the residual (T,) [Nm] that no correction of the limbs in
+    stance removes.
 
     `twist_length_m` weighs a twist [Nm] against a force [N], as the controller's own sharing of loads does.
     """
     force, moment, axis = (v.transpose(1, 2, 0) for v in (samples.force, samples.moment, samples.opening_axis))
-    arm = (samples.gripper_position - samples.body_position[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
+    arm = (samples.gripper_position - about_w_m[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
     share, directions = samples.load.T, 3 if point_model else 4
     lack = np.zeros((6, len(samples.time_s)))
     lack[3:] = -sum(cross(arm[limb], force[limb]) + moment[limb] for limb in range(4))
@@ -87,7 +90,7 @@ def check_between_knots(
             "air_force_between_knots", stray, samples.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb
         )
     point_model = scene.point_model
-    force, moment, left = corrected_wrenches(samples, twist_length_m, point_model)
+    force, moment, left = corrected_wrenches(samples, twist_length_m, point_model, samples.body_position)
     findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m", tolerance=tolerances.MOMENT_NM)
     for limb in range(4):
         at = samples.interval

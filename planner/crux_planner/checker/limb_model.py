@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 from crux_contracts.robot import Robot
 
-from crux_planner.checker.geometry import Array, cross, rotation_from_rpy
+from crux_planner.checker.geometry import Array, cross, rotation_from_rpy, turned
 
 
 class RobotModelError(ValueError):
@@ -168,6 +168,14 @@ class Limb:
         load = cross(arm, force_b_N.T[:, None]) + moment_b_Nm.T[:, None]
         return np.asarray(-(state.joint_axis.T * load).sum(axis=0).T)
 
+    def first_moment(self, state: ChainState) -> Array:
+        """Sum (n, 3) of mass times place of the limb's links, in B; needs a state with fingers."""
+        parts = (
+            link.mass_kg * (state.link_position_m[link.name] + turned(state.link_rotation[link.name], link.com_m))
+            for link in self.links
+        )
+        return np.asarray(sum(parts))
+
     def _depth(self, order: list[str]) -> dict[str, int]:
         """Number of revolute joints before each link."""
         depth, count = {}, 0
@@ -188,6 +196,11 @@ class WholeRobot:
     def mass_kg(self) -> float:
         """Mass of all links."""
         return self.body.mass_kg + sum(link.mass_kg for limb in self.limbs for link in limb.links)
+
+    def centre_of_mass(self, states: list[ChainState]) -> Array:
+        """Centre of mass (n, 3) in B, of the limbs' states with fingers."""
+        moments = [limb.first_moment(state) for limb, state in zip(self.limbs, states, strict=True)]
+        return np.asarray((self.body.mass_kg * self.body.com_m + np.sum(moments, axis=0)) / self.mass_kg)
 
     def inertia_about_body_origin(self, q_rad: Array, opening_m: Array) -> Array:
         """Composite inertia (3, 3) about B's origin, axes of B, at joint angles (limbs, J) and openings (limbs,)."""

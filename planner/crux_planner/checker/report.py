@@ -44,6 +44,22 @@ class JointLoad:
     speed_limit_rad_s: float
 
 
+@dataclass(frozen=True)
+class PeakTorque:
+    """The largest joint torque, as a share of its limit, when the load is shared about the true centre of mass."""
+
+    limb: str
+    joint: str
+    time_s: float
+    torque_Nm: float
+    effort_limit_Nm: float
+
+    @property
+    def share(self) -> float:
+        """Of what the joint can give."""
+        return self.torque_Nm / self.effort_limit_Nm
+
+
 @dataclass
 class CheckReport:
     """Outcome of `check_plan`. `worst` has one entry a constraint, the least satisfied first."""
@@ -53,6 +69,7 @@ class CheckReport:
     friction_margin_N: float | None = None
     tumble_margin_m: float | None = None
     joints: list[JointLoad] = field(default_factory=list)
+    largest_torque: PeakTorque | None = None
     seconds: float = 0.0
 
     @property
@@ -68,6 +85,7 @@ class CheckReport:
             "worst": [asdict(v) for v in self.worst],
             "min_margin": {"friction": self.friction_margin_N, "tumble_m": self.tumble_margin_m},
             "joints": [asdict(j) for j in self.joints],
+            "largest_torque": asdict(self.largest_torque) if self.largest_torque else None,
             "seconds": self.seconds,
         }
 

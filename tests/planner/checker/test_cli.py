@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_planner.checker import cli
+from crux_planner.checker.report import PeakTorque
 
 from . import synthetic
 from .broken import E, push
@@ -53,9 +54,17 @@ def test_a_bad_plan(bad: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert set(found["force_balance"]) >= {"constraint", "limb", "finger", "time_s", "amount", "unit"}
 
 
+def test_a_joint_that_is_asked_for_more_than_it_has() -> None:
+    line = cli._torque_line(PeakTorque("LR", "LR_joint2", 202.0, 15.05, 12.0))
+    assert "LR_joint2 carries 15.1 of 12 N m at 202.00 s: it gives way there" in line
+
+
 def test_words_for_people(good: Path, bad: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert crux_check(str(good)) == 0
-    assert "passes" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "passes" in text
+    assert "true centre of mass" in text
+    assert "gives way" not in text
     assert crux_check(str(bad)) == 1
     text = capsys.readouterr().out
     assert "fails" in text

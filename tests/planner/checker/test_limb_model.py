@@ -96,3 +96,14 @@ def test_mass_and_composite_inertia() -> None:
     still = np.concatenate([[0, 0, 0, 0, 0, 0, 1], configuration])
     composite = pin.crba(free, data, still)[3:6, 3:6]
     np.testing.assert_allclose(MODEL.inertia_about_body_origin(q, opening), composite, atol=1e-12)
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_centre_of_mass(seed: int) -> None:
+    q, opening, configuration = posture(seed)
+    states = [limb.forward(q[i : i + 1], opening[i : i + 1]) for i, limb in enumerate(MODEL.limbs)]
+    free = pin.buildModelFromUrdf(str(ROBOT.urdf_path), pin.JointModelFreeFlyer())  # with the base's own mass
+    still = np.concatenate([[0, 0, 0, 0, 0, 0, 1], configuration])
+    expected = pin.centerOfMass(free, free.createData(), still)
+    np.testing.assert_allclose(MODEL.centre_of_mass(states)[0], expected, atol=1e-12)
