@@ -38,7 +38,7 @@ def check_clearance(
 ) -> None:
     """Clearance of every part of the limbs (in limb order) and of the body to every cuboid and to the wall."""
     owners = [(index if index < len(limbs) else None, parts) for index, parts in enumerate([*limbs, body])]
-    looks = [_Look(part, cuboids, samples, limb) for limb, parts in owners for part in parts]
+    looks = [_look(part, cuboids, samples, limb) for limb, parts in owners for part in parts]
     cuts: dict[str, float] = {}
     closest = [look.closest() for look in looks]
     for look, place, gap in zip(looks, closest, _measured(looks, closest), strict=True):
@@ -50,7 +50,7 @@ def check_clearance(
         for c, need in look.needs(cuts[part.kind], places, gaps):
             findings.add_series(
                 f"clearance_{part.kind}",
-                need,
+                need[look.rests],
                 samples.time_s,
                 "m",
                 tolerance=tolerances.LENGTH_M,
@@ -63,7 +63,7 @@ def check_clearance(
         height = tolerances.MOVING_CLEARANCE_M - _height(part)
         findings.add_series(
             "clearance_wall",
-            np.where(np.isnan(height), -np.inf, height),
+            np.where(np.isnan(height), -np.inf, height)[look.rests],
             samples.time_s,
             "m",
             tolerance=tolerances.LENGTH_M,
@@ -75,12 +75,16 @@ def check_clearance(
 
 @dataclass(frozen=True)
 class _Look:
-    """One part's clearance to every cuboid, measured as far as need be. NaN where the part is nowhere."""
+    """One part's clearance to every cuboid, measured as far as need be. NaN where the part is nowhere.
+
+    A part at rest, a gripper that holds on, is looked at once: `rests` (T,) tells which look each sample is.
+    """
 
     part: Part
     cuboids: Cuboids
-    samples: Samples
+    own_hold: Indices
     limb: int | None
+    rests: Indices
 
     def settled_need(self) -> float:
         """The most that clearance lacks where bounds settle it."""
@@ -107,7 +111,7 @@ class _Look:
         return c[rows], t[rows]
 
     def needs(self, cut: float, places: tuple[Indices, Indices], gaps: Array) -> list[tuple[int, Array]]:
-        """(cuboid, what clearance lacks at every sample) where that is `cut` or more somewhere; -inf where less."""
+        """(cuboid, what clearance lacks at every look) where that is `cut` or more somewhere; -inf where less."""
         c, t, bound = self._bounds
         off = (bound >= NEAR_M) & (tolerances.MOVING_CLEARANCE_M - bound >= cut)
         parts = [
@@ -128,7 +132,7 @@ class _Look:
         """Clearance asked at samples t to cuboids c: none of a finger to the hold that it grips, opens or closes on."""
         required = np.full(len(c), tolerances.MOVING_CLEARANCE_M)
         if self.part.kind == "finger" and self.limb is not None:
-            required[self.samples.own_hold[t, self.limb] == c] = 0.0
+            required[self.own_hold[t] == c] = 0.0
         return required
 
     def _far(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
@@ -151,8 +155,9 @@ class _Look:
     def _blocks(self) -> Array:
         """Lower bounds (H, blocks) from the box around the part over some samples in a row."""
         (low, high), cuboids = self.part.blocks, self.cuboids
-        apart = np.maximum(low - cuboids.centre_w_m[:, None], cuboids.centre_w_m[:, None] - high) - cuboids.reach_w_m
-        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2)))
+        centre = cuboids.centre_w_m[..., None]
+        apart = np.maximum(low - centre, centre - high) - cuboids.reach_w_m[..., None]
+        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=1)))
 
     @cached_property
     def _bounds(self) -> tuple[Indices, Indices, Array]:
@@ -188,31 +193,33 @@ class _Look:
         return np.array([cosine * x + sine * y, cosine * y - sine * x, z]).T
 
 
+def _look(part: Part, cuboids: Cuboids, samples: Samples, limb: int | None) -> _Look:
+    own_hold = samples.own_hold[:, limb] if limb is not None else np.full(len(part.start), -1)
+    moved = part.moved | (np.diff(own_hold, prepend=-1) != 0)
+    looks = np.flatnonzero(moved)
+    return _Look(part.at(looks), cuboids, own_hold[looks], limb, np.cumsum(moved) - 1)
+
+
 def _measured(looks: list[_Look], places: list[tuple[Indices, Indices]]) -> list[Array]:
-    """Exact clearance of every part at its places (cuboids, samples in order): all capsules at once, and a gripper at
-    rest once.
-    """
+    """Exact clearance of every part at its places (cuboids, looks): all capsules at once."""
     found, capsules, order = [np.zeros(len(c)) for c, _ in places], [], []
     for number, (look, (c, t)) in enumerate(zip(looks, places, strict=True)):
         if len(c) == 0:
             continue
-        part, fresh = look.part, look.part.moved[t].copy()
-        fresh[0] = True
-        fresh[1:] |= (np.diff(c) != 0) | (np.diff(t) != 1)
-        at = c[fresh], t[fresh]
-        start, half = look.seen(part.start, *at), 0.5 * look.cuboids.size_m[at[0]]
+        part = look.part
+        start, half = look.seen(part.start, c, t), 0.5 * look.cuboids.size_m[c]
         if part.half_m is not None and part.rotation is not None:
-            turn = look.cuboids.rotation[at[0]].swapaxes(1, 2) @ part.rotation[at[1]]
-            found[number] = box_to_box(start, turn, part.half_m, half)[np.cumsum(fresh) - 1]
+            turn = look.cuboids.rotation[c].swapaxes(1, 2) @ part.rotation[t]
+            found[number] = box_to_box(start, turn, part.half_m, half)
         else:
-            capsules.append((start, look.seen(part.end, *at), half, np.full(len(start), part.radius_m)))
-            order.append((number, fresh))
+            capsules.append((start, look.seen(part.end, c, t), half, np.full(len(start), part.radius_m)))
+            order.append(number)
     if capsules:
         start, end, half, radius = (np.concatenate(arrays) for arrays in zip(*capsules, strict=True))
         gaps = segment_to_box(start, end, half) - radius
         ends = np.cumsum([len(radii) for *_, radii in capsules])
-        for (number, fresh), mine in zip(order, np.split(gaps, ends[:-1]), strict=True):
-            found[number] = mine[np.cumsum(fresh) - 1]
+        for number, mine in zip(order, np.split(gaps, ends[:-1]), strict=True):
+            found[number] = mine
     return found
 
 

@@ -38,7 +38,6 @@ def corrected_wrenches(
     share, directions = samples.load.T, 3 if point_model else 4
     lack = np.zeros((6, len(samples.time_s)))
     lack[3:] = -sum(cross(arm[limb], force[limb]) + moment[limb] for limb in range(4))
-    normal = np.zeros((6, 6, lack.shape[1]))
     effects = np.zeros((4, directions, 6, lack.shape[1]))  # of a force along each axis, and of a twist
     for limb in range(4):
         for i, along in enumerate(np.eye(3)):
@@ -46,10 +45,10 @@ def corrected_wrenches(
             effects[limb, i, 3:] = cross(arm[limb], along[:, None])
         if not point_model:
             effects[limb, 3, 3:] = twist_length_m * axis[limb]
-        normal += (effects[limb][:, :, None] * (share[limb] * effects[limb])[:, None]).sum(axis=0)
-    weights = _least_squares(normal, lack)
-    change = share[:, None] * (effects * weights).sum(axis=2)
-    left = lack - (effects * change[:, :, None]).sum(axis=(0, 1))
+    shared = share[:, None, None] * effects
+    weights = _least_squares(np.einsum("ldit,ldjt->ijt", effects, shared), lack)
+    change = np.einsum("ldit,it->ldt", shared, weights)
+    left = lack - np.einsum("ldit,ldt->it", effects, change)
     force, moment = force + change[:, :3], moment.copy()
     if not point_model:
         moment += twist_length_m * change[:, 3:] * axis

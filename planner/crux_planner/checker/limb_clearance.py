@@ -6,6 +6,7 @@ Only what may be a violation, or the tightest place of all, is measured: boxes a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -24,8 +25,8 @@ Indices = NDArray[np.int_]
 
 def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Findings) -> None:
     """Every part of every limb (in limb order) against every part of every other one."""
-    extents = [_extent(of_limb) for of_limb in parts]
-    pairs = [_Pair(parts[i], parts[j], _apart(extents[i], extents[j])) for i, j in combinations(range(len(parts)), 2)]
+    limbs = [_Limb(of_limb) for of_limb in parts]
+    pairs = [_Pair(first, second, _apart(first.extent, second.extent)) for first, second in combinations(limbs, 2)]
     sure = max(0.0, tolerances.MOVING_CLEARANCE_M - tolerances.LENGTH_M)  # closer than this is a violation
     least = min((float(pair.far.min(initial=np.inf)) for pair in pairs), default=np.inf)
     for pair in pairs:
@@ -49,11 +50,41 @@ def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Fi
 
 
 @dataclass(frozen=True)
-class _Pair:
-    """Parts of two limbs; `apart_m` (T,) is a lower bound of their clearance, good enough where it is large."""
+class _Limb:
+    """The parts of a limb, and boxes around them: low and high corners."""
 
-    first: list[Part]
-    second: list[Part]
+    parts: list[Part]
+
+    @cached_property
+    def corners(self) -> tuple[Array, Array]:
+        """Of every part at every sample, (parts, 3, T)."""
+        low, high = (np.array([part.corners[end] for part in self.parts]) for end in (0, 1))
+        return low, high
+
+    @cached_property
+    def blocks(self) -> tuple[Array, Array]:
+        """Of every part over some samples in a row, (parts, 3, blocks)."""
+        low, high = (np.array([part.blocks[end] for part in self.parts]) for end in (0, 1))
+        return low, high
+
+    @cached_property
+    def extent(self) -> tuple[Array, Array]:
+        """Of the whole limb at every sample, (3, T)."""
+        low, high = self.corners
+        return np.fmin.reduce(low), np.fmax.reduce(high)
+
+    @cached_property
+    def is_box(self) -> NDArray[np.bool_]:
+        """(parts,)"""
+        return np.array([part.half_m is not None for part in self.parts], dtype=bool)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two limbs; `apart_m` (T,) is a lower bound of their clearance, good enough where it is large."""
+
+    first: _Limb
+    second: _Limb
     apart_m: Array
 
     @property
@@ -68,18 +99,16 @@ class _Pair:
         gap = np.where((self.apart_m >= NEAR_M) & (self.apart_m <= most), self.apart_m, np.inf)
         closest = np.full(len(gap), -1)
         i, j, t = self._where(self._bounds <= most)
-        boxes = [_corners(part) for part in (*self.first, *self.second)]
-        low, high = (np.array([box[end].T for box in boxes]) for end in (0, 1))  # (parts, 3, T)
-        j_box = j + len(self.first)
-        apart = np.maximum(low[i, :, t] - high[j_box, :, t], low[j_box, :, t] - high[i, :, t])
+        (low, high), (their_low, their_high) = self.first.corners, self.second.corners
+        apart = np.maximum(low[i, :, t] - their_high[j, :, t], their_low[j, :, t] - high[i, :, t])
         may = np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=1)) <= most + _ROUNDING_M
         i, j, t = i[may], j[may], t[may]
         found = self.measured(i, j, t)
-        rank, other = (np.argsort(np.argsort(_is_box(parts), kind="stable")) for parts in (self.first, self.second))
+        rank, other = (np.argsort(np.argsort(limb.is_box, kind="stable")) for limb in (self.first, self.second))
         order = np.lexsort((other[j], rank[i], found, t))  # of two as close, capsules before boxes
         order = order[np.append(True, np.diff(t[order]) > 0)] if len(order) > 0 else order
         order = order[np.isfinite(found[order])]
-        gap[t[order]], closest[t[order]] = found[order], i[order] * len(self.second) + j[order]
+        gap[t[order]], closest[t[order]] = found[order], i[order] * len(self.second.parts) + j[order]
         return gap, closest
 
     def middles(self) -> tuple[Indices, Indices, Indices]:
@@ -92,37 +121,34 @@ class _Pair:
     def measured(self, i: Indices, j: Indices, t: Indices) -> Array:
         """Exact clearance of parts i and j at samples t; infinite where one is nowhere."""
         found = np.full(len(t), np.inf)
-        boxes = [
-            np.array([part.half_m is not None for part in parts], dtype=bool) for parts in (self.first, self.second)
-        ]
+        first, second = self.first.parts, self.second.parts
+        boxes = self.first.is_box, self.second.is_box
         rows = np.flatnonzero(~boxes[0][i] & ~boxes[1][j])
         if len(rows) > 0:
             ends = [
                 _gathered(parts, name, index[rows], t[rows])
-                for parts, index in ((self.first, i), (self.second, j))
+                for parts, index in ((first, i), (second, j))
                 for name in ("start", "end")
             ]
-            radii = [np.array([p.radius_m for p in parts]) for parts in (self.first, self.second)]
+            radii = [np.array([p.radius_m for p in parts]) for parts in (first, second)]
             found[rows] = segment_to_segment(*ends) - (radii[0][i[rows]] + radii[1][j[rows]])
         for a in np.flatnonzero(boxes[0]):
             rows = np.flatnonzero((i == a) & ~boxes[1][j])
-            found[rows] = _capsules_to_box(self.second, j[rows], t[rows], self.first[a])
+            found[rows] = _capsules_to_box(second, j[rows], t[rows], first[a])
         for b in np.flatnonzero(boxes[1]):
             rows = np.flatnonzero((j == b) & ~boxes[0][i])
-            found[rows] = _capsules_to_box(self.first, i[rows], t[rows], self.second[b])
+            found[rows] = _capsules_to_box(first, i[rows], t[rows], second[b])
             for a in np.flatnonzero(boxes[0]):
                 rows = np.flatnonzero((j == b) & (i == a))
-                found[rows] = _box_to_box(self.first[a], self.second[b], t[rows])
+                found[rows] = _box_to_box(first[a], second[b], t[rows])
         return np.where(np.isnan(found), np.inf, found)  # nowhere: reported as out of reach already
 
-    @property
+    @cached_property
     def _bounds(self) -> Array:
         """Lower bounds (first, second, blocks) of the clearance, from the boxes around the parts over some samples."""
-        (low, high), (their_low, their_high) = (
-            (np.stack([part.blocks[end] for part in parts]) for end in (0, 1)) for parts in (self.first, self.second)
-        )
-        apart = np.maximum(low[:, None] - their_high[None], their_low[None] - high[:, None])
-        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=-1)))
+        (low, high), (their_low, their_high) = self.first.blocks, self.second.blocks
+        apart = np.maximum(low[:, None] - their_high, their_low - high[:, None])
+        return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2)))
 
     def _where(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices]:
         """Parts and samples of the blocks where the limbs are close."""
@@ -136,25 +162,9 @@ class _Pair:
 _ROUNDING_M = 1e-9
 
 
-def _is_box(parts: list[Part]) -> NDArray[np.bool_]:
-    return np.array([part.half_m is not None for part in parts], dtype=bool)
-
-
-def _corners(part: Part) -> tuple[Array, Array]:
-    """Corners (T, 3), (T, 3) of the axis-aligned box around a part."""
-    margin = part.radius_m if part.half_m is None else float(np.linalg.norm(part.half_m))
-    return np.minimum(part.start, part.end) - margin, np.maximum(part.start, part.end) + margin
-
-
-def _extent(parts: list[Part]) -> tuple[Array, Array]:
-    """Axis-aligned bounds (T, 3), (T, 3) of a limb."""
-    low, high = zip(*(_corners(part) for part in parts), strict=True)
-    return np.fmin.reduce(low), np.fmax.reduce(high)
-
-
 def _apart(extent: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Lower bound (T,) of the clearance of two limbs."""
-    return np.asarray((np.maximum(extent[0], other[0]) - np.minimum(extent[1], other[1])).max(axis=1))
+    return np.asarray((np.maximum(extent[0], other[0]) - np.minimum(extent[1], other[1])).max(axis=0))
 
 
 def _gathered(parts: list[Part], name: str, index: Indices, t: Indices) -> Array:

@@ -5,7 +5,7 @@ Shapes are those of the URDF (cylinders as capsules, boxes as boxes), the pads s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,19 +32,34 @@ class Part:
     half_m: Array | None = None
     rotation: Array | None = None
 
+    def at(self, some: NDArray[np.int_]) -> Part:
+        """The part at some of the samples."""
+        if len(some) == len(self.start):
+            return self
+        start = self.start.T[:, some].T  # component by component, as it was
+        end = start if self.end is self.start else self.end.T[:, some].T
+        return replace(self, start=start, end=end, rotation=None if self.rotation is None else self.rotation[some])
+
+    @cached_property
+    def corners(self) -> tuple[Array, Array]:
+        """Corners (3, T), (3, T) of the box around the part."""
+        margin = self.radius_m if self.half_m is None else float(np.linalg.norm(self.half_m))
+        start, end = self.start.T, self.end.T
+        return np.minimum(start, end) - margin, np.maximum(start, end) + margin
+
     @cached_property
     def blocks(self) -> tuple[Array, Array]:
-        """Corners (blocks, 3), (blocks, 3) of the box around the part over some samples in a row."""
-        margin = self.radius_m if self.half_m is None else float(np.linalg.norm(self.half_m))
+        """Corners (3, blocks), (3, blocks) of the box around the part over some samples in a row."""
         first = np.arange(0, len(self.start), BLOCK)
-        low = np.fmin.reduceat(np.minimum(self.start, self.end), first, axis=0) - margin
-        high = np.fmax.reduceat(np.maximum(self.start, self.end), first, axis=0) + margin
-        return low, high
+        low, high = self.corners
+        return np.fmin.reduceat(low, first, axis=1), np.fmax.reduceat(high, first, axis=1)
 
     @cached_property
     def moved(self) -> NDArray[np.bool_]:
         """(T,) False where the part is exactly where it was one sample before: a gripper at rest."""
         moved = np.ones(len(self.start), dtype=bool)
+        if self.kind not in ("finger", "palm"):
+            return moved  # it hangs on the body
         moved[1:] = (np.diff(self.start, axis=0) != 0.0).any(axis=1) | (np.diff(self.end, axis=0) != 0.0).any(axis=1)
         if self.rotation is not None:
             moved[1:] |= (np.diff(self.rotation, axis=0) != 0.0).any(axis=(1, 2))

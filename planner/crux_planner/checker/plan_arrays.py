@@ -44,8 +44,8 @@ class Cuboids:
 
     @cached_property
     def reach_w_m(self) -> Array:
-        """Half extents along the axes of W, (H, 1, 3)."""
-        return np.asarray((np.abs(self.rotation) @ (0.5 * self.size_m[..., None])).swapaxes(1, 2))
+        """Half extents along the axes of W, (H, 3)."""
+        return np.asarray((np.abs(self.rotation) @ (0.5 * self.size_m[..., None]))[..., 0])
 
 
 @dataclass(frozen=True)
