@@ -14,9 +14,7 @@ void crux_gripper_node_init(crux_gripper_node *node, uint8_t limb, uint32_t para
 
 void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame) {
   if (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) {
-    const uint8_t cause = crux_guard_sync(&node->guard, frame);
-    crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.take) {
+    if (crux_link_hear_sync(&node->link, &node->guard, frame)) {
       node->taken = node->pending;
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND) {
@@ -33,13 +31,8 @@ void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
     crux_gripper_command command;
     const uint8_t content = crux_gripper_broadcast_accept(frame, &node->parameters, &command);
-    const uint8_t cause = crux_guard_broadcast(&node->guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
-    crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
-      crux_link_count(&node->link, content, &node->link.counters.commands);
-      if (node->guard.take) {
-        node->taken = command;
-      }
+    if (crux_link_hear_broadcast(&node->link, &node->guard, frame, content)) {
+      node->taken = command;
     }
   } else {
     // for somebody else

@@ -15,9 +15,7 @@ void crux_joint_node_init(crux_joint_node *node, uint8_t limb, uint8_t number, u
 
 void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
   if (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) {
-    const uint8_t cause = crux_guard_sync(&node->guard, frame);
-    crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if ((cause == (uint8_t)CRUX_CAUSE_NONE) && node->guard.take) {
+    if (crux_link_hear_sync(&node->link, &node->guard, frame)) {
       node->taken = node->pending;
     }
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(node->link.node)) {
@@ -34,13 +32,8 @@ void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
   } else if (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) {
     crux_joint_command command;
     const uint8_t content = crux_joint_broadcast_accept(frame, node->link.node, &node->parameters, &command);
-    const uint8_t cause = crux_guard_broadcast(&node->guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
-    crux_link_count(&node->link, cause, &node->link.counters.syncs);
-    if (cause == (uint8_t)CRUX_CAUSE_NONE) {
-      crux_link_count(&node->link, content, &node->link.counters.commands);
-      if (node->guard.take) {
-        node->taken = command;
-      }
+    if (crux_link_hear_broadcast(&node->link, &node->guard, frame, content)) {
+      node->taken = command;
     }
   } else {
     // for somebody else

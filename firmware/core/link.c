@@ -108,6 +108,22 @@ void crux_link_count(crux_link *link, uint8_t cause, uint32_t *accepted) {
   }
 }
 
+bool crux_link_hear_sync(crux_link *link, crux_guard *guard, const crux_frame *frame) {
+  const uint8_t cause = crux_guard_sync(guard, frame);
+  crux_link_count(link, cause, &link->counters.syncs);
+  return (cause == (uint8_t)CRUX_CAUSE_NONE) && guard->take;
+}
+
+bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content) {
+  const uint8_t cause = crux_guard_broadcast(guard, frame, content == (uint8_t)CRUX_CAUSE_NONE);
+  const bool valid = cause == (uint8_t)CRUX_CAUSE_NONE;
+  crux_link_count(link, cause, &link->counters.syncs);
+  if (valid) {
+    crux_link_count(link, content, &link->counters.commands);
+  }
+  return valid && guard->take;
+}
+
 void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC) {
   const bool was_hot = (link->faults & (1U << (CRUX_CAUSE_OVER_TEMPERATURE - 1U))) != 0U;
   const float threshold_degC = was_hot ? (limit_degC - TEMPERATURE_HYSTERESIS_K) : limit_degC;

@@ -1,5 +1,6 @@
 /// A node's side of the bus: who it is, its transmit queue, and the frames that joints and grippers send alike
-/// (identity, heartbeat, emergency). Every frame leaves with its own E2E counter and CRC.
+/// (identity, heartbeat, emergency) or hear alike (Sync, broadcast). Every frame leaves with its own E2E counter and
+/// CRC.
 #ifndef CRUX_FIRMWARE_LINK_H
 #define CRUX_FIRMWARE_LINK_H
 
@@ -8,6 +9,7 @@
 
 #include "codec.h"
 #include "frame.h"
+#include "safety.h"
 
 /// 0.1.0, two digits a part.
 #define CRUX_FIRMWARE_VERSION 0x000100U
@@ -71,6 +73,12 @@ void crux_link_condition(crux_link *link, uint8_t cause, bool active, uint32_t d
 
 /// Counts a rejected (cause) or accepted (CRUX_CAUSE_NONE) Sync or command and reports the rejection.
 void crux_link_count(crux_link *link, uint8_t cause, uint32_t *accepted);
+
+/// Judges a Sync, counts and reports. True when it takes the waiting command over.
+bool crux_link_hear_sync(crux_link *link, crux_guard *guard, const crux_frame *frame);
+
+/// The same of a broadcast; `content`: how its command for this node was judged. True when that is taken over.
+bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content);
 
 /// Over the limit, until 5 K below it.
 void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC);

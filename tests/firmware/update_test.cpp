@@ -265,4 +265,15 @@ TEST(Update, AnImageMayFillTheSlot) {
   EXPECT_TRUE(board.boot());
 }
 
+TEST(Update, ASlotClaimsNoImageLongerThanItself) {
+  Board board;
+  const std::uint32_t most = crux_slot_capacity(&board.slots);
+  for (const std::uint32_t length : {most, most + 1}) {
+    const Image image(1, kJoint, length);
+    std::copy(image.header.begin(), image.header.end(), board.bytes.begin());
+    crux_image found{};
+    EXPECT_EQ(crux_slot_claims(&board.slots, 0, &found), length == most);
+  }
+}
+
 }  // namespace

@@ -48,6 +48,9 @@ void board_feed_watchdog(bool kept);
 /// Feeds for an image that is kept.
 void board_stay_awake(void);
 
+/// What an image does where the processor fails: each its own.
+void fault_handler(void);
+
 /// Waits for the next interrupt; true once for each tick that has passed.
 bool board_wait_for_tick(void);
 

@@ -24,6 +24,11 @@ _Noreturn static void start(uint32_t address) {
   __builtin_unreachable();
 }
 
+void fault_handler(void) {
+  for (;;) {
+  }
+}
+
 int main(void) {
   board_init();
   crux_slots slots;

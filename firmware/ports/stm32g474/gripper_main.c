@@ -115,19 +115,7 @@ int main(void) {
   measure();
   flash_port_while_busy(wait_for_flash);
   for (;;) {
-    crux_frame frame;
     const bool tick = run_node();
-    while (update_port_take(&requests, &frame)) {
-      crux_service_on_frame(&service, &frame, node.state);
-    }
-    if (tick) {
-      crux_service_tick(&service, BOARD_TICK_US, node.state, crux_guard_is_commanded(&node.guard));
-    }
-    while (fdcan_can_send() && crux_service_take_frame(&service, &frame)) {
-      fdcan_send(&frame);
-    }
-    if (fdcan_has_sent() && crux_service_restarts(&service)) {
-      board_restart();
-    }
+    update_port_serve(&service, &requests, tick, &node.state, &node.guard);
   }
 }

@@ -1,8 +1,7 @@
-/// Vector table and the way from reset to main.
+/// The way from reset to main, and the vectors of the processor itself, of every image.
 #include <stdint.h>
 
 #include "board.h"
-#include "drive_port.h"
 #include "flash_port.h"
 #include "registers.h"
 
@@ -15,8 +14,6 @@ extern uint32_t bss_end;
 
 int main(void);
 void board_on_systick(void);
-void fdcan_on_interrupt(void);
-void drive_port_on_sample(void);
 void reset_handler(void);
 
 void reset_handler(void) {
@@ -35,20 +32,8 @@ void reset_handler(void) {
   }
 }
 
-/// A processor fault. The field stands from now on, at the strength the winding bears for good: the rotor's magnets
-/// lock to it and the joint stays, without the processor. The node falls silent and the host sees that. Neither an open
-/// bridge (limp) nor shorted phases (the joint creeps down) would do, nor the last duties as they are: they hold the
-/// load of that moment and no more. A restart would open the bridge, and again after every further fault. Only an image
-/// on trial is restarted, by the watchdog.
-static void fault_handler(void) {
-  drive_port_stand();
-  for (;;) {
-    board_stay_awake();
-  }
-}
-
-/// The flash found a double word it cannot correct, where a write was cut short for instance. Where the store is read
-/// that is expected, anywhere else a fault.
+/// The flash found a double word it cannot correct, where a write was cut short for instance. Where the store, an image
+/// or a mark is read that is expected, anywhere else a fault.
 static void nmi_handler(void) {
   if (!flash_port_on_nmi()) {
     fault_handler();
@@ -57,7 +42,7 @@ static void nmi_handler(void) {
 
 typedef void (*vector)(void);
 
-__attribute__((section(".vectors"), used)) static const vector vectors[16 + 102] = {
+__attribute__((section(".vectors"), used)) static const vector vectors[16] = {
     (vector)(uintptr_t)&stack_top,
     reset_handler,
     nmi_handler,
@@ -69,6 +54,4 @@ __attribute__((section(".vectors"), used)) static const vector vectors[16 + 102]
     [12] = fault_handler,
     [14] = fault_handler,
     [15] = board_on_systick,
-    [16U + IRQ_ADC1_2] = drive_port_on_sample,
-    [16U + IRQ_FDCAN1_IT0] = fdcan_on_interrupt,
 };

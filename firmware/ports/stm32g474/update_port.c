@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "board.h"
+#include "fdcan.h"
 #include "flash_port.h"
 #include "link.h"
 
@@ -33,7 +35,8 @@ void update_port_keep(crux_requests *requests, const crux_frame *frame) {
   }
 }
 
-bool update_port_take(crux_requests *requests, crux_frame *frame) {
+/// The oldest frame that waits; false when there is none.
+static bool take(crux_requests *requests, crux_frame *frame) {
   const bool found = requests->count > 0U;
   if (found) {
     *frame = requests->frames[0];
@@ -41,4 +44,21 @@ bool update_port_take(crux_requests *requests, crux_frame *frame) {
     (void)memmove(&requests->frames[0], &requests->frames[1], requests->count * sizeof(requests->frames[0]));
   }
   return found;
+}
+
+void update_port_serve(crux_service *service, crux_requests *requests, bool tick, const uint8_t *state,
+                       const crux_guard *guard) {
+  crux_frame frame;
+  while (take(requests, &frame)) {
+    crux_service_on_frame(service, &frame, *state);
+  }
+  if (tick) {
+    crux_service_tick(service, BOARD_TICK_US, *state, crux_guard_is_commanded(guard));
+  }
+  while (fdcan_can_send() && crux_service_take_frame(service, &frame)) {
+    fdcan_send(&frame);
+  }
+  if (fdcan_has_sent() && crux_service_restarts(service)) {
+    board_restart();
+  }
 }

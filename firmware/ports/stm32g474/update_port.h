@@ -1,7 +1,8 @@
-/// The update of an image that runs from a slot.
+/// The services of a node on its board, and the update of an image that runs from a slot.
 #ifndef CRUX_STM32G474_UPDATE_PORT_H
 #define CRUX_STM32G474_UPDATE_PORT_H
 
+#include "safety.h"
 #include "service.h"
 
 /// Version of the program that runs. Before update_port_offer.
@@ -25,7 +26,9 @@ typedef struct crux_requests {
 /// Keeps a frame if it is one of a request. What comes faster than the node asked for is lost, as on a full bus.
 void update_port_keep(crux_requests *requests, const crux_frame *frame);
 
-/// The oldest frame that waits; false when there is none.
-bool update_port_take(crux_requests *requests, crux_frame *frame);
+/// One turn of the services: what waits, their time at a tick, their answers, and the restart that was asked for. The
+/// node runs on while they wait for the flash, so its state and guard are read where they are.
+void update_port_serve(crux_service *service, crux_requests *requests, bool tick, const uint8_t *state,
+                       const crux_guard *guard);
 
 #endif
