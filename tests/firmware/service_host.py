@@ -28,12 +28,16 @@ class Desk:
         self.forces_N: list[crux_nodes.Array] = []  # of all grippers
         self._cycle = 0
         self.periods = 0  # that have passed for the nodes
+        self._to_reset: tuple[int, int] | None = None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._end.is_set():
+            if self._to_reset is not None:
+                self.nodes.reset(*self._to_reset)
+                self._to_reset = None
             if self.joint is not None:
                 self._cycle += 1
                 self.host.send_cycle(self._cycle, self.joint, self.gripper)
@@ -43,6 +47,12 @@ class Desk:
             self.forces_N.append(force_N.copy())
             self.host.publish()
             self.periods += 1
+
+    def reset(self, limb: int, node: int) -> None:
+        """Starts a node anew, between two periods: the nodes are one thread's alone."""
+        self._to_reset = (limb, node)
+        while self._to_reset is not None:
+            time.sleep(0.001)
 
     def await_periods(self, number: int) -> None:
         """Waits until so many more have passed for the nodes, however slow the machine is."""

@@ -89,7 +89,7 @@ def test_an_image_writes_at_rest_only_and_forgets_over_a_restart(
 
 
 def power_off_and_on(desk: Desk) -> None:
-    desk.nodes.reset(LF, JOINT)
+    desk.reset(LF, JOINT)
     desk.await_periods(50)  # it boots, and hears nothing meanwhile
 
 

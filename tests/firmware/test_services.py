@@ -56,11 +56,11 @@ def test_written_values_are_kept_over_a_restart_only_when_saved(table_top: Desk,
             write(joint, describe(joint)["setpoint_time_constant_s"], 0.03)
             if saved:
                 run_routine(joint, "SAVE")
-            table_top.nodes.reset(0, 2)
+            table_top.reset(0, 2)
             expected = 0.03 if saved else robot.servo.setpoint_time_constant_s
             assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(expected)
         run_routine(joint, "FORGET")
-        table_top.nodes.reset(0, 2)
+        table_top.reset(0, 2)
         assert describe(joint)["setpoint_time_constant_s"].value == pytest.approx(robot.servo.setpoint_time_constant_s)
 
 

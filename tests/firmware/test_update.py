@@ -133,7 +133,7 @@ def test_power_lost_within_an_update_leaves_the_old_firmware_and_room_for_the_ne
             load(joint, header, payload)
         assert refusal.value.code == number("refusal", "MEMORY")
         table_top.nodes.cut_power(limb, node, 0)
-        table_top.nodes.reset(limb, node)
+        table_top.reset(limb, node)
         assert slots(joint)["version"] == before["version"]
         load(joint, header, payload)
         joint.restart()
