@@ -31,11 +31,6 @@ def smooth_target_holds(wall: dict[str, Any]) -> None:
         part["friction"] = 0.5
 
 
-def swap_left_grasps(wall: dict[str, Any]) -> None:
-    grasps = wall["goal"]["grasps"]
-    grasps["LF"], grasps["LR"] = grasps["LR"], grasps["LF"]
-
-
 INFEASIBLE: dict[str, tuple[Change, str, str]] = {
     "goal out of reach": (
         far_goal,

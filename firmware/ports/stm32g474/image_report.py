@@ -62,9 +62,7 @@ class CallGraph:
 
 def flash_bytes(image: Path) -> int:
     """Room for a program, from the linker's map beside it."""
-    found = re.search(
-        r"^FLASH\s+0x[0-9a-f]+\s+0x([0-9a-f]+)", image.with_suffix(".map").read_text("utf-8"), re.MULTILINE
-    )
+    found = _FLASH.search(image.with_suffix(".map").read_text("utf-8"))
     if not found:
         raise ValueError(f"no memory FLASH in the map of {image}")
     return int(found[1], 16)
