@@ -6,18 +6,19 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from crux_tools.arguments import whole
+from crux_tools.arguments import taught, whole
 from crux_tools.output import add_json_option, note, print_json, progress
 
 _DESCRIPTION = """Runs a plan on the hardware-in-the-loop bench: starts the runtime as its own process, 24 joint and 4
 gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan,
 climbs, and judges the climb on what happened in physics. Runs side by side do not hear each other."""
-_EPILOG = """examples:
-  crux climb out/plan.mcap -o out/climb.mcap
-  crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json
-  crux climb out/plan.mcap -o out/climb.mcap --emulate LF.1 --report out/climb.html
-  crux can run --virtual-time -i can0,can1,can2,can3 -- \\
-    crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime"""
+_EXAMPLES = (
+    "crux climb out/plan.mcap -o out/climb.mcap",
+    "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
+    "crux climb out/plan.mcap -o out/climb.mcap --emulate LF.1 --report out/climb.html",
+    "crux can run --virtual-time -i can0,can1,can2,can3 -- \\\n"
+    "    crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime",
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -25,9 +26,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "climb",
         help="run a plan on the hardware-in-the-loop bench",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **taught(_DESCRIPTION, *_EXAMPLES),
     )
     parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG.mcap", help="telemetry of the climb")

@@ -10,7 +10,13 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+from crux_contracts.plan_file import read_plan
+
+from crux_tools.errors import WorkFailed
+from crux_tools.paths import SCENARIOS
 
 _POLL_S = 0.02
 
@@ -33,6 +39,16 @@ def crux_json(*words: str, limit_s: float | None = None) -> tuple[dict[str, Any]
         return {"ok": False, "error": f"{words[0]} ended after {limit_s:g} s"}, time.monotonic() - began
     seconds = time.monotonic() - began
     return _object(words[0], done.stdout, done.stderr, done.returncode), seconds
+
+
+def planned_scene(scene: str, folder: Path) -> tuple[Any, float]:
+    """The plan of a scene that ships, planned into `folder`, and how long that took [s]. Raises WorkFailed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "plan.mcap"
+    planned, _ = crux_json("plan", str(SCENARIOS / f"{scene}.yaml"), "-o", str(path))
+    if not planned.get("ok"):
+        raise WorkFailed(f"{scene}: {planned.get('error')}")
+    return read_plan(path), planned["seconds"]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from crux_tools.arguments import taught
+from crux_tools.errors import WorkFailed
 from crux_tools.output import add_json_option, note
 
 
@@ -91,5 +92,9 @@ def run(options: argparse.Namespace) -> int:
     worst = 0
     for name in BENCHES:
         note(f"bench {name}")
-        worst = max(worst, _run_one(name, _defaults(name, options.json)))
+        try:
+            worst = max(worst, _run_one(name, _defaults(name, options.json)))
+        except WorkFailed as error:
+            note(f"crux bench {name}: {error}")
+            worst = max(worst, 1)
     return worst

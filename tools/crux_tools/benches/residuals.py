@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.scenario import Scenario, load_scenario
 from crux_planner.alone import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
-from crux_tools.output import note
+from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,41 @@ FORCE = Panel("force", "N", "finger forces", FORCE_THRESHOLD_N)
 ORIENTATION = Panel("orientation", "rad", "body and finger rotation")
 MOMENT = Panel("moment", "Nm", "finger moments")
 
+ITERATIONS = {"two_block": 10, "multi_block": 30}
+
 History = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class ResidualFigure:
+    """A figure of the paper as a bench: `residuals` of a scenario, a method, so many iterations."""
+
+    name: str
+    kind: str  # of scenario: walk or climb
+    scene: str
+    panels: tuple[Panel, ...]
+    residuals: Callable[[Scenario, str, int], History]
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Options of the bench."""
+        scene, picture = SCENARIOS / f"{self.scene}.yaml", Path(f"out/{self.name}.png")
+        text = f"another {self.kind} (default: {self.scene})"
+        parser.add_argument("--scenario", type=Path, default=scene, metavar="FILE", help=text)
+        text = "picture (default: %(default)s)"
+        parser.add_argument("--output", type=Path, default=picture, metavar="PNG", help=text)
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Exit status 0 when both methods end within the paper's thresholds."""
+        scenario = load_scenario(options.scenario)
+        histories = {method: self.residuals(scenario, method, count) for method, count in ITERATIONS.items()}
+        draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, self.panels)
+        result = summary(histories, options.output)
+        if options.json:
+            print_json(result)
+        else:
+            print_table(histories, self.panels)
+            note(f"picture: {options.output}")
+        return 0 if result["ok"] else 1
 
 
 def value(residuals: dict[str, float], panel: Panel, *, rms: bool) -> float:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.plan_file import read_plan
 from crux_contracts.scenario import FACE_NAMES
 
-from crux_tools.benches.cold_process import crux_json
+from crux_tools.benches.cold_process import planned_scene
 from crux_tools.output import note, print_json
-from crux_tools.paths import SCENARIOS
 from crux_tools.report.plan_series import plan_series
 
 SCENE = "climb-slippery"
@@ -113,18 +111,13 @@ def draw(plan: Any, grips: list[Grip], path: Path) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when no finger sits on a slippery face and the grippers had to turn for it."""
-    options.output.mkdir(parents=True, exist_ok=True)
-    path, picture = options.output / "plan.mcap", options.output / "fig7.png"
-    planned, _ = crux_json("plan", str(SCENARIOS / f"{SCENE}.yaml"), "-o", str(path))
-    if not planned.get("ok"):
-        note(f"crux bench fig7: {planned.get('error')}")
-        return 1
-    plan = read_plan(path)
+    plan, seconds = planned_scene(SCENE, options.output)
+    picture = options.output / "fig7.png"
     grips = grips_of(plan)
     draw(plan, grips, picture)
     ok = all(grip.friction > 0.0 for grip in grips) and any(abs(grip.gripper_yaw_deg) > 20.0 for grip in grips)
     if options.json:
-        print_json({"ok": ok, "seconds": planned["seconds"], "grips": [vars(grip) for grip in grips]})
+        print_json({"ok": ok, "seconds": seconds, "grips": [vars(grip) for grip in grips]})
         return 0 if ok else 1
     note(
         f"{'limb':<5} {'hold':<17} {'faces':<6} {'normal deg':>10} {'friction':>9} {'other pair':>11} {'from':>7} to s"
@@ -134,5 +127,5 @@ def run(options: argparse.Namespace) -> int:
             f"{grip.limb:<5} {grip.hold:<17} {grip.faces:<6} {grip.normal_deg:>10.0f} {grip.friction:>9.1f} "
             f"{grip.slippery:>11.1f} {grip.first_s:>7.0f} {grip.last_s:.0f}"
         )
-    note(f"planned in {planned['seconds']:.2f} s; {picture}; 0 degrees is up the wall, 90 to the left")
+    note(f"planned in {seconds:.2f} s; {picture}; 0 degrees is up the wall, 90 to the left")
     return 0 if ok else 1

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.plan_file import read_plan
 from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
-from crux_tools.benches.cold_process import crux_json
+from crux_tools.benches.cold_process import planned_scene
 from crux_tools.output import note, print_json
-from crux_tools.paths import SCENARIOS
 from crux_tools.report.plan_series import plan_series
 
 SCENE = "climb-spines-only"
@@ -64,13 +62,8 @@ def draw(histories: dict[str, tuple[Floats, Floats, Floats]], limit_N: float, pa
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the finger never presses, carries shear, and stays within what its spines hold."""
-    options.output.mkdir(parents=True, exist_ok=True)
-    path, picture = options.output / "plan.mcap", options.output / "fig8.png"
-    planned, _ = crux_json("plan", str(SCENARIOS / f"{SCENE}.yaml"), "-o", str(path))
-    if not planned.get("ok"):
-        note(f"crux bench fig8: {planned.get('error')}")
-        return 1
-    plan = read_plan(path)
+    plan, seconds = planned_scene(SCENE, options.output)
+    picture = options.output / "fig8.png"
     contact = parse_scenario(plan.scenario_yaml).contact
     limit_N = contact.spine_shear_N
     histories = {
@@ -85,12 +78,12 @@ def run(options: argparse.Namespace) -> int:
     ok = all(normal <= PRESSED_N and CARRIED * limit_N < shear <= limit_N for normal, shear in largest.values())
     if options.json:
         fingers = {name: {"normal_N": normal, "shear_N": shear} for name, (normal, shear) in largest.items()}
-        print_json({"ok": ok, "seconds": planned["seconds"], "limit_N": limit_N, "largest": fingers})
+        print_json({"ok": ok, "seconds": seconds, "limit_N": limit_N, "largest": fingers})
         return 0 if ok else 1
     for name, (time_s, normal, shear) in histories.items():
         note(f"{name}\n{'time s':>7} {'normal N':>9} {'along N':>8} {'off N':>7}   (spines: {limit_N:g} N)")
         for t, n, (along, off) in zip(time_s[::2], normal[::2], shear[::2], strict=True):
             in_air = np.isnan(n)
             note(f"{t:>7.0f}      in the air" if in_air else f"{t:>7.0f} {abs(n):>9.2f} {along:>8.2f} {off:>7.2f}")
-    note(f"planned in {planned['seconds']:.2f} s; {picture}")
+    note(f"planned in {seconds:.2f} s; {picture}")
     return 0 if ok else 1

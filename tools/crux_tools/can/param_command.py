@@ -11,18 +11,20 @@ from typing import Any
 from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
 
+from crux_tools.arguments import taught
 from crux_tools.can.node_link import DEFAULT_BUSES, NodeLink, limb_bus, node_name
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
-DESCRIPTION = """Lists, reads, writes and saves parameters of a node over ISO-TP. Values come from the robot
+_DESCRIPTION = """Lists, reads, writes and saves parameters of a node over ISO-TP. Values come from the robot
 description; what is written stands in for them and is kept without power only after --save. A node takes a
 value when it is at rest (HOLD, or not commanded since its start), and only within its range; what carries
 the robot is read-only."""
-EPILOG = """examples:
-  crux can param LF.joint3
-  crux can param LF.joint3 setpoint_time_constant_s 0.03 --save
-  crux can param LF.joint3 --forget"""
+_EXAMPLES = (
+    "crux can param LF.joint3",
+    "crux can param LF.joint3 setpoint_time_constant_s 0.03 --save",
+    "crux can param LF.joint3 --forget",
+)
 
 
 def add_node_options(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +53,7 @@ def add_param(actions: Any) -> None:
     parser = actions.add_parser(
         "param",
         help="list, read, write and save parameters of a node",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **taught(_DESCRIPTION, *_EXAMPLES),
     )
     add_node_options(parser)
     parser.add_argument("name", nargs="?", metavar="NAME", help="which parameter (default: list all)")

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
 DEFAULT_PORT = 8737
@@ -13,10 +14,11 @@ _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits
 shows it in a 3-D view in the browser: the robot as its joints were measured, the plan as a ghost, the contact forces.
 Logs of a runtime that was killed open too, as far as they go. With --check it instead computes every cycle again, by
 the runtime's own control core from the logged inputs, and compares all it gave out bit by bit."""
-_EPILOG = """examples:
-  crux replay out/climb.mcap
-  crux replay out/climb.mcap --no-view --json
-  crux replay out/climb.mcap --check"""
+_EXAMPLES = (
+    "crux replay out/climb.mcap",
+    "crux replay out/climb.mcap --no-view --json",
+    "crux replay out/climb.mcap --check",
+)
 
 
 def _port(text: str) -> int:
@@ -31,9 +33,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "replay",
         help="show a logged climb",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **taught(_DESCRIPTION, *_EXAMPLES),
     )
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
     parser.add_argument("--no-view", action="store_true", help="print the summary and end")

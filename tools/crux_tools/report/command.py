@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_tools.arguments import taught
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
 or from the robot): pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface margins,
 tracking, grasp forces, timing of the control cycle and the scenario. Needs no network, neither to write nor to read."""
-_EPILOG = """examples:
-  crux report out/plan.mcap -o out/plan.html
-  crux report out/climb.mcap -o out/climb.html --picture out/climb.png"""
+_EXAMPLES = (
+    "crux report out/plan.mcap -o out/plan.html",
+    "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
+)
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "report",
         help="one HTML page about a plan or a climb",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **taught(_DESCRIPTION, *_EXAMPLES),
     )
     parser.add_argument("source", type=Path, metavar="PLAN_OR_LOG", help="a plan or a log (.mcap)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.html", help="the page to write")
