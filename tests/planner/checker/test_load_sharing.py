@@ -35,9 +35,9 @@ def test_the_largest_torque_holds_the_robot_at_its_true_centre_of_mass() -> None
     still[:3], still[3:7] = position, pin.Quaternion(body).coeffs()
     for limb, gripper in zip(load_model(ROBOT).limbs, grippers, strict=True):
         turn = body.T @ pin.rpy.rpyToMatrix(0.0, 0.0, float(gripper.yaw_w_rad))
-        q = solve(limb, (body.T @ (gripper.position_w_m - position))[None], turn[None]).q_rad[0]
+        (found,) = solve([limb], [(body.T @ (gripper.position_w_m - position))[None]], [turn[None]])
         names = [joint.name for joint in limb.joints] + [joint.name for joint in limb.fingers]
-        for name, value in zip(names, [*q, *[float(gripper.opening_m)] * 2], strict=True):
+        for name, value in zip(names, [*found.q_rad[0], *[float(gripper.opening_m)] * 2], strict=True):
             still[model.joints[model.getJointId(name)].idx_q] = value
 
     # least change of the planned wrenches (force, twist about the finger axis) that holds the weight at its centre
