@@ -44,12 +44,15 @@ def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | N
 
     None where a foot that takes no step begins too far from there, or one too few past an obstacle.
     """
-    limbs, ranges = [step.limb for step in gait.steps], problem.foothold_ranges_w_m
-    low, high = (np.array(each[limbs]) for each in ranges.later)
-    for limb in set(limbs):
-        low[limbs.index(limb)], high[limbs.index(limb)] = ranges.first[0][limb], ranges.first[1][limb]
-    if any(limbs.count(limb) < 2 for limb in range(4) if ranges.detour[limb]):
-        return None
+    limbs = np.array([step.limb for step in gait.steps], dtype=int)
+    low, high = (np.zeros((len(limbs), 2)) for _ in range(2))
+    for limb in range(4):
+        own = np.flatnonzero(limbs == limb)
+        if len(own) or problem.foothold_ranges_w_m.fewest[limb] > 1:
+            ranges = problem.foothold_ranges_w_m.of_steps(limb, len(own))
+            if ranges is None:
+                return None
+            low[own], high[own] = ranges
     last = {step.limb: i for i, step in enumerate(gait.steps)}
     for limb in range(4):
         wanted = problem.goal_feet_w_m[limb]
@@ -58,7 +61,7 @@ def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | N
             high[last[limb]] = np.minimum(high[last[limb]], wanted + FINAL_FOOT_M)
         elif np.abs(problem.start_feet_w_m[limb] - wanted).max() > FINAL_FOOT_M:
             return None
-    return low, high
+    return None if (low > high).any() else (low, high)
 
 
 def least_load_N(problem: WalkProblem) -> float:

@@ -1,4 +1,8 @@
-"""The exact walk of a gait: contact_qp solved about its own answer until (8) holds; ipopt where that does not end."""
+"""The exact walk of a gait: contact_qp solved about its own answer until (8) holds; ipopt where that does not end.
+
+Long walks have motions that cost next to nothing, such as a slow bounce of the body, and the answers drift along them.
+After some rounds a term that vanishes at the answer keeps each one near the one before.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.arrays import Array
+from crux_planner.walk.contact_block import eta_of
 from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.rigid_body import defects
 
 _ROUNDS = 16
+_FREE_ROUNDS = 8  # after them an answer is held to the one before
+_HOLDING = 100.0  # rho of that
 _NEARER = 0.8  # an answer is to be than the one before: two may else follow one another for ever
 _ACCURACY = 1e-7  # of the QP
 _MOMENT_NM, _FORCE_N, _PLACE = 1e-4, 1e-3, 1e-6  # left open by (8) at most
@@ -39,7 +46,10 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
     qp, cost, before = ContactQp(problem, None), np.inf, np.inf
     about = Reference(knots.body, knots.forces, knots.footholds)
     for count in range(1, _ROUNDS + 1):
-        again = qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
+        if count <= _FREE_ROUNDS:
+            again = qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
+        else:
+            again = _held(problem, knots)
         if again is None or time.monotonic() > deadline:
             break
         settled = abs(again.cost - cost) < _COST * abs(again.cost)
@@ -53,6 +63,14 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
     from crux_planner.walk import nlp
 
     return nlp.solve(problem, knots, max(deadline - time.monotonic(), 1.0))
+
+
+def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
+    """The next answer, near the one before."""
+    from crux_planner.admm.consensus import Scales
+
+    about = Reference(knots.body, knots.forces, knots.footholds)
+    return ContactQp(problem, Scales()).solve(knots.gait, about, _HOLDING, eta_of(problem, knots), _ACCURACY)
 
 
 def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:

@@ -1,8 +1,9 @@
-"""Where feet may stand beside obstacles: a foot passes each of them on one side, or along one side and then another.
+"""Where feet may stand beside obstacles: a foot stays on one side of each, or goes along one side and then another.
 
 Steps lead straight from foothold to foothold, so that a step whose two ends are on one side of an obstacle does not
 pass over it. Sides are along and across the first heading. A foot that cannot go on past the side on which it begins
-makes its first step to where that side and the next one meet.
+makes its first step to where that side and the next one meet; where the goal is beyond the obstacle rather than beside
+it, the foot comes back by its last two steps, from where the next side and the far one meet.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Obstacle
 
-from crux_planner.arrays import Array, Flags
+from crux_planner.arrays import Array, Indices
 from crux_planner.errors import InfeasibleError
 from crux_planner.kinematics import rotation_z
 from crux_planner.problem import LIMBS
@@ -23,15 +24,34 @@ from crux_planner.shapes import palm_shape
 CLEARANCE_M = 0.012  # of a standing gripper: in the air it is off its way by 8 mm
 
 
+Bounds = tuple[Array, Array]
+"""Lower and upper bounds (4, 2) of a foothold of each foot."""
+
+
 @dataclass(frozen=True)
 class FootholdRanges:
-    """Lower and upper bounds (4, 2) of each foot's first foothold and of its later ones; `detour` (4,): it needs both
-    kinds.
+    """Bounds of each foot's first foothold, those on the way, the last but one, and the last, of three steps or more;
+    of two steps the first and the last but one; all four are the same for a foot that needs no detour.
+
+    `fewest` (4,) steps does a foot need for its detour; the steps but for `fewest` - 1 of them lead `passing_m` (4,) on
+    in all.
     """
 
-    first: tuple[Array, Array]
-    later: tuple[Array, Array]
-    detour: Flags
+    first: Bounds
+    along: Bounds
+    passing: Bounds
+    last: Bounds
+    fewest: Indices
+    passing_m: Array
+
+    def of_steps(self, limb: int, steps: int) -> tuple[Array, Array] | None:
+        """Lower and upper bounds (steps, 2) of a foot's footholds; None where it takes too few steps."""
+        if steps < self.fewest[limb]:
+            return None
+        in_turn = {1: [self.last], 2: [self.first, self.passing]}.get(
+            steps, [self.first, *[self.along] * (steps - 3), self.passing, self.last]
+        )
+        return np.array([low[limb] for low, _ in in_turn]), np.array([high[limb] for _, high in in_turn])
 
 
 def foothold_ranges(
@@ -49,8 +69,8 @@ def foothold_ranges(
     way; `room_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
     obstacle, or has no way past one.
     """
-    first, later = ((np.full((4, 2), -np.inf), np.full((4, 2), np.inf)) for _ in range(2))
-    detour = np.zeros(4, dtype=bool)
+    ranges = FootholdRanges(*(_everywhere() for _ in range(4)), np.ones(4, dtype=int), np.zeros(4))
+    first, along, passing, last = stages = (ranges.first, ranges.along, ranges.passing, ranges.last)
     reach = _reach(robot, yaw_rad) + CLEARANCE_M
     for obstacle in obstacles:
         centre = rotation_z(-heading_rad)[:2, :2] @ np.array(obstacle.position_m)
@@ -64,24 +84,34 @@ def foothold_ranges(
                 text = f"start.feet.{name} is {-1000 * outside.max():.0f} mm too near to obstacle {obstacle.name!r}"
                 raise InfeasibleError("contacts", f"{text} for its gripper")
             begins = _side(np.where(outside >= 0.0, inside, np.inf))
-            _keep(first, limb, begins, centre, half)
             if inside[begins] <= room_m[begins[1]]:
-                _keep(later, limb, begins, centre, half)
+                for stage in stages:
+                    _keep(stage, limb, begins, centre, half)
                 continue
             across = np.full((2, 2), np.inf)
             across[:, 1 - begins[1]] = inside[:, 1 - begins[1]]
-            then = _side(across)
-            if across[then] > room_m[then[1]]:
-                raise InfeasibleError(
-                    "contacts", f"no foothold for {name} beside obstacle {obstacle.name!r} at the goal"
-                )
-            detour[limb] = True
-            _keep(first, limb, then, centre, half)
-            _keep(later, limb, then, centre, half)
-    for low, high in (first, later):
+            then, beyond = _side(across), (1 - begins[0], begins[1])
+            back = max(inside[beyond], 0.0) < across[then] and inside[beyond] <= room_m[begins[1]]
+            # on the way, the body may be as far off its way as the foot off its place
+            if across[then] > (2 if back else 1) * room_m[then[1]]:
+                text = f"no foothold for {name} beside obstacle {obstacle.name!r}"
+                raise InfeasibleError("contacts", f"{text} {'on the way' if back else 'at the goal'}")
+            _keep(first, limb, begins, centre, half)
+            for stage in (first, along, passing) if back else stages:
+                _keep(stage, limb, then, centre, half)
+            for stage in (passing, last) if back else ():
+                _keep(stage, limb, beyond, centre, half)
+            way = 2 * half[begins[1]] if back else inside[begins]
+            ranges.fewest[limb] = max(ranges.fewest[limb], 3 if back else 2)
+            ranges.passing_m[limb] = max(ranges.passing_m[limb], way)
+    for low, high in stages:
         for name in (LIMBS[i] for i in np.flatnonzero((low > high).any(axis=1))):
             raise InfeasibleError("contacts", f"no foothold for {name} between the obstacles")
-    return FootholdRanges(first, later, detour)
+    return ranges
+
+
+def _everywhere() -> Bounds:
+    return np.full((4, 2), -np.inf), np.full((4, 2), np.inf)
 
 
 def _side(inside: Array) -> tuple[int, int]:
@@ -90,7 +120,7 @@ def _side(inside: Array) -> tuple[int, int]:
     return int(side), int(axis)
 
 
-def _keep(ranges: tuple[Array, Array], limb: int, side: tuple[int, int], centre: Array, half: Array) -> None:
+def _keep(ranges: Bounds, limb: int, side: tuple[int, int], centre: Array, half: Array) -> None:
     """Narrow the ranges of a foot to one side."""
     upper, axis = side
     low, high = ranges

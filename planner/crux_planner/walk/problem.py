@@ -147,7 +147,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         start_feet_w_m=feet,
         start=start,
         goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
-        goal_feet_w_m=np.clip(goal_feet, *ranges.later),
+        goal_feet_w_m=np.clip(goal_feet, *ranges.last),
         foothold_ranges_w_m=ranges,
         boxes=boxes,
         cuts=(),

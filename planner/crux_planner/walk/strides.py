@@ -49,8 +49,9 @@ class Strides:
         if np.linalg.norm(straight) <= room and self._goal_turn <= problem.goal.rotation_room_rad:
             return 0
         strides = straight / (LONGEST_STRIDE * 2 * problem.boxes.half_m[:2])
-        fewest = 2 if problem.foothold_ranges_w_m.detour.any() else 1
-        return max(fewest, int(np.ceil(float(strides.max()) - 1e-9)))
+        ranges, longest = problem.foothold_ranges_w_m, LONGEST_STRIDE * 2 * problem.boxes.half_m[0]
+        detours = ranges.fewest - 1 + np.ceil(ranges.passing_m / longest)
+        return max(1, int(np.ceil(float(strides.max()) - 1e-9)), int(detours.max()))
 
     def starts(self, rounds: int) -> list[Slots]:
         """Every order of the feet, each stepping `rounds` times. Raises InfeasibleError where time is too short."""
@@ -89,6 +90,9 @@ class Strides:
 
     def _least_air(self, limb: int, steps: int) -> int:
         """Knots in the air that the longest of equal steps to the goal needs."""
+        ranges = self.problem.foothold_ranges_w_m
+        passing = max(steps - int(ranges.fewest[limb]) + 1, 1)  # steps that lead on past an obstacle
         far = steps * self._longest[limb] >= self._usual[limb]
+        far &= passing * self._longest[limb] >= ranges.passing_m[limb]
         enough = far & (steps * self._turn[limb] >= self._goal_turn)
         return max(LEAST_AIR, int(np.argmax(enough))) if enough.any() else len(enough)
