@@ -20,6 +20,18 @@ class InfeasibleError(Exception):
         self.proven = proven
 
 
+TIME_LIMIT = "time limit"
+
+
+def unsolved(gait: str, status: str) -> InfeasibleError:
+    """Why the exact problem of a gait was left without a solution; `status` is the solver's."""
+    if "Time" in status:
+        return InfeasibleError(
+            TIME_LIMIT, f"no time was left for the exact problem of the gait {gait}; allow more with --time-limit"
+        )
+    return InfeasibleError("dynamics", f"the exact problem has no solution for the gait {gait} ({status})")
+
+
 class LevelGoalError(InfeasibleError):
     """A level body at the very goal has no hold in reach: said of that pose, not of all that the tolerances allow."""
 

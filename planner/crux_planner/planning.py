@@ -14,10 +14,10 @@ from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import check_plan
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import TIME_LIMIT, InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
-from crux_planner.reasons import TIME_LIMIT, check_start, explain
+from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path

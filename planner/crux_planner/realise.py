@@ -8,7 +8,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.checker import CheckReport, check_plan
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import InfeasibleError, unsolved
 from crux_planner.exact import solve_within_torques
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.result import PlanResult, plan_message
@@ -56,9 +56,7 @@ def finish(
     with work.part("nlp", 0.5):
         solution = solve_within_torques(problem, schedule, start, deadline, functions)
     if not solution.solved:
-        return InfeasibleError(
-            "dynamics", f"the exact problem has no solution for the gait {gait(schedule)} ({solution.status})"
-        ), longest(problem, schedule.moves)
+        return unsolved(gait(schedule), solution.status), longest(problem, schedule.moves)
     with work.part("message", 0.8):
         message = plan_message(scenario, robot, problem, schedule, solution, method)
     with work.part("check", 0.8):

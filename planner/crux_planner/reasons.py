@@ -6,14 +6,13 @@ import numpy as np
 from crux_contracts.scenario import Scenario
 
 from crux_planner.arrays import Array
-from crux_planner.errors import InfeasibleError, LevelGoalError, wrong
+from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
 from crux_planner.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.stances import Reach, SearchReport, Stance, costs_to_go, goal_contacts
 from crux_planner.search.ways import Ways
 
-TIME_LIMIT = "time limit"
 _LACKING_N = 0.01  # a balance that lacks less is met
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from crux_contracts.plan_file import write_plan
+from crux_planner.errors import InfeasibleError
 from crux_tools.cli import COMMANDS, main
 from hand_plan import standing_plan
 
@@ -155,3 +156,14 @@ def test_a_report_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str
     write_plan(plan, standing_plan())
     assert main(["report", str(plan), "-o", str(tmp_path)]) == 2
     assert f"{tmp_path}: is a folder" in capsys.readouterr().err
+
+
+def test_a_bench_whose_problem_has_no_plan_says_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(_options: argparse.Namespace) -> int:
+        raise InfeasibleError("time limit", "no time was left")
+
+    monkeypatch.setattr("crux_tools.benches.figure6.run", run)
+    assert main(["bench", "fig6"]) == 1
+    assert capsys.readouterr().err.strip() == "crux bench: no time was left"

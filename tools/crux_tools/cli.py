@@ -85,15 +85,17 @@ def _origin(error: BaseException) -> str:
     return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "unknown place"
 
 
-def _user_errors() -> tuple[type[BaseException], ...]:
-    """Error types of the other rooms that mean wrong input; only those already imported can have been raised."""
-    names = {
-        "crux_contracts.yaml_document": "DocumentError",
-        "crux_contracts.plan_file": "PlanFileError",
-        "crux_tools.telemetry.reader": "LogError",
-    }
-    kinds = [getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules]
-    return (UsageError, *kinds)
+WRONG_INPUT = {
+    "crux_contracts.yaml_document": "DocumentError",
+    "crux_contracts.plan_file": "PlanFileError",
+    "crux_tools.telemetry.reader": "LogError",
+}
+NO_SUCCESS = {"crux_planner.errors": "InfeasibleError"}
+
+
+def _imported(names: dict[str, str]) -> tuple[type[BaseException], ...]:
+    """Error types of the other rooms, by module; only those already imported can have been raised."""
+    return tuple(getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -113,8 +115,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
     except Exception as error:
-        if isinstance(error, _user_errors()):
+        if isinstance(error, (UsageError, *_imported(WRONG_INPUT))):
             return _error(chosen, str(error), as_json, USAGE)
+        if isinstance(error, _imported(NO_SUCCESS)):
+            return _error(chosen, str(error), as_json, FAILED)
         text = f"internal error, please report it: {type(error).__name__}: {error} (at {_origin(error)})"
         return _error(chosen, text, as_json, FAILED)
 

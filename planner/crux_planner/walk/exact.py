@@ -46,10 +46,8 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
     qp, cost, before = ContactQp(problem, None), np.inf, np.inf
     about = Reference(knots.body, knots.forces, knots.footholds)
     for count in range(1, _ROUNDS + 1):
-        if count <= _FREE_ROUNDS:
-            again = qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
-        else:
-            again = _held(problem, knots)
+        held = count > _FREE_ROUNDS
+        again = _held(problem, knots) if held else qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
         if again is None or time.monotonic() > deadline:
             break
         settled = abs(again.cost - cost) < _COST * abs(again.cost)

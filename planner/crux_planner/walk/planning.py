@@ -13,7 +13,7 @@ from crux_planner.bound.gap import gap
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.problem import LIMBS
 from crux_planner.result import PlanResult
 from crux_planner.walk.contact_block import WalkContacts
@@ -194,8 +194,7 @@ def _finish(
         with work.part("nlp", 0.5):
             solution = solve(problem, knots, deadline)
         if not solution.solved:
-            text = f"the exact problem has no solution for the gait {', '.join(gait.names)} ({solution.status})"
-            return InfeasibleError("dynamics", text)
+            return unsolved(", ".join(gait.names), solution.status)
         with work.part("check", 0.8):
             message = walk_message(scenario, robot, problem, gait, solution, method)
             report = check_plan(message, robot)

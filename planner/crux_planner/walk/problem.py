@@ -21,6 +21,7 @@ from crux_planner.walk.obstacles import FootholdRanges, foothold_ranges
 from crux_planner.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
+_UPRIGHT_SHARE = 1e-3  # of gravity along the surface: pressed on it no more than that, nothing stands
 _FOOT_MOVE_M = 0.05  # over which the limbs' pull on the centre of mass is measured
 FINAL_FOOT_M = 0.02  # of a foot at the end off its place under the body, along x and along y
 
@@ -188,7 +189,11 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
             )
     along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
     if along > problem.friction * max(across, 0.0):
-        needed = "no friction is enough" if across <= 0 else f"standing needs a friction of {along / across:.2f}"
+        needed = (
+            "no friction is enough"
+            if across <= _UPRIGHT_SHARE * along
+            else f"standing needs a friction of {along / across:.2f}"
+        )
         raise InfeasibleError(
             "equilibrium", f"wall.slope_deg: {needed}, wall.friction less its margin is {problem.friction:.2f}"
         )

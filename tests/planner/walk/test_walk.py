@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import InfeasibleError, PlanResult, plan
+from crux_planner.errors import unsolved
 from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.mass import centre_of_mass
 from crux_planner.problem import Pose
+from crux_planner.walk.contact_block import WalkContacts
+from crux_planner.walk.exact import solve
 from crux_planner.walk.gait import LEAST_AIR, Gait, Step, longest_step
 from crux_planner.walk.problem import FINAL_FOOT_M, build_walk, posture
 from crux_planner.walk.strides import Strides
@@ -129,6 +133,7 @@ def test_a_foot_that_turns_far_is_in_the_air_for_longer() -> None:
     [
         ("friction: 0.6", "friction: 0.0", InfeasibleError, None),
         ("slope_deg: 0", "slope_deg: 35", InfeasibleError, "needs a friction of 0.70"),
+        ("slope_deg: 0", "slope_deg: 90", InfeasibleError, "no friction is enough"),
         ("slope_deg: 0", "slope_deg: 100", InfeasibleError, "no friction is enough"),
         ("LF: [0.14, 0.36]", "LF: [0.14, 0.5]", ScenarioError, "start.feet.LF.*out of reach by 65 mm"),
         ("position_m: [0.1, 0.0, 0.185]", "position_m: [1.5, 0.0, 0.185]", InfeasibleError, "horizon.steps"),
@@ -153,3 +158,20 @@ def test_why_not(change: str, to: str, error: type[Exception], text: str | None)
     assert scenario != FLAT
     with pytest.raises(error, match=text):
         walk(scenario)
+
+
+def test_answers_that_are_held_to_the_one_before_come_to_the_same_walk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long walks drift without that; here it must neither end short of (8) nor cost more."""
+    problem = build_walk(parse_scenario(FLAT), ROBOT)
+    knots = next(WalkContacts(problem, many=0).search(time.monotonic() + 30))
+    free = solve(problem, knots, time.monotonic() + 30)
+    monkeypatch.setattr("crux_planner.walk.exact._FREE_ROUNDS", 0)
+    held = solve(problem, knots, time.monotonic() + 30)
+    assert (free.status, held.status) == ("solved", "solved")
+    assert held.iterations != free.iterations
+    assert held.cost == pytest.approx(free.cost, rel=5e-4)
+
+
+def test_a_walk_that_ran_out_of_time_is_not_called_impossible() -> None:
+    assert unsolved("LF", "Maximum_WallTime_Exceeded").constraint == "time limit"
+    assert unsolved("LF", "Infeasible_Problem_Detected").constraint == "dynamics"
