@@ -69,8 +69,8 @@ def foothold_ranges(
     way; `room_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
     obstacle, or has no way past one.
     """
-    ranges = FootholdRanges(*(_everywhere() for _ in range(4)), np.ones(4, dtype=int), np.zeros(4))
-    first, along, passing, last = stages = (ranges.first, ranges.along, ranges.passing, ranges.last)
+    first, along, passing, last = stages = tuple(_everywhere() for _ in range(4))
+    ranges = FootholdRanges(first, along, passing, last, np.ones(4, dtype=int), np.zeros(4))
     reach = _reach(robot, yaw_rad) + CLEARANCE_M
     for obstacle in obstacles:
         centre = rotation_z(-heading_rad)[:2, :2] @ np.array(obstacle.position_m)
