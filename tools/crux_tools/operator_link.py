@@ -15,6 +15,7 @@ from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
 from crux_tools.errors import UsageError, WorkFailed
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+NO_NETWORK = "without a network, as root: ip link set lo up && ip route add 224.0.0.0/4 dev lo"
 START_IT = "start crux-runtime there, or name its --lcm URL"
 ANSWER_TIMEOUT_S = 0.5
 VERDICT_TIMEOUT_S = 10.0  # the runtime decodes and validates the whole plan
@@ -35,7 +36,7 @@ class OperatorLink:
         try:
             self._lcm = lcm.LCM(self.url)
         except RuntimeError as error:
-            raise UsageError(f"cannot open LCM at {self.url}: {error}") from error
+            raise UsageError(f"cannot open LCM at {self.url}: {error} ({NO_NETWORK})") from error
         self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)
 
     def __enter__(self) -> OperatorLink:
