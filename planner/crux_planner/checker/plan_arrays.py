@@ -149,24 +149,11 @@ class PlanArrays:
 
 def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
     """Arrays of a crux_msgs.plan_t, or None after reporting why its form does not allow any further check."""
-    if plan.format != plan.FORMAT:
-        findings.add(
-            "plan_format",
-            1.0,
-            "",
-            detail=f"format is {plan.format}, this checker knows {plan.FORMAT}",
-        )
-        return None
-    knots, holds = len(plan.knots), len(plan.holds)
-    if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
-        detail = f"{plan.n_knots} knots announced, {knots} there; {plan.n_holds} holds announced, {holds} there"
-        findings.add("plan_format", 1.0, "", detail=f"{detail}; at least 2 knots are needed")
+    fault = _fault_of_form(plan)
+    if fault is not None:
+        findings.add("plan_format", 1.0, "", detail=fault)
         return None
     limbs = [limb for knot in plan.knots for limb in knot.limbs]
-    if len(limbs) != N_LIMBS * plan.n_knots:
-        findings.add("plan_format", 1.0, "", detail=f"a knot has other than {N_LIMBS} limbs")
-        return None
-
     shape = (plan.n_knots, N_LIMBS)
 
     def of_knots(name: str) -> Array:
@@ -218,6 +205,19 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
         findings.add("plan_format", 1.0, "", detail=f"a field has the wrong length or type: {error}")
         return None
     return arrays if _sound(arrays, findings) else None
+
+
+def _fault_of_form(plan: Any) -> str | None:
+    """Why the message has not the form that arrays are read from; None where it has."""
+    knots, holds = len(plan.knots), len(plan.holds)
+    if plan.format != plan.FORMAT:
+        return f"format is {plan.format}, this checker knows {plan.FORMAT}"
+    if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
+        counts = f"{plan.n_knots} knots announced, {knots} there; {plan.n_holds} holds announced, {holds} there"
+        return f"{counts}; at least 2 knots are needed"
+    if sum(len(knot.limbs) for knot in plan.knots) != N_LIMBS * plan.n_knots:
+        return f"a knot has other than {N_LIMBS} limbs"
+    return None
 
 
 def _sound(plan: PlanArrays, findings: Findings) -> bool:
