@@ -1,5 +1,9 @@
-"""A proven lower bound of J (6) of every walk: three parts, each at its own best.
+"""A proven lower bound of J (6) of a walk: the better one of two.
 
+The first is of crawls, one foot in the air at a time as the planner has them, and knows that the feet balance the body
+(bound.balance). What the heading costs is added.
+
+The second is of any number of feet in the air, each part of J at its own best:
 1. Forces. A walk begins and ends at rest, so that by (8a) the forces of all knots sum to -N M g. Shared by the feet in
    stance, their squares are least when every foot carries the same all the time: R N^2 (M g)^2 / 2 over the number of
    feet standing, summed over the knots. That is convex in the knots in the air: any of its tangents is below it.
@@ -7,7 +11,8 @@
    contact, the knots in the air that the foot's speed needs for the way, and earns its height at most.
 3. The body's way from start to goal at bounded speed, axis by axis, by weak duality.
 
-It holds for the planner's steps (walk.gait.Step): their shape, the least knots in the air, the places of the last ones.
+Both hold for the planner's steps (walk.gait.Step): their shape, the least knots in the air, the places of the last
+ones; the first also for the accelerations that the walk's care allows.
 """
 
 from __future__ import annotations
@@ -16,14 +21,18 @@ import numpy as np
 import piqp
 
 from crux_planner.arrays import Array
+from crux_planner.bound.balance import crawl_bound
+from crux_planner.bound.pressed import heading_share
 from crux_planner.walk.cost import FORCE_SHARE
 from crux_planner.walk.gait import LEAST_AIR, SPEED_SHARE, Step
 from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem
 
 
 def lower_bound(problem: WalkProblem) -> float:
-    """A number that J of no walk is below."""
-    return _forces_and_steps(problem) + _body(problem)
+    """A number that J of no crawl is below."""
+    return max(
+        _forces_and_steps(problem) + _body(problem), crawl_bound(problem) + _heading(problem, heading_share(problem))
+    )
 
 
 def _forces_and_steps(problem: WalkProblem) -> float:
@@ -72,9 +81,15 @@ def _body(problem: WalkProblem) -> float:
         way = float(start.position_m[axis] - goal.body.position_m[axis])
         pulls = (weights.position, weights.velocity)
         total += _way(way, goal.position_room_m, pulls, body.max_speed_m_s * problem.dt_s, problem)
-    turn, fastest = float(start.rpy_rad[2] - goal.body.rpy_rad[2]), body.fastest_yaw_rad_s
-    pulls = (weights.orientation, weights.velocity * np.cos(body.max_tilt_rad) ** 2)  # yaw' <= |omega| / cos(pitch)
-    return total + _way(turn, goal.rotation_room_rad, pulls, fastest * problem.dt_s, problem)
+    return total + _heading(problem, float(np.cos(body.max_tilt_rad) ** 2))  # yaw' <= |omega| / cos(pitch)
+
+
+def _heading(problem: WalkProblem, share: float) -> float:
+    """Q on the heading, and on its rate with a share of the weight."""
+    weights, room = problem.weights, problem.goal.rotation_room_rad
+    turn = float(problem.start.rpy_rad[2] - problem.goal.body.rpy_rad[2])
+    pulls = (weights.orientation, share * weights.velocity)
+    return _way(turn, room, pulls, problem.body.fastest_yaw_rad_s * problem.dt_s, problem)
 
 
 def _way(start: float, room: float, pulls: tuple[float, float], step: float, problem: WalkProblem) -> float:

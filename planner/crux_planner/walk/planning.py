@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 
 from crux_contracts.robot import Robot
@@ -22,6 +23,7 @@ from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
 from crux_planner.walk.problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.walk.stretch import CUTS, bent
+from crux_planner.walk.twofold import Second
 from crux_planner.work import Progress, Work, begin
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
@@ -162,18 +164,21 @@ def _first_good(
 ) -> PlanResult | InfeasibleError:
     """The first of the walks found that is exact and passes the check, or why none is."""
     failure: InfeasibleError | None = None
-    for _ in range(ATTEMPTS):
-        try:
-            with work.part("contacts", 0.1):
-                knots = next(found, None)
-        except InfeasibleError as none:
-            return failure or none
-        if knots is None:
-            break
-        attempt = _finish(scenario, robot, problem, asked, knots, work, deadline, method)
-        if isinstance(attempt, PlanResult):
-            return attempt
-        failure = failure or attempt
+    with closing(Second(lower_bound)) as second:
+        bound: Callable[[], float] | None = None
+        for _ in range(ATTEMPTS):
+            try:
+                with work.part("contacts", 0.1):
+                    knots = next(found, None)
+            except InfeasibleError as none:
+                return failure or none
+            if knots is None:
+                break
+            bound = bound or second.later(replace(asked, care=problem.care))
+            attempt = _finish(scenario, robot, problem, bound, knots, work, deadline, method)
+            if isinstance(attempt, PlanResult):
+                return attempt
+            failure = failure or attempt
     assert failure is not None
     return failure
 
@@ -182,7 +187,7 @@ def _finish(
     scenario: Scenario,
     robot: Robot,
     problem: WalkProblem,
-    asked: WalkProblem,
+    bound: Callable[[], float],
     knots: WalkKnots,
     work: Work,
     deadline: float,
@@ -203,12 +208,14 @@ def _finish(
             break
         problem = less
     if report.ok:
+        with work.part("bound", 0.95):
+            floor = bound()
         return PlanResult(
             ok=True,
             plan=message,
             check=report,
             cost=solution.cost,
-            gap=gap(solution.cost, lower_bound(asked)),
+            gap=gap(solution.cost, floor),
             iterations=solution.iterations,
             gait=gait.names,
             position_residual_m=solution.position_residual_m,

@@ -48,6 +48,13 @@ class Second(Generic[Question, Answer]):
         answer: Answer = self._link.recv()
         return answer
 
+    def later(self, question: Question) -> Callable[[], Answer]:
+        """Begin with a question where there can be a second process; gives the answer when called, once."""
+        if not self.start():
+            return lambda: self._answer(question)
+        self.ask(question)
+        return self.hear
+
     def answers(self, questions: Sequence[Question]) -> list[Answer]:
         """The answers to all, every second one by the second process where there can be one."""
         told: list[Answer] = []
