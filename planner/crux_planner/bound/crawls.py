@@ -56,7 +56,8 @@ class Crawls:
         low = np.array([first, last - FINAL_FOOT_M, *[first - near for near in self._near_m]])
         high = np.array([first, last + FINAL_FOOT_M, *[first + near for near in self._near_m]])
         self.phases: dict[tuple[Stance, int | None], int] = {}
-        lows, highs, on = [], [], []
+        lows, highs = [], []
+        on: list[list[bool]] = []
         for where in itertools.product(range(len(low)), repeat=4):
             if sum(each >= _NEAR for each in where) > 1:
                 continue
@@ -111,7 +112,7 @@ class Crawls:
         self._begin = number[(_FIRST,) * _ALL_FEET]
         idle = self._lengths == 0.0
         there = [[at == _LAST or (at == _FIRST and idle[limb]) for limb, at in enumerate(s)] for s in stances]
-        self._ends = np.array(there).all(axis=1)
+        self._ends: Flags = np.array([all(feet) for feet in there])
 
     def _told(self, stance: Stance) -> Stance:
         """With more than one foot between, they are anywhere."""
