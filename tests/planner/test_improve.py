@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from dataclasses import dataclass, replace
 
@@ -49,9 +50,9 @@ class Wall:
         return solution.cost
 
 
-def wall_of(robot: Robot, **weights: float) -> Wall:
-    content = two_rows()
-    content["planner"] = {"weights": weights}
+def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs: bool = True) -> Wall:
+    content = two_rows(all_limbs=all_limbs)
+    content["planner"] = {"weights": weights or {}}
     problem = build_problem(scenario(content), robot)
     balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
     later = time.monotonic() + 30
@@ -69,6 +70,36 @@ def improved(wall: Wall) -> Timed:
     timed = improve(wall.costs, wall.moves, time.monotonic() + 30)
     assert timed is not None
     return timed
+
+
+def test_the_other_order_at_another_time_is_found(robot: Robot) -> None:
+    """Two front limbs go up; either first, on either faces, with the time to spare in any stance."""
+    free = wall_of(robot, all_limbs=False)
+    problem, costs = free.problem, free.costs
+    assert [move.limbs for move in free.moves] == [(0,), (1,)]
+    held = free.moves[-1].after
+    found = costs.estimate(improved(free))
+    assert found is not None
+    holds = {limb: problem.contacts[held[limb]].hold for limb in (0, 1)}
+    ends = {
+        limb: [c for c in problem.limb_contacts[limb] if problem.contacts[c].hold == holds[limb]] for limb in (0, 1)
+    }
+    nowhere = np.zeros(3)
+    for order, left, right in itertools.product(((0, 1), (1, 0)), ends[0], ends[1]):
+        stance, moves = problem.start_contacts, []
+        for limb in order:
+            after = (*stance[:limb], (left, right)[limb], *stance[limb + 1 :])
+            moves.append(Move(stance, (after[0], after[1], after[2], after[3]), (limb,), nowhere, nowhere))
+            stance = moves[-1].after
+        if not all(costs.ways.free([(m.before[m.limbs[0]], m.after[m.limbs[0]])], m.support) for m in moves):
+            continue
+        late = replace(free, moves=moves).quickest
+        spare = late.stances[0] - 1
+        for where in range(3):
+            stances = np.array([1, 1, 2])
+            stances[where] += spare
+            other = costs.estimate(replace(late, stances=stances))
+            assert other is None or other.cost > 0.999 * found.cost
 
 
 def test_the_estimate_is_near_the_exact_cost(wall: Wall) -> None:
@@ -117,4 +148,4 @@ def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None
     usual = int(improved(wall).swings.sum())
     assert usual == wall.quickest.swings.sum()
     for weights in ({"lift": 3.0}, {"opening": 3.0}):
-        assert improved(wall_of(robot, **weights)).swings.sum() > usual
+        assert improved(wall_of(robot, weights)).swings.sum() > usual

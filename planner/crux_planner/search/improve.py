@@ -2,7 +2,8 @@
 
 The search for contacts finds the quickest sequence; this one looks for a cheaper one near it. A neighbour moves one
 step elsewhere in the order, sends a limb to another contact or straight to its next one, or shifts knots between
-stances and swings; each is judged by `EventCost`. The work is counted in estimates, so that it is the same every time.
+stances and swings; where none is better, the steps change together with when the body waits. Each is judged by
+`EventCost`. The work is counted in estimates, so that it is the same every time.
 """
 
 from __future__ import annotations
@@ -67,6 +68,8 @@ class _Improvement:
             best, in_order = self._climb(best, self._other_steps)
             best, in_time = self._climb(best, self._other_times)
             improved = in_order and in_time
+            if not improved:
+                best, improved = self._climb(best, self._others_anew)
         places = best.estimate.places
         timed = [replace(m, lift_off=p[0], touch_down=p[1]) for m, p in zip(best.timed.moves, places, strict=True)]
         return replace(best.timed, moves=timed)
@@ -123,6 +126,15 @@ class _Improvement:
             timed = None if moves is None else self._as_before(moves, best.timed)
             if timed is not None:
                 yield steps, timed
+
+    def _others_anew(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
+        """Other steps, which may be worth it with the spare time at the start or at the end."""
+        for steps in self._rearranged(best.steps):
+            moves = self._moves(steps)
+            for where in (len(steps), 0) if moves is not None else ():
+                timed = self._quick(moves or [], where)
+                if timed is not None:
+                    yield steps, timed
 
     def _rearranged(self, steps: Steps) -> Iterator[Steps]:
         count = len(steps)
