@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
@@ -15,7 +17,7 @@ from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.calm import TooHasty, slowed
-from crux_planner.search.schedule import Schedule, lay_out
+from crux_planner.search.schedule import Schedule, lay_out, least_durations
 from crux_planner.search.stances import Move, Reach
 from crux_planner.search.ways import Ways
 from crux_planner.solution import Start
@@ -30,6 +32,17 @@ def evenly(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: 
     """The moves as they are, the time to spare spread over stances and swings. Raises InfeasibleError."""
     moves = smooth_events(problem, balance, reach, ways, moves)
     return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+
+
+def in_time(
+    problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move], spare: int = 0
+) -> tuple[Problem, Schedule]:
+    """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
+    moves = smooth_events(problem, balance, reach, ways, moves)
+    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+    needed = int(sum(part.sum() for part in least_durations(problem, ways, moves, step)))
+    problem = replace(problem, steps=max(problem.steps, needed) + spare)
+    return problem, lay_out(problem, ways, moves, step)
 
 
 def path_to_goal(problem: Problem, balance: Balance, schedule: Schedule) -> tuple[Problem, BodyPath | None]:

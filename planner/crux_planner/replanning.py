@@ -25,11 +25,11 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.planning import plan, realise_moves
 from crux_planner.poses import check_body, pose_in_heading_frame
 from crux_planner.problem import Pose, Problem
-from crux_planner.realise import Failure, finish
+from crux_planner.realise import Failure, finish, in_time
 from crux_planner.result import PlanResult
 from crux_planner.search.balance import Balance
-from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
-from crux_planner.search.schedule import Schedule, lay_out, least_durations
+from crux_planner.search.body_path import knot_path
+from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Move, Reach, search
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
@@ -133,11 +133,7 @@ class Planner:
 
     def _lay_out(self, problem: Problem, moves: list[Move], spare: int) -> tuple[Problem, Schedule, Start] | None:
         """Moves with knots to spare beyond what they need, None where the body has no path."""
-        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-        moves = smooth_events(problem, self.balance, self.reach, self.ways, moves)
-        needed = int(sum(part.sum() for part in least_durations(problem, self.ways, moves, step)))
-        problem = replace(problem, steps=max(problem.steps, needed) + spare)
-        schedule = lay_out(problem, self.ways, moves, step)
+        problem, schedule = in_time(problem, self.balance, self.reach, self.ways, moves, spare)
         path = knot_path(self._as_level(problem), self.balance, schedule)
         return None if path is None else (problem, schedule, start_from_path(problem, path))
 
@@ -154,11 +150,8 @@ class Planner:
         deadline: float,
     ) -> PlanResult | Failure:
         """A checked plan for moves of a problem of its own, with the steps they need."""
-        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-        smooth = smooth_events(problem, balance, reach, ways, moves)
-        needed = int(sum(part.sum() for part in least_durations(problem, ways, smooth, step)))
-        steps = max(problem.steps, needed)
-        scenario, problem = rewritten(scenario, steps=steps), replace(problem, steps=steps)
+        problem, _ = in_time(problem, balance, reach, ways, moves)
+        scenario = rewritten(scenario, steps=problem.steps)
         return realise_moves(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
 
     def _finish(

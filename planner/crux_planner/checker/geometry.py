@@ -36,6 +36,15 @@ def turned(rotation: Array, vector: Array) -> Array:
     return np.asarray(rotation[..., :, 0] * x + rotation[..., :, 1] * y + rotation[..., :, 2] * z)
 
 
+def turned_constant(rotation: Array, vector: Array) -> Array:
+    """R v, shapes (n, 3, 3), (3,) -> (n, 3), by the components of v that are not zero."""
+    found = np.zeros((3, len(rotation)))
+    for along, column in zip(vector, rotation.T, strict=True):
+        if along != 0.0:
+            found += along * column
+    return found.T
+
+
 def turned_back(rotation: Array, vector: Array) -> Array:
     """R^T v, shapes (..., 3, 3), (..., 3) -> (..., 3)."""
     x, y, z = vector[..., 0, None], vector[..., 1, None], vector[..., 2, None]

@@ -125,7 +125,8 @@ class Limb:
         for joint, before, back in self._turns:
             if joint.origin_m.any():
                 position = position + np.tensordot(joint.origin_m, columns, axes=1)
-            columns = np.tensordot(before, columns, axes=1)
+            if (before != np.eye(3)).any():
+                columns = np.tensordot(before, columns, axes=1)
             if joint.kind == "revolute":
                 origins[:, i], axes[:, i] = position, columns[2]
                 turned = np.empty((3, 3, n))

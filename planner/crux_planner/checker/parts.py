@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, rotation_about_z, turned, turned_by
+from crux_planner.checker.geometry import Array, rotation_about_z, turned, turned_by, turned_constant
 from crux_planner.checker.kinematics import LimbMotion
 from crux_planner.checker.limb_model import Limb, Link
 from crux_planner.checker.sampling import Samples
@@ -83,13 +83,13 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
             position, rotation = gripper + turned(hand, offset), turned_by(hand, slide.rotation)
         kind = "finger" if finger else "palm"
         for capsule in link.capsules:
-            start, end = (position + turned(rotation, point) for point in (capsule.start_m, capsule.end_m))
+            start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
             parts.append(Part(kind, finger, start, end, capsule.radius_m))
         for box in link.boxes:
-            centre = position + turned(rotation, box.centre_m)
+            centre = position + turned_constant(rotation, box.centre_m)
             parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
         if finger:
-            pad = position + turned(rotation, pad_radius_m * slide.axis)
+            pad = position + turned_constant(rotation, pad_radius_m * slide.axis)
             following = np.concatenate([pad[1:], pad[-1:]])
             parts.append(Part(kind, finger, pad, following, pad_radius_m))
     return parts
@@ -97,20 +97,18 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
 
 def _link_parts(samples: Samples, link: Link, motion: LimbMotion) -> list[Part]:
     """A link's shapes as inverse kinematics has them."""
-    position, rotation = motion.state.link_position_m[link.name], motion.state.link_rotation[link.name]
-
-    def place(point: Array) -> Array:
-        found = samples.body_position + turned(samples.rotation, position + turned(rotation, point))
-        found[~motion.reached] = np.nan  # nowhere: reported as out of reach already
-        return found
-
+    if not (link.capsules or link.boxes):
+        return []
+    position = samples.body_position + turned(samples.rotation, motion.state.link_position_m[link.name])
+    position[~motion.reached] = np.nan  # nowhere: reported as out of reach already
+    rotation = np.einsum("nij,njk->ikn", samples.rotation, motion.state.link_rotation[link.name]).transpose(2, 0, 1)
     parts = []
     for capsule in link.capsules:
-        parts.append(Part("link", None, place(capsule.start_m), place(capsule.end_m), capsule.radius_m))
+        start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
+        parts.append(Part("link", None, start, end, capsule.radius_m))
     for box in link.boxes:
-        centre = place(box.centre_m)
-        turn = turned_by(np.einsum("nij,njk->nik", samples.rotation, rotation), box.rotation)
-        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turn))
+        centre = position + turned_constant(rotation, box.centre_m)
+        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
     return parts
 
 
@@ -119,9 +117,9 @@ def body_parts(samples: Samples, body: Link) -> list[Part]:
     position, rotation = samples.body_position, samples.rotation
     parts = []
     for box in body.boxes:
-        centre = position + turned(rotation, box.centre_m)
+        centre = position + turned_constant(rotation, box.centre_m)
         parts.append(Part("body", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
     for capsule in body.capsules:
-        start, end = (position + turned(rotation, point) for point in (capsule.start_m, capsule.end_m))
+        start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
         parts.append(Part("body", None, start, end, capsule.radius_m))
     return parts
