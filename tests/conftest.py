@@ -5,11 +5,16 @@ from __future__ import annotations
 import signal
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that no long file begins last
 
 # Not ignored as in a job in the background, for what tests start inherits that and could not be interrupted.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# A busy machine makes no test fail: how long one example takes is not what these tests are about.
+settings.register_profile("busy machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy machine")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
