@@ -140,6 +140,15 @@ def test_walls_that_are_climbed_are_not_denied(seed: int) -> None:
     assert proven(parse_scenario(random_wall(seed, all_limbs=True))) is None
 
 
+def test_a_goal_at_the_start_of_few_steps_is_not_denied() -> None:
+    """From knot to knot the body may turn by more than half of what it can turn in all."""
+    wall = two_rows()
+    wall["goal"]["grasps"] = dict(wall["start"]["grasps"])
+    wall["goal"]["body"] = {**wall["start"]["body"], "tolerance_m": 0.001, "tolerance_deg": 0.1}
+    wall["horizon"]["steps"] = 2
+    assert proven(scenario(wall)) is None
+
+
 def test_a_gap_between_the_holds_is_proven_by_search() -> None:
     wall = two_rows()
     wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (0.86, 1.14) for y in (0.36, -0.36)]

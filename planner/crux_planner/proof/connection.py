@@ -151,7 +151,7 @@ class Connection:
 
 def _widened(bins: Flags, hop: int) -> Flags:
     """Bins within `hop` of some of `bins`."""
-    return np.convolve(bins, np.ones(2 * hop + 1), mode="same") > 0.5
+    return np.convolve(bins, np.ones(2 * hop + 1))[hop : hop + len(bins)] > 0.5
 
 
 def _joined(fits: Flags, seeds: Flags, hop: int) -> Flags:
