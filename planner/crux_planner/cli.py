@@ -152,6 +152,8 @@ def _fail(args: argparse.Namespace, message: str, status: int, **more: str | boo
 
 
 def _show(result: PlanResult, output: Path) -> None:
+    from crux_contracts.interpolation import is_walk
+
     print(f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}")
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
@@ -160,7 +162,8 @@ def _show(result: PlanResult, output: Path) -> None:
         f"cost {result.cost:.3f}"
     )
     if result.gap is not None:
-        print(f"proven: no plan costs less than {100 * (1 - result.gap):.0f} % of that")
+        others = "walk of single steps" if is_walk(result.plan) else "plan"
+        print(f"proven: no {others} costs less than {100 * (1 - result.gap):.0f} % of that")
     if margin is not None:
         print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N")
 
