@@ -175,13 +175,16 @@ PerLimb<Wrench> ControlCore::balanced_on_feet(const PlanReference& reference) co
   // Forces act at the foot points; the plan's own sum of forces stands, for a walk accelerates.
   const Vector3 below(0.0, 0.0, -robot_.gripper.pad_radius_m);
   PerLimb<Bearer> bearers;
+  PerLimb<Vector3> feet_W_m;
   Vector3 total_N = Vector3::Zero();
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    bearers[l] = {limbs_[l].anchor_W_m(limb) + below, Vector3::Zero(), limb.load, {limb.wrench_W.force_N, {0, 0, 0}}};
+    feet_W_m[l] = limbs_[l].anchor_W_m(limb) + below;
+    bearers[l] = {feet_W_m[l], Vector3::Zero(), limb.load, {limb.wrench_W.force_N, {0, 0, 0}}};
     total_N += limb.wrench_W.force_N;
   }
   PerLimb<Wrench> wrenches = balanced_wrenches(bearers, com_W_m_, -total_N, 0.0);
+  share_along_plane(feet_W_m, wrenches);
   for (Wrench& wrench : wrenches) wrench.moment_Nm += below.cross(wrench.force_N);
   return wrenches;
 }

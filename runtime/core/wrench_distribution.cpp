@@ -3,6 +3,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
+#include <algorithm>
+
 namespace crux {
 namespace {
 
@@ -40,6 +42,34 @@ PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& c
     wrenches[l].moment_Nm += share[3] * twist_length_m * limbs[l].finger_axis_W;
   }
   return wrenches;
+}
+
+void share_along_plane(const PerLimb<Vector3>& foot_W_m, PerLimb<Wrench>& wrenches) noexcept {
+  PerLimb<double> weight{};
+  double total = 0.0;
+  Vector3 centre_W_m = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) {
+    weight[l] = std::max(wrenches[l].force_N.z(), 0.0);
+    total += weight[l];
+    centre_W_m += weight[l] * foot_W_m[l];
+  }
+  if (total <= 0.0) return;
+  centre_W_m /= total;
+  // About the centre of the weights the least forces are a push that all share and a turn that grows with the distance.
+  Vector3 push_N = Vector3::Zero();
+  double turn_Nm = 0.0, inertia_m2 = 0.0;
+  for (int l = 0; l < kLimbs; ++l) {
+    const Vector3 arm = foot_W_m[l] - centre_W_m;
+    push_N += wrenches[l].force_N;
+    turn_Nm += arm.cross(wrenches[l].force_N).z();
+    inertia_m2 += weight[l] * arm.head<2>().squaredNorm();
+  }
+  if (inertia_m2 <= kRegularisation * total) return;  // a single foot bears all: nothing to share
+  for (int l = 0; l < kLimbs; ++l) {
+    const Vector3 arm = foot_W_m[l] - centre_W_m;
+    const Vector3 force_N = weight[l] * (push_N / total + turn_Nm / inertia_m2 * Vector3::UnitZ().cross(arm));
+    wrenches[l].force_N.head<2>() = force_N.head<2>();
+  }
 }
 
 }  // namespace crux

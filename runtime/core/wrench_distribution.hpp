@@ -21,4 +21,10 @@ struct Bearer {
 PerLimb<Wrench> balanced_wrenches(const PerLimb<Bearer>& limbs, const Vector3& com_W_m, const Vector3& weight_W_N,
                                   double twist_length_m) noexcept;
 
+/// Forces of point feet on one plane z = const, `wrenches` balanced there, with what acts along the plane shared anew:
+/// the same normal forces, the same net force and moment, least Σ |f_t|²/fz. So every foot uses the same share of its
+/// friction but for what turns the body. Balancing alone may halve a foot's planned normal force and leave it the
+/// planned force along a slope, more than friction holds. Moments at the feet are left alone.
+void share_along_plane(const PerLimb<Vector3>& foot_W_m, PerLimb<Wrench>& wrenches) noexcept;
+
 }  // namespace crux

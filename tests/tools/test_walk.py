@@ -16,6 +16,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import plan
 from crux_tools.bench.judge import pad_travel
+from crux_tools.telemetry.reader import read_log
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
@@ -31,6 +32,12 @@ def test_the_flat_walk_reaches_its_goal(tmp_path: Path) -> None:
     assert not result["fell"]
     assert result["slips"] == 0
     assert result["tracking"]["body_m"] < 0.02
+
+    # What acts along the wall follows the normal forces: as planned, feet are asked for 0.38 of theirs.
+    climb = read_log(log)
+    force_n = climb.limbs["force_reference_w_n"][climb.state["plan_time_s"] > 0]
+    along, normal = np.hypot(force_n[..., 0], force_n[..., 1]), force_n[..., 2]
+    assert np.all(along < 0.25 * normal + 0.1)
 
 
 @pytest.mark.parametrize(("axis", "slid"), [(0, 0.02), (1, 0.02), (2, 0.0)])

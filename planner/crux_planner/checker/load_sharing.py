@@ -18,6 +18,27 @@ from crux_planner.checker.report import PeakTorque
 from crux_planner.checker.sampling import Samples, on_pads
 
 
+def along_plane(feet_w_m: Array, force_w: Array) -> Array:
+    """Forces (T, 4, 3) of point feet at (T, 4, 3) with what acts along the wall shared by how hard each foot presses.
+
+    Least sum of |f_t|^2 / f_z with the same normal forces and the same sums of forces and moments: the controller's
+    sharing, which keeps a foot that presses less than planned inside its friction.
+    """
+    weight = np.maximum(force_w[:, :, 2], 0.0)[:, :, None]
+    root = np.sqrt(weight[:, :, 0])
+    centred = feet_w_m - feet_w_m.mean(axis=1, keepdims=True)
+    x, y = centred[:, :, 0], centred[:, :, 1]
+    effects = np.zeros((len(force_w), 3, 4, 2))  # of each foot's force on the sums along x, along y and about z
+    effects[:, 0, :, 0] = effects[:, 1, :, 1] = 1.0
+    effects[:, 2, :, 0], effects[:, 2, :, 1] = -y, x
+    sums = np.einsum("tilj,tlj->ti", effects, force_w[:, :, :2])
+    scaled = (effects * root[:, None, :, None]).reshape(len(force_w), 3, 8)
+    least = np.einsum("tji,ti->tj", np.linalg.pinv(scaled), sums)
+    shared = force_w.copy()
+    shared[:, :, :2] = root[:, :, None] * least.reshape(-1, 4, 2)
+    return shared
+
+
 def largest_torque(
     samples: Samples,
     motions: list[LimbMotion],
@@ -35,7 +56,7 @@ def largest_torque(
     force, moment, _ = corrected_wrenches(samples, twist_length_m, pad_radius_m is not None, centre)
     shared = replace(samples, force=force, moment=moment)
     if pad_radius_m is not None:
-        shared = on_pads(shared, pad_radius_m)
+        shared = on_pads(replace(shared, force=along_plane(samples.gripper_position, force)), pad_radius_m)
     gravity_b = turned_back(samples.rotation, gravity_w)
     torques = []
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):

@@ -10,6 +10,7 @@ from crux_contracts.robot import load_robot
 from crux_planner.checker import check_plan
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
+from crux_planner.checker.load_sharing import along_plane
 
 from .broken import VALID
 
@@ -68,3 +69,24 @@ def test_the_largest_torque_holds_the_robot_at_its_true_centre_of_mass() -> None
     asked = abs(torque[model.joints[model.getJointId(peak.joint)].idx_v])
     assert peak.torque_Nm == pytest.approx(asked, abs=1e-3)
     assert peak.share == pytest.approx(asked / peak.effort_limit_Nm, abs=1e-3)
+
+
+def test_feet_share_what_acts_along_the_wall_by_how_hard_they_press() -> None:
+    """Feet that pull at each other without need are told not to, and one in the air is left out."""
+    random = np.random.default_rng(5)
+    feet = np.zeros((20, 4, 3))
+    feet[..., :2] = np.array([[0.14, 0.36], [0.14, -0.36], [-0.14, 0.36], [-0.14, -0.36]])
+    feet[..., :2] += random.uniform(-0.05, 0.05, (20, 4, 2))
+    normal = random.uniform(2.0, 40.0, (20, 4))
+    normal[:10, 2] = 0.0
+    alike = normal[..., None] * np.array([0.36, 0.05, 1.0])
+    pull = random.uniform(-60.0, 60.0, (20, 1)) * (feet[:, 1] - feet[:, 0])
+    given = alike.copy()
+    given[:, 0] += pull
+    given[:, 1] -= pull
+    np.testing.assert_allclose(along_plane(feet, given), alike, atol=1e-9)
+
+    given[..., :2] += random.uniform(-5.0, 5.0, (20, 4, 2)) * (normal > 0.0)[..., None]  # now the body is turned, too
+    shared = along_plane(feet, given)
+    np.testing.assert_allclose(shared.sum(axis=1), given.sum(axis=1), atol=1e-9)
+    np.testing.assert_allclose(np.cross(feet, shared).sum(axis=1), np.cross(feet, given).sum(axis=1), atol=1e-9)

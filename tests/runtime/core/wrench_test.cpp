@@ -109,6 +109,62 @@ TEST(WrenchDistribution, IsTheNearestBalancedSet) {
   }
 }
 
+class AlongThePlane : public testing::Test {
+ protected:
+  AlongThePlane() {
+    for (int l = 0; l < kLimbs; ++l) {
+      feet_[l] = Vector3(l < 2 ? 0.14 : -0.14, l % 2 == 0 ? 0.36 : -0.36, 0.0) + random_.vector(0.05);
+      feet_[l].z() = 0.0;
+      forces_[l] = random_.wrench(8.0, 0.3);
+      forces_[l].force_N.z() = random_.uniform(2.0, 40.0);
+    }
+  }
+  PerLimb<Wrench> shared() const {
+    PerLimb<Wrench> wrenches = forces_;
+    share_along_plane(feet_, wrenches);
+    return wrenches;
+  }
+
+  Random random_{14};
+  PerLimb<Vector3> feet_;
+  PerLimb<Wrench> forces_;
+};
+
+TEST_F(AlongThePlane, KeepsNormalForcesMomentsAndTheBalance) {
+  for (const int without : {kLimbs, 0, 3}) {
+    if (without < kLimbs) forces_[without] = {};
+    const PerLimb<Wrench> after = shared();
+    const Wrench before_net = net(forces_, feet_, {0.01, 0.02, 0.18}),
+                 after_net = net(after, feet_, {0.01, 0.02, 0.18});
+    EXPECT_LT((after_net.force_N - before_net.force_N).norm(), 1e-10);
+    EXPECT_LT((after_net.moment_Nm - before_net.moment_Nm).norm(), 1e-10);
+    for (int l = 0; l < kLimbs; ++l) {
+      EXPECT_EQ(after[l].force_N.z(), forces_[l].force_N.z());
+      EXPECT_EQ(after[l].moment_Nm, forces_[l].moment_Nm);
+    }
+  }
+}
+
+TEST_F(AlongThePlane, NoFootUsesMoreOfItsFrictionThanAnotherOnASlope) {
+  const Vector3 uphill(0.36, 0.05, 1.0);
+  forces_[0].force_N.z() = 6.0;
+  forces_[3].force_N.z() = 0.0;
+  for (Wrench& wrench : forces_) wrench.force_N = wrench.force_N.z() * uphill;
+  const PerLimb<Wrench> alike = forces_;
+  for (int a = 0; a < 3; ++a) {  // feet that pull at each other hold nothing up
+    const Vector3 pull = random_.uniform(-60.0, 60.0) * (feet_[(a + 1) % 3] - feet_[a]);
+    forces_[a].force_N += pull;
+    forces_[(a + 1) % 3].force_N -= pull;
+  }
+  const PerLimb<Wrench> after = shared();
+  for (int l = 0; l < kLimbs; ++l) EXPECT_LT((after[l].force_N - alike[l].force_N).norm(), 1e-10);
+}
+
+TEST_F(AlongThePlane, AFootAloneKeepsWhatItHas) {
+  for (int l = 1; l < kLimbs; ++l) forces_[l] = {};
+  EXPECT_EQ(shared()[0].force_N, forces_[0].force_N);
+}
+
 class InternalErrors : public testing::Test {
  protected:
   PerLimb<Wrench> project(const PerLimb<Wrench>& errors) const {
