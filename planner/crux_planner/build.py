@@ -205,7 +205,7 @@ def _contacts(
                 for yaw, swapped in yaws_in_range(normal, yaw_range):
                     contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
             if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
-                unusable[index, pair] = f"its neighbours leave the fingers no room to open ({limits.clearance_m:g} m)"
+                unusable[index, pair] = f"its neighbours leave the fingers no space to open ({limits.clearance_m:g} m)"
     fingers = sorted(set(contact.spines_only.values()))
     return contacts + [replace(c, spines_only=finger) for finger in fingers for c in contacts], unusable
 

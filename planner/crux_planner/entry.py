@@ -13,7 +13,7 @@ from crux_planner.result import PlanResult
 def plan(scenario: Scenario, robot: Robot, **options: Any) -> PlanResult:
     """Plan a climb or a walk and check it; `options` are those of planning.plan, without `prove_s` for walks.
 
-    Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
+    Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
     if scenario.contact.model == "point":
         from crux_planner.walk.planning import plan as plan_walk

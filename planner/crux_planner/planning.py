@@ -59,7 +59,7 @@ def plan(
     The gap is what a bound beside the planning proves with a fixed amount of work; with `prove_s`, it goes on for up to
     so long.
 
-    Raises ScenarioError where the scenario must be mended, InfeasibleError where no plan exists or none was found.
+    Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
     with work.part("problem", 0.0):

@@ -72,7 +72,7 @@ Options parse_options(std::span<const char* const> arguments) {
                                                         "--pace",  "--lcm", "--log",      "--guard-time"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
-    if (++i == arguments.size()) throw OptionError(name + " needs a value; --help tells which");
+    if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
     const std::string value = arguments[i];
     if (name == "--robot") options.robot = value;
     if (name == "--bus") set_bus(options, value);

@@ -158,7 +158,7 @@ std::string stance_defect(const RobotDescription& robot, const plan_t& plan, boo
       moved = std::max(moved, std::abs(limb.gripper_position_w_m[i] - before.gripper_position_w_m[i]));
     }
     if (moved > kPoseTolerance || limb.hold != before.hold) {
-      return Sentence() << where << "the gripper moves in stance; it must let go first";
+      return Sentence() << where << "the gripper moves in stance; it must release its hold first";
     }
   }
   return {};

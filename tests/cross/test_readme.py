@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -14,9 +15,10 @@ from crux_tools import cli
 from crux_tools.paths import ROOT, SCENARIOS
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-ROOMS = ("msgs", "planner", "runtime", "firmware", "tools", "tests")
-OTHER_PAGES = [*(page for room in ROOMS for page in sorted((ROOT / room).rglob("*.md")))]
-OTHER_PAGES += [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+COMPONENTS = ("msgs", "planner", "runtime", "firmware", "tools", "tests")
+OTHER_PAGES = [*(page for component in COMPONENTS for page in sorted((ROOT / component).rglob("*.md")))]
+OTHER_PAGES += [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+GLOSSARY = ROOT / "docs" / "glossary.md"
 PAGES = [ROOT / "README.md", *OTHER_PAGES]
 MAX_PICTURE_BYTES = 400_000
 
@@ -73,7 +75,7 @@ def test_commands_have_the_options_that_pages_name(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_that_pages_name_exist(page: Path) -> None:
-    for name in re.findall(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})/[\w./*-]+)", _code(page)):
+    for name in re.findall(rf"(?<![\w/.])((?:{'|'.join(COMPONENTS)})/[\w./*-]+)", _code(page)):
         pattern = name.rstrip("./").replace("NAME", "*") + "*"  # a name may leave its ending out
         beside = [*ROOT.glob(pattern), *page.parent.glob(pattern)]
         assert beside, f"{page.name} names {name}"
@@ -97,10 +99,34 @@ def test_commands_in_the_readme_exist() -> None:
     assert asked - targets == set()
 
 
-def test_every_scene_and_every_room_has_its_word() -> None:
+def _helps(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    """The help of a command and of the commands below it."""
+    texts = [parser.description, parser.epilog, *(action.help for action in parser._actions)]
+    yield name, "\n".join(filter(None, texts))
+    for below, child in _below(parser).items():
+        yield from _helps(f"{name} {below}", child)
+
+
+def test_pages_and_help_keep_to_the_words_of_the_glossary() -> None:
+    rows = GLOSSARY.read_text(encoding="utf-8").split("| write | not |")[1].splitlines()[2:]
+    avoided = [word.strip() for row in rows for word in row.split("|")[2].split(",")]
+    assert "room" in avoided
+    texts = [
+        (page.name, re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", " ", page.read_text(encoding="utf-8"), flags=re.DOTALL))
+        for page in PAGES
+        if page != GLOSSARY
+    ]
+    texts += [found for name in cli.COMMANDS for found in _helps(f"crux {name}", _parser(name))]
+    texts += [("crux", text) for text in (command.help for command in cli.COMMANDS.values())]
+    wrong = re.compile(rf"(?i)(?<!crux )\b({'|'.join(map(re.escape, avoided))})\b")  # but the command crux bench
+    found = [f"{where}: {hit[0]}" for where, text in texts for hit in wrong.finditer(text)]
+    assert not found, "docs/glossary.md says what to write"
+
+
+def test_every_scene_and_every_component_has_its_word() -> None:
     scenes = (ROOT / "msgs" / "README.md").read_text(encoding="utf-8").split("| scene | is |")[1].split("\n\n")[0]
     assert {path.stem for path in SCENARIOS.glob("*.yaml")} == set(re.findall(r"`([a-z-]+)`", scenes))
-    assert {page.parent.name for page in OTHER_PAGES if page.name == "README.md"} >= set(ROOMS)
+    assert {page.parent.name for page in OTHER_PAGES if page.name == "README.md"} >= set(COMPONENTS)
 
 
 def test_the_picture_is_small() -> None:

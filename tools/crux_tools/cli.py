@@ -33,7 +33,7 @@ COMMANDS: dict[str, Command] = {
     "check": Command(
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
     ),
-    "climb": Command("run a plan on the hardware-in-the-loop bench", "crux_tools.bench.climb_command"),
+    "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_tools.bench.climb_command"),
     "upload": Command("send a plan to a running runtime", _OPERATOR, "add_upload_parser", "run_upload"),
     "start": Command("let the runtime climb the uploaded plan", _OPERATOR, "add_start_parser", "run_start"),
     "hold": Command("stop climbing and hold on", _OPERATOR, "add_hold_parser", "run_hold"),

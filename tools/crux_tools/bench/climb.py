@@ -185,7 +185,7 @@ def climb(
         loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
-            note("crux climb: no permission for SCHED_FIFO; other programs may make the bench late")
+            note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
         outcome = loop.run()
         interrupts = None
         if boards is not None:

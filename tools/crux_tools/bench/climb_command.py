@@ -1,4 +1,4 @@
-"""`crux climb`: run a plan on the hardware-in-the-loop bench."""
+"""`crux climb`: run a plan in the hardware-in-the-loop simulation."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 from crux_tools.arguments import taught, whole
 from crux_tools.output import add_json_option, note, print_json, progress
 
-_DESCRIPTION = """Runs a plan on the hardware-in-the-loop bench: starts the runtime as its own process, 24 joint and 4
+_DESCRIPTION = """Runs a plan in the hardware-in-the-loop simulation: starts the runtime as its own process, 24 joint and 4
 gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan,
-climbs, and judges the climb on what happened in physics. Runs side by side do not hear each other."""
+climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux climb`."""
     parser = subparsers.add_parser(
         "climb",
-        help="run a plan on the hardware-in-the-loop bench",
+        help="run a plan in the hardware-in-the-loop simulation",
         **taught(_DESCRIPTION, *_EXAMPLES),
     )
     parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")

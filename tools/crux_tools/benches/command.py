@@ -69,8 +69,8 @@ def add_parser(subparsers: Any) -> None:
         importlib.import_module(bench.module).add_arguments(one)
         add_json_option(one)
         one.set_defaults(func=run)
-    teaching = taught("Every bench, one by one.", "crux bench all")
-    everything = names.add_parser("all", help="every bench with its defaults", **teaching)
+    teaching = taught("Every benchmark, one by one.", "crux bench all")
+    everything = names.add_parser("all", help="every benchmark with its defaults", **teaching)
     add_json_option(everything)
     everything.set_defaults(func=run)
 

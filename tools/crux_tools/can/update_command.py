@@ -128,7 +128,7 @@ def suitable(images: list[Image], link: NodeLink, state: dict[str, Any], source:
         running = version_text(state["version"])
         raise UsageError(f"{source}: version {version_text(image.version)} is not newer than {running}")
     if len(image.payload) > state["capacity"]:
-        raise UsageError(f"{source}: {len(image.payload)} bytes, {link.name} has room for {state['capacity']}")
+        raise UsageError(f"{source}: {len(image.payload)} bytes, {link.name} has space for {state['capacity']}")
     return image
 
 

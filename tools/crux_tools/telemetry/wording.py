@@ -52,7 +52,7 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
         if timing.realtime:
             table += [("period", _percentiles(timing.period_us)), ("late", _percentiles(timing.late_us))]
         else:
-            table.append(("pace", "lockstep with the bench: the time between cycles means nothing"))
+            table.append(("pace", "lockstep with the simulation: the time between cycles means nothing"))
     if summary.refusals:
         table.append(("refused requests", "; ".join(summary.refusals)))
     return table

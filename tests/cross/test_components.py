@@ -1,4 +1,4 @@
-"""Who may use whom: rooms know only what stands before them in the way of the data, tools the planner's public part."""
+"""Who may use whom: components know only what precedes them in the data flow, tools the planner's public part."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOM_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
-ROOM_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
+COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
+COMPONENT_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
 PUBLIC = re.compile(r"crux_planner(\.(errors|replanning|alone|checker(\.\w+)*))?")
 FOLDERS = {"core": set(), "bus": {"core"}, "exchange": {"core", "bus"}, "lcm": {"core", "bus", "exchange"}}
 FOLDERS |= {"telemetry": {"exchange"}, "app": {"core", "bus", "exchange", "lcm", "telemetry"}}
 NODE = {"safety": set(), "core": {"safety"}, "service": {"core", "safety", "update"}}
 NODE |= {"update": {"core", "safety", "service"}}
-WORDS = {"codec.h", "frame.h", "parameters.h"}  # of the core: names and layouts, which the safety room uses too
+WORDS = {"codec.h", "frame.h", "parameters.h"}  # of the core: names and layouts, which the safety component uses too
 
 
-def python_imports(room: str) -> Iterator[tuple[Path, str]]:
-    for path in sorted((ROOT / room).rglob("*.py")):
+def python_imports(component: str) -> Iterator[tuple[Path, str]]:
+    for path in sorted((ROOT / component).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 yield from ((path, name.name) for name in node.names)
@@ -36,10 +36,12 @@ def includes(folder: Path) -> Iterator[tuple[Path, str]]:
             yield path, name
 
 
-@pytest.mark.parametrize("room", MAY_USE)
-def test_python_of_a_room_imports_only_what_stands_before_it(room: str) -> None:
-    used = [(path, name, ROOM_OF.get(name.partition(".")[0], room)) for path, name in python_imports(room)]
-    astray = [f"{path}: {name}" for path, name, of in used if of not in {room, *MAY_USE[room]}]
+@pytest.mark.parametrize("component", MAY_USE)
+def test_python_of_a_component_imports_only_what_precedes_it(component: str) -> None:
+    used = [
+        (path, name, COMPONENT_OF.get(name.partition(".")[0], component)) for path, name in python_imports(component)
+    ]
+    astray = [f"{path}: {name}" for path, name, of in used if of not in {component, *MAY_USE[component]}]
     assert not astray
 
 
