@@ -9,9 +9,9 @@ from typing import Any
 from crux_tools.arguments import taught, whole
 from crux_tools.output import add_json_option, note, print_json, progress
 
-_DESCRIPTION = """Runs a plan in the hardware-in-the-loop simulation: starts the runtime as its own process, 24 joint and 4
-gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan,
-climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other."""
+_DESCRIPTION = """Runs a plan in the hardware-in-the-loop simulation: starts the runtime as its own process, 24 joint
+and 4 gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the
+plan, climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
