@@ -60,7 +60,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--emulate",
         metavar="NODES",
-        help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all",
+        help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
+        "(a tool for tests; needs make build)",
     )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
