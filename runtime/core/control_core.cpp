@@ -247,7 +247,7 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
 
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
   const double max_normal_N = std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N);
-  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N};
+  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N, reference.finger_opening_m};
   return required_grasp_force_N(wrench_W, finger_axis(reference), contact, robot_.control);
 }
 
@@ -256,13 +256,15 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     for (int l = 0; l < kLimbs; ++l) limbs_[l].grasp(reference.limbs[l], 0.0, dt_s);
     return;
   }
-  // The grasp leads the load: it is strong enough for what comes within the lead time as well.
+  // The grasp leads the load: it is strong enough for what comes within the lead time as well, and for what its sensor
+  // feels beyond the plan. A sensor that fails leaves what it felt last.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
   const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
+    if (now.gripping()) force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
       force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
     }

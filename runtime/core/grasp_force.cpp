@@ -1,5 +1,7 @@
 #include "core/grasp_force.hpp"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <cmath>
 
@@ -14,11 +16,15 @@ constexpr double kTouchShare = 0.3;
 double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                               const ControlParameters& control) {
   const double normal_N = wrench_W.force_N.dot(finger_axis_W);
-  const double shear_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W).norm();
-  const double twist_Nm = 0.5 * std::abs(wrench_W.moment_Nm.dot(finger_axis_W));
-  const double friction_N = std::hypot(shear_N, twist_Nm / contact.patch_k_m) / contact.friction;
-  const double needed_N =
-      control.grasp_force_factor * friction_N + 0.5 * std::abs(normal_N) + control.grasp_force_reserve_N;
+  const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
+  const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
+  const double twist_N = 0.5 * wrench_W.moment_Nm.dot(finger_axis_W) / contact.patch_k_m;
+  // Of the pad at +axis (side 1) or −axis (−1).
+  const auto pressed_N = [&](double side) {
+    const double demand_N = std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N);
+    return control.grasp_force_factor * demand_N / contact.friction - side * 0.5 * normal_N;
+  };
+  const double needed_N = std::max(pressed_N(1.0), pressed_N(-1.0)) + control.grasp_force_reserve_N;
   return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
 }
 

@@ -8,12 +8,16 @@ namespace crux {
 
 struct Contact {
   double friction = 0.0;
-  double patch_k_m = 0.0;     ///< k of equation (2)
-  double max_normal_N = 0.0;  ///< of the plan's hold and the robot's actuator
+  double patch_k_m = 0.0;       ///< k of equation (2)
+  double max_normal_N = 0.0;    ///< of the plan's hold and the robot's actuator
+  double half_opening_m = 0.0;  ///< pad face to gripper centre
 };
 
-/// Squeeze [N] a finger needs so that friction bears `wrench_W` (equations (2) and (4): the fingers share shear and
-/// twist):  factor·√(s² + (m/k)²)/μ + |F_n|/2 + reserve, where F_n loads one finger and relieves the other.
+/// Squeeze [N] a finger needs so that friction alone, without spines, bears `wrench_W` [on the robot about the gripper
+/// centre] in both pads, at ±half opening a along the finger axis e (unit vector, towards finger 1). By (4) they share
+/// shear and twist; a moment across e is a couple of tangential forces on the arm 2a:
+///   t = F_t/2 ± M×e/(2a),  m = M·e/2,  normal forces squeeze ± F·e/2,
+/// so by (2) the larger of  factor·√(|t|² + (m/k)²)/μ ∓ F·e/2  of the two pads, and a reserve.
 double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                               const ControlParameters& control);
 

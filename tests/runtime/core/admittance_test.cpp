@@ -1,5 +1,9 @@
 // Admittance against the closed form of mass, damper and spring; grasp force against the formula worked by hand.
 #include "core/admittance.hpp"
+
+#include <Eigen/LU>
+#include <array>
+
 #include "core/grasp_force.hpp"
 #include "fixture.hpp"
 
@@ -103,31 +107,90 @@ TEST(Admittance, AnOffsetTakenOverOutsideTheClampDoesNotJump) {
   EXPECT_NEAR(admittance.offset_m().x(), 0.08, robot().admittance.max_speed_m_s * kDt_s);
 }
 
-const Contact kContact = {2.2, 0.0134, 60.0};
+const Contact kContact = {2.2, 0.0134, 60.0, 0.025};
 
 TEST(GraspForce, EqualsTheFormulaByHand) {
   const ControlParameters& c = robot().control;
   const Vector3 e = rotation_z(0.3).col(0);
-  // Shear 30 N, twist 0.2 Nm, 8 N along the fingers.
+  // Shear 30 N, twist 0.2 Nm, 8 N along the fingers, and 0.7 Nm across them: 14 N a pad, across the shear.
   const Wrench wrench = {8.0 * e + 30.0 * Vector3::UnitZ(), 0.2 * e + 0.7 * Vector3::UnitZ()};
-  const double expected = 1.25 * std::sqrt(15.0 * 15.0 + std::pow(0.1 / 0.0134, 2)) / 2.2 + 4.0 + 4.0;
+  const double expected = 1.25 * std::sqrt(15.0 * 15.0 + 14.0 * 14.0 + std::pow(0.1 / 0.0134, 2)) / 2.2 + 4.0 + 4.0;
   EXPECT_NEAR(required_grasp_force_N(wrench, e, kContact, c), expected, 1e-12);
 }
 
-TEST(GraspForce, SatisfiesTheLimitSurfaceOfBothFingers) {
-  Random random(20);
-  for (int i = 0; i < 300; ++i) {
-    const Vector3 e = rotation_z(random.uniform(-3.0, 3.0)).col(0);
-    const Wrench wrench = {random.vector(40.0), random.uniform(-0.4, 0.4) * e};
-    const double grasp = required_grasp_force_N(wrench, e, kContact, robot().control);
-    if (grasp >= kContact.max_normal_N) continue;
-    const double along = wrench.force_N.dot(e);
-    const double shear = 0.5 * (wrench.force_N - along * e).norm(), twist = 0.5 * std::abs(wrench.moment_Nm.dot(e));
-    for (const double sign : {-1.0, 1.0}) {  // a load along the fingers relieves one of them by half of it
-      const double normal = grasp + sign * 0.5 * along;
-      EXPECT_LE(std::pow(shear / (2.2 * normal), 2) + std::pow(twist / (0.0134 * 2.2 * normal), 2), 1.0);
-    }
+/// Tangential force, twist about the finger axis and normal force of one pad.
+struct PadLoad {
+  Vector3 tangential_N;
+  double twist_Nm;
+  double normal_N;
+};
+
+/// What statics leaves the two pads of a gripper: f1 + f2 = F, a·e × (f1 − f2) + (m1 + m2)·e = M, m1 = m2 (4) and the
+/// squeeze, solved as eight equations.
+std::array<PadLoad, 2> pad_loads(const Wrench& wrench, const Vector3& e, double half_opening_m, double squeeze_N) {
+  Eigen::Matrix<double, 8, 8> equations = Eigen::Matrix<double, 8, 8>::Zero();
+  Eigen::Matrix<double, 8, 1> right;
+  equations.block<3, 3>(0, 0).setIdentity();
+  equations.block<3, 3>(0, 3).setIdentity();
+  equations.block<3, 3>(3, 0) = half_opening_m * skew(e);
+  equations.block<3, 3>(3, 3) = -half_opening_m * skew(e);
+  equations.block<3, 1>(3, 6) = equations.block<3, 1>(3, 7) = e;
+  equations(6, 6) = 1.0;
+  equations(6, 7) = -1.0;
+  equations.block<1, 3>(7, 0) = 0.5 * e.transpose();
+  equations.block<1, 3>(7, 3) = -0.5 * e.transpose();
+  right << wrench.force_N, wrench.moment_Nm, 0.0, squeeze_N;
+  const Eigen::Matrix<double, 8, 1> x = equations.fullPivLu().solve(right);
+  std::array<PadLoad, 2> loads;
+  for (int finger = 0; finger < 2; ++finger) {
+    const Vector3 force = x.segment<3>(3 * finger);
+    loads[finger] = {force - force.dot(e) * e, x[6 + finger], (finger == 0 ? 1.0 : -1.0) * force.dot(e)};
   }
+  return loads;
+}
+
+bool both_pads_hold(const Wrench& wrench, const Vector3& e, const Contact& contact, double squeeze_N) {
+  for (const PadLoad& pad : pad_loads(wrench, e, contact.half_opening_m, squeeze_N)) {
+    const double bound_N = contact.friction * pad.normal_N;
+    if (pad.normal_N < 0.0) return false;
+    if (pad.tangential_N.squaredNorm() + std::pow(pad.twist_Nm / contact.patch_k_m, 2) > bound_N * bound_N)
+      return false;
+  }
+  return true;
+}
+
+TEST(GraspForce, IsTheLeastThatKeepsBothPadsInsideTheirLimitSurface) {
+  ControlParameters bare = robot().control;
+  bare.grasp_force_factor = 1.0;
+  bare.grasp_force_reserve_N = bare.min_grasp_force_N = 0.0;
+  Random random(20);
+  for (int i = 0; i < 500; ++i) {
+    const Vector3 e = rotation_z(random.uniform(-3.0, 3.0)).col(0);
+    const Contact contact = {random.uniform(0.3, 2.5), random.uniform(0.005, 0.02), 1e6, random.uniform(0.008, 0.066)};
+    const Wrench wrench = random.wrench(40.0, 1.5);
+    double low_N = 0.0, high_N = 1e5;
+    while (high_N - low_N > 1e-9 * high_N) {
+      const double middle_N = 0.5 * (low_N + high_N);
+      (both_pads_hold(wrench, e, contact, middle_N) ? high_N : low_N) = middle_N;
+    }
+    ASSERT_NEAR(required_grasp_force_N(wrench, e, contact, bare), high_N, 1e-6 * high_N) << "wrench " << i;
+    // With the robot's factor and reserve: inside, and larger by no more than what they say.
+    const double used_N = required_grasp_force_N(wrench, e, contact, robot().control);
+    ASSERT_TRUE(both_pads_hold(wrench, e, contact, used_N)) << "wrench " << i;
+    const ControlParameters& c = robot().control;
+    const double along_N = std::abs(wrench.force_N.dot(e));
+    const double factored_N = c.grasp_force_factor * high_N + (c.grasp_force_factor - 1.0) * 0.5 * along_N;
+    ASSERT_LE(used_N, std::max(factored_N + c.grasp_force_reserve_N, c.min_grasp_force_N) + 1e-6) << "wrench " << i;
+  }
+}
+
+TEST(GraspForce, AMomentAcrossTheFingersIsShearOnTheArmBetweenThePads) {
+  ControlParameters bare = robot().control;
+  bare.grasp_force_factor = 1.0;
+  bare.grasp_force_reserve_N = bare.min_grasp_force_N = 0.0;
+  // 1 Nm at 25 mm half width: 20 N of shear a pad.
+  const Contact contact = {2.0, 0.0134, 60.0, 0.025};
+  EXPECT_NEAR(required_grasp_force_N({Vector3::Zero(), Vector3::UnitZ()}, Vector3::UnitX(), contact, bare), 10.0, 1e-12);
 }
 
 TEST(GraspForce, StaysBetweenItsBounds) {

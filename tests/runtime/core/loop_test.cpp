@@ -77,10 +77,32 @@ TEST_F(Loop, TheGraspIsNeverWeakerThanTheLoadDemands) {
       const crux_msgs::limb_telemetry_t& limb = run_.result.telemetry[l];
       const Wrench wrench = {Vector3(limb.force_reference_w_n), Vector3(limb.moment_reference_w_nm)};
       const Vector3 axis = rotation_z(reference.gripper_yaw_w_rad).col(0);
-      const double demand_N = required_grasp_force_N(wrench, axis, {reference.friction, 0.0134, 60.0}, robot().control);
+      const Contact contact = {reference.friction, 0.0134, 60.0, reference.finger_opening_m};
+      const double demand_N = required_grasp_force_N(wrench, axis, contact, robot().control);
       ASSERT_GT(limb.grasp_force_n, demand_N - 0.25) << "limb " << l << " at " << run_.result.state.plan_time_s << " s";
     }
   }
+}
+
+TEST_F(Loop, TheGraspPressesForWhatItsSensorFeelsToo) {
+  // 1 Nm across the fingers that no plan asked for.
+  const crux_msgs::limb_telemetry_t& limb = run_.result.telemetry[1];
+  const double before_N = limb.grasp_force_n;
+  for (int i = 0; i < 1000; ++i) {
+    run_.plant.input().ft_moment_g_nm[3 * 1 + 2] += 1.0;
+    run_.step();
+  }
+  const crux_msgs::limb_reference_t& reference = run_.result.reference[1];
+  const Contact contact = {reference.friction, 0.0134, 60.0, reference.finger_opening_m};
+  const Wrench felt = {Vector3(limb.force_w_n), Vector3(limb.moment_w_nm)};
+  const Vector3 axis = rotation_z(reference.gripper_yaw_w_rad).col(0);
+  EXPECT_NEAR(limb.grasp_force_n, required_grasp_force_N(felt, axis, contact, robot().control), 0.25);
+  EXPECT_GT(limb.grasp_force_n, before_N + 2.0);
+  // A sensor that fails keeps the squeeze it asked for: no grip grows weaker because something else failed.
+  const double felt_N = limb.grasp_force_n;
+  run_.plant.input().ft_fresh[1] = 0;
+  run_.steps(500);
+  EXPECT_GE(limb.grasp_force_n, felt_N - 0.25);
 }
 
 TEST_F(Loop, TheSensorsBiasIsLearntInTheSwing) {
