@@ -120,6 +120,9 @@ class Story:
     pace: str = "bus"
     late_ns: int = 0
     dropped: int = 0
+    slack: tuple[int, int, float] | None = None  # (cycle, limb, newtons): a squeeze that is so small for one cycle
+    joint_torque_nm: tuple[float, ...] = (0.0,) * 24
+    metadata: dict[str, str] = field(default_factory=dict)  # what the runtime says of itself besides
     whole_file: bool = False  # has a summary without an orderly end, as after each of the runtime's flushes
 
 
@@ -130,7 +133,7 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True) -> in
     with path.open("wb") as file:
         # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
         writer = Writer(file, chunk_size=200_000, compression=CompressionType.LZ4)
-        writer.add_metadata("crux", {"version": "0", "robot": "scaler", "pace": story.pace})
+        writer.add_metadata("crux", {"version": "0", "robot": "scaler", "pace": story.pace, **story.metadata})
         schemas = {
             topic: writer.register_msgdef(*SCHEMAS[type_]) for _, type_, _, _, logged, topic in CHANNELS if logged
         }
@@ -175,6 +178,9 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
     done = time >= plan_cycles * CYCLE_S
     state = 3 if done else 2 if running else 1
     knot = plan.knots[min(int(time / DT_S), N_KNOTS - 1)]
+    squeeze = [GRASP_FORCE_N] * 4
+    if story.slack is not None and cycle == story.slack[0]:
+        squeeze[story.slack[1]] = story.slack[2]
     body = np.array([0.05 * time / ((N_KNOTS - 1) * DT_S), 0.0, 0.185])
     put("/robot_state", cycle, cycle=cycle, time_s=cycle * CYCLE_S, supervisor_state=state, plan_complete=int(done),
         waiting_for=2 if waiting else 0, waiting_limb=0 if waiting else -1, fault_code=0, missed_cycles=cycle // 100,
@@ -183,9 +189,9 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
         body_reference_quaternion_w=[1.0, 0, 0, 0], centre_of_mass_w_m=body.tolist())  # fmt: skip
     put("/control_input", cycle, cycle=cycle, dt_s=CYCLE_S, operator_command=0, joint_fresh=[1] * 24,
         joint_state=[2] * 24, joint_faults=[0] * 24, joint_position_rad=[0.5] * 24, joint_velocity_rad_s=[0.0] * 24,
-        joint_torque_nm=[0.0] * 24, gripper_fresh=[1] * 4, gripper_state=[2] * 4, gripper_faults=[0] * 4,
-        finger_opening_m=[0.03] * 4, finger_speed_m_s=[0.0] * 4, finger_force_n=[GRASP_FORCE_N] * 4, ft_fresh=[1] * 4,
-        ft_status=[0] * 4, ft_force_g_n=[0.0] * 12, ft_moment_g_nm=[0.0] * 12)  # fmt: skip
+        joint_torque_nm=list(story.joint_torque_nm), gripper_fresh=[1] * 4, gripper_state=[2] * 4,
+        gripper_faults=[0] * 4, finger_opening_m=[0.03] * 4, finger_speed_m_s=[0.0] * 4, finger_force_n=squeeze,
+        ft_fresh=[1] * 4, ft_status=[0] * 4, ft_force_g_n=[0.0] * 12, ft_moment_g_nm=[0.0] * 12)  # fmt: skip
     put("/control_output", cycle, cycle=cycle, joint_mode=[2] * 24, joint_position_rad=[0.5] * 24,
         joint_velocity_rad_s=[0.0] * 24, joint_torque_nm=[0.0] * 24, gripper_mode=[2] * 4, finger_opening_m=[0.03] * 4,
         finger_speed_limit_m_s=[0.02] * 4, finger_force_limit_n=[GRASP_FORCE_N] * 4)  # fmt: skip
@@ -203,5 +209,5 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
             force_w_n=(force + story.force_error_n[index]).tolist(), moment_w_nm=[0.0] * 3,
             force_reference_w_n=force.tolist(), moment_reference_w_nm=[0.0] * 3, admittance_offset_m=[0.0] * 3,
             admittance_rotation_rad=[0.0] * 3, tare_force_g_n=[0.0] * 3, tare_moment_g_nm=[0.0] * 3,
-            grasp_force_reference_n=GRASP_FORCE_N * stance, grasp_force_n=GRASP_FORCE_N * stance,
+            grasp_force_reference_n=GRASP_FORCE_N * stance, grasp_force_n=squeeze[index] * stance,
             ik_limited=0)  # fmt: skip

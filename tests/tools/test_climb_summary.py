@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from made_up_climb import CYCLE_S, DT_S, GRASP_FORCE_N, N_KNOTS, ROUGHER, SLOPE_RAD, WEIGHT_N, Story, made_up_plan
 
 STORY = Story()
+FILTER_S = 0.008
 PLAN_S = (N_KNOTS - 1) * DT_S
 
 
@@ -101,6 +102,25 @@ def test_the_fingers_shares_make_up_the_grippers_wrench(
     assert moments[0] @ axis == pytest.approx(moments[1] @ axis)
 
 
+def test_between_two_logged_wrenches_the_raw_reading_fills_in(log_path: Path) -> None:
+    log = read_log(log_path)
+    n, dt_s = len(log.time_s), float(log.inputs["dt_s"][0])
+    turned = np.tile([math.cos(0.3), 0.0, 0.0, math.sin(0.3)], (n, 4, 1))  # 0.6 rad about z
+    log.limbs["gripper_quaternion_w"] = turned
+    log.limbs_fresh[:] = np.arange(n) % 10 == 0
+    step = 103  # RF's sensor feels 4 N more along the gripper's x from here on
+    log.inputs["ft_force_g_n"][step:, 3] = 4.0
+    log.inputs["ft_force_g_n"][step + 3] = np.nan  # a lost reading: the runtime goes on with the one before
+    filtered_N, alone = 0.0, read_log(log_path)
+    alone.limbs["gripper_quaternion_w"] = turned
+    for cycle in range(step, 110):
+        filtered_N += (4.0 - filtered_N) * dt_s / (FILTER_S + dt_s)
+        alone.limbs["force_w_n"][cycle, 1] += filtered_N * np.array([math.cos(0.6), math.sin(0.6), 0.0])
+    expected = measured_margin_n(alone, FILTER_S)
+    assert measured_margin_n(log, FILTER_S)[:110] == pytest.approx(expected[:110], nan_ok=True)
+    assert np.ptp(expected[100:110, 1, 0]) > 1.0
+
+
 def test_margins_by_hand(log_path: Path) -> None:
     plan = made_up_plan()
     margin = planned_margin_n(plan)
@@ -113,8 +133,7 @@ def test_margins_by_hand(log_path: Path) -> None:
     assert np.isnan(margin[3:5, 0]).all()
     assert not np.isnan(margin[:, 1:]).any()
     log = read_log(log_path)
-    rows = np.array([0, STORY.ready_cycles + 10])
-    before, measured = measured_margin_n(log, rows)
+    before, measured = measured_margin_n(log, FILTER_S)[[0, STORY.ready_cycles + 10]]
     assert np.isnan(before).all()
     error = STORY.force_error_n[3][2] / 2  # of RR, off the wall: only the demand grows
     assert measured[3] == pytest.approx(margin[0, 3] - error)

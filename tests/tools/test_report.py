@@ -3,18 +3,40 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import load_robot
 from crux_tools import cli
-from made_up_climb import CYCLE_S, DT_S, SCENARIO_YAML, SWING_KNOTS, Story, made_up_plan
+from crux_tools.bench.climb import ClimbResult
+from crux_tools.bench.judge import Verdict
+from crux_tools.bench.loop import Ending, Outcome
+from crux_tools.report import figures
+from crux_tools.report.command import write_report
+from crux_tools.report.joints import heat_share
+from made_up_climb import (
+    CYCLE_S,
+    DT_S,
+    ROUGHER,
+    SCENARIO_YAML,
+    SLOPE_RAD,
+    SWING_KNOTS,
+    WEIGHT_N,
+    Story,
+    made_up_plan,
+    write_log,
+)
 from PIL import Image
 
 STORY = Story()
-LOG_SECTIONS = ["summary", "pictures", "gait", "wrenches", "margins", "body", "grasp", "timing", "scenario"]
+LOG_SECTIONS = [
+    "verdict", "summary", "pictures", "gait", "wrenches", "margins", "body", "grasp", "joints", "timing", "scenario",
+]  # fmt: skip
 PLAN_SECTIONS = ["summary", "pictures", "gait", "wrenches", "margins", "scenario"]
 MAX_BYTES = 5_000_000
 SWING_S = (SWING_KNOTS[1] + 1 - SWING_KNOTS[0]) * DT_S + STORY.wait_cycles * CYCLE_S
@@ -29,10 +51,13 @@ class Page(HTMLParser):
         self.sections: list[str] = []
         self.sources: list[str] = []
         self.words = ""
+        self.viewport: str | None = None
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = dict(attrs)
+        if tag == "meta" and values.get("name") == "viewport":
+            self.viewport = values["content"]
         if tag == "section":
             self.sections.append(values["id"] or "")
         for key in ("src", "href"):
@@ -60,6 +85,7 @@ def _report(source: Path, folder: Path, *more: str) -> tuple[Page, Path]:
 def test_a_climbs_page_has_everything_and_needs_no_network(log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
+    assert page.viewport == "width=device-width, initial-scale=1"
     assert all(source.startswith("data:image/") for source in page.sources)
     pictures = [source for source in page.sources if source.startswith("data:image/jpeg")]
     assert len(pictures) == 3  # start, one swing, end
@@ -79,6 +105,104 @@ def test_a_plans_page(plan_path: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert result["file"] == str(output)
     assert "body moves50 mm" in page.words
     assert "LF from a to e" in page.words
+
+
+def _told(page: Page, what: str) -> str:
+    """The verdict, or what stands in a table behind `what`."""
+    found = re.search(rf"{re.escape(what)}(.*)", page.words)
+    assert found is not None, what
+    return found[1]
+
+
+def test_the_page_begins_with_what_the_log_alone_can_tell(
+    log_path: Path, faulty_log_path: Path, tmp_path: Path
+) -> None:
+    page, _ = _report(log_path, tmp_path)
+    verdict = page.words[page.words.index("Verdict") :]
+    assert verdict.startswith(
+        "VerdictPlan completed, by the log alone: 5.0 mm and 0.0 deg off the goal (10 mm and 3 deg allowed) by the "
+        "runtime's own estimate, no fault, least margin "
+    )
+    assert "a log does not tell slips and falls" in verdict
+    assert page.words.count("not recorded") == 4  # start, host, seed and command: this log's runtime wrote none
+    page, _ = _report(faulty_log_path, tmp_path)
+    assert "fault 7 body_error, least margin" in _told(page, "Verdict")
+
+
+def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Path) -> None:
+    log = tmp_path / "climb.mcap"
+    recorded = {
+        "started_utc": "2026-11-22T04:33:54Z", "host": "wall", "commit": "997d69b", "seed": "7",
+        "command_line": "crux climb p.mcap",
+    }  # fmt: skip
+    write_log(log, Story(metadata=recorded))
+    verdict = Verdict(
+        reached_goal=False, fell=True, fall_reason="limb LF lost its hold in stance at 3.2 s", slips=2,
+        largest_slip_m=0.0066, body_max_m=0.2, body_rms_m=0.1, finger_max_m=0.2, force_rms_n=3.0, goal_error_m=0.045,
+        goal_error_rad=0.1, link_contact_force_n=0.0,
+    )  # fmt: skip
+    result = ClimbResult(Outcome(Ending.COMPLETE, 400, 1.0, 0), verdict, 1.0, 0, "it fell", log)
+    page = Page(_written(log, tmp_path / "report.html", result))
+    told = _told(page, "Verdict")
+    assert told.startswith(
+        "Failed: 45.0 mm and 5.7 deg off the goal (10 mm and 3 deg allowed), 2 slips (largest 6.60 mm), a fall (limb "
+        "LF lost its hold in stance at 3.2 s), no fault, least margin "
+    )
+    for fact in recorded.values():
+        assert fact in told
+    assert "not recorded" not in told
+
+
+def _written(log: Path, output: Path, result: ClimbResult) -> str:
+    write_report(log, output, result=result)
+    return output.read_text(encoding="utf-8")
+
+
+def test_a_squeeze_too_small_for_one_cycle_is_in_the_smallest_margin(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "MAX_POINTS", 50)  # a log with many more cycles than points on a plot
+    log = tmp_path / "climb.mcap"
+    usual, slack = [], 12.0
+    for story in (Story(), Story(slack=(STORY.ready_cycles + 17, 1, slack))):
+        write_log(log, story)
+        page, _ = _report(log, tmp_path)
+        usual.append(float(_told(page, "smallest margin of a finger with the squeeze the robot applies").split()[0]))
+    up, off = WEIGHT_N * math.sin(SLOPE_RAD) / 8, WEIGHT_N * math.cos(SLOPE_RAD) / 8
+    assert usual[1] == pytest.approx(ROUGHER * (slack - up) - (off - 5.0), abs=0.01)  # spines bear 5 N
+    assert usual[1] < usual[0] - 20
+
+
+def test_a_plot_shows_the_least_and_the_largest_of_each_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(figures, "MAX_POINTS", 100)
+    values = np.zeros((9973, 2))
+    values[1234, 0], values[7001, 1] = 5.0, -7.0
+    values[:50] = np.nan
+    time, drawn = figures.envelope(np.arange(9973) * 0.002, values)
+    assert len(time) == len(drawn) == 100
+    assert (np.diff(time) >= 0).all()
+    assert np.nanmax(drawn, axis=0).tolist() == [5.0, 0.0]
+    assert np.nanmin(drawn, axis=0).tolist() == [0.0, -7.0]
+    assert time[np.nanargmax(drawn[:, 0])] == pytest.approx(1234 * 0.002, abs=9973 * 0.002 / 50)
+
+
+def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
+    robot = load_robot("scaler")
+    torque = [0.0] * 24
+    torque[0], torque[7] = 4.1, -12.5  # LF joint1, RF joint2
+    log = tmp_path / "climb.mcap"
+    write_log(log, Story(joint_torque_nm=tuple(torque)))
+    page, _ = _report(log, tmp_path)
+    limit = robot.motor.continuous_torque_Nm
+    assert _told(page, "LF joint1peak").startswith(f" 4.1 of 12.0 Nm, RMS 4.1 of {limit:.1f} Nm, heat at most ")
+    assert "LF joint1 4.1 of 2.4 Nm" in _told(page, "the mean load that makers of such servos advise")
+    assert _told(page, "Peak torque beyond the joint's effort").startswith(": RF joint2 12.5 of 12.0 Nm.")
+    assert _told(page, "RMS torque beyond what the winding bears for good").startswith(": RF joint2 12.5 of 8.1 Nm.")
+
+
+def test_heat_follows_the_square_of_the_torque() -> None:
+    heat = heat_share(np.full((3000, 1), 2.0), np.array([2.0]), heating_time_s=3.0, dt_s=0.002)
+    assert heat[1499, 0] == pytest.approx(1 - math.exp(-1), rel=1e-9)  # after 3 s of 6
 
 
 def test_the_picture_is_a_small_png(log_path: Path, tmp_path: Path) -> None:

@@ -96,13 +96,13 @@ def _print_summary(result: Any) -> None:
     note(f"  log       {result.log}")
 
 
-def _write_report(log: Path, page: Path) -> None:
+def _write_report(result: Any, log: Path, page: Path) -> None:
     """The page about the climb; the climb's verdict stands also where the log is too short for one."""
     from crux_tools.report.command import write_report
     from crux_tools.telemetry import LogError
 
     try:
-        note(f"  report    {write_report(log, page).file}")
+        note(f"  report    {write_report(log, page, result=result).file}")
     except LogError as error:
         note(f"  report    none: {error}")
 
@@ -129,5 +129,5 @@ def run(options: argparse.Namespace) -> int:
     else:
         _print_summary(result)
     if options.report is not None:
-        _write_report(options.output, options.report)
+        _write_report(result, options.output, options.report)
     return 0 if result.ok else 1

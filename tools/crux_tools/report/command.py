@@ -6,15 +6,19 @@ import argparse
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crux_tools.arguments import taught
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
+if TYPE_CHECKING:
+    from crux_tools.bench.climb import ClimbResult
+
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
-or from the robot): pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface margins,
-tracking, grasp forces, timing of the control cycle and the scenario. Needs no network, neither to write nor to read."""
+or from the robot): the verdict, pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface
+margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the scenario. Slips and falls
+are in the page that crux climb --report writes: it sees physics, a log does not. Needs no network."""
 _EXAMPLES = (
     "crux report out/plan.mcap -o out/plan.html",
     "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
@@ -60,8 +64,8 @@ def _write(path: Path, content: bytes) -> None:
         raise
 
 
-def write_report(source: Path, output: Path, picture: Path | None = None) -> Written:
-    """Writes the page about `source`, and the picture if asked for.
+def write_report(source: Path, output: Path, picture: Path | None = None, result: ClimbResult | None = None) -> Written:
+    """Writes the page about `source`, and the picture if asked for; `result`: of the climb that `source` is the log of.
 
     Raises LogError or a contract's error where `source` is neither plan nor log, OSError where `output` cannot be
     written.
@@ -76,7 +80,7 @@ def write_report(source: Path, output: Path, picture: Path | None = None) -> Wri
         log = telemetry_of(source, channels)
         summary = summarise(log)
         kind, plan, name = "climb", log.plan, summary.scenario or source.stem
-        content = sections.log_sections(log, summary)
+        content = sections.log_sections(log, summary, result)
     else:
         from crux_contracts.plan_file import read_plan
 

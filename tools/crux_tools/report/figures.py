@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from crux_tools.report.joints import joint_torques_Nm
 from crux_tools.report.margins import measured_margin_n, planned_margin_n
 from crux_tools.report.plan_series import PlanSeries
 from crux_tools.telemetry import Telemetry
@@ -52,9 +53,14 @@ def _rows(count: int, height_in: float, sharex: bool = True) -> tuple[Figure, li
     return figure, list(axes[:, 0])
 
 
-def thinned(count: int) -> np.ndarray:
-    """Evenly spaced row indices, at most MAX_POINTS, the first and the last among them."""
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).astype(int))
+def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A curve of at most MAX_POINTS: least and largest of every interval drawn, in turn, so that a spike of one cycle
+    is seen. NaN counts only where an interval holds nothing else. Shapes (n,) and (n, ...) -> (m,) and (m, ...)."""
+    if len(time) <= MAX_POINTS:
+        return time, values
+    first = np.linspace(0, len(time), MAX_POINTS // 2, endpoint=False).astype(int)
+    ends = [extreme.reduceat(values, first, axis=0) for extreme in (np.fmin, np.fmax)]
+    return np.repeat(time[first], 2), np.stack(ends, axis=1).reshape(-1, *values.shape[1:])
 
 
 def _lane(axis: Axes, lane: int, start: float, width: float, colour: str, text: str = "") -> None:
@@ -142,15 +148,15 @@ def planned_wrenches(series: PlanSeries) -> tuple[bytes, bytes]:
 
 def measured_wrenches(log: Telemetry) -> tuple[bytes, bytes]:
     """Forces and moments of every gripper: planned (thin, dashed) and measured."""
-    rows = thinned(len(log.time_s))
-    time, limbs = log.time_s[rows], log.limbs[rows]
     planned = {"linestyle": "--", "linewidth": 0.9}
     measured = {"linewidth": 1.1, "alpha": 0.85}
 
     def figure(quantity: str, unit: str, wanted: str, actual: str) -> bytes:
-        return _wrench_figure(
-            quantity, unit, [(time, limbs[wanted], planned, "planned"), (time, limbs[actual], measured, "measured")]
-        )
+        curves = [
+            (*envelope(log.time_s, log.limbs[name]), style, what)
+            for name, style, what in ((wanted, planned, "planned"), (actual, measured, "measured"))
+        ]
+        return _wrench_figure(quantity, unit, curves)
 
     return (
         figure("F", "N", "force_reference_w_n", "force_w_n"),
@@ -181,21 +187,19 @@ def planned_margins(plan: Any, series: PlanSeries) -> tuple[bytes, float]:
     return _margin_figure(series.time_s, margin, "steps-post", "plan time [s]"), float(np.nanmin(margin))
 
 
-def measured_margins(log: Telemetry) -> tuple[bytes, float]:
-    """Margin of the limit surface a finger from the measured wrenches, and the smallest of those drawn [N]."""
-    rows = thinned(len(log.time_s))
-    margin = measured_margin_n(log, rows)
+def measured_margins(log: Telemetry, filter_s: float) -> tuple[bytes, float]:
+    """Margin of the limit surface a finger from the measured wrenches, and the smallest of all cycles [N]."""
+    margin = measured_margin_n(log, filter_s)
     smallest = float(np.nanmin(margin)) if np.isfinite(margin).any() else float("nan")
-    return _margin_figure(log.time_s[rows], margin, "default", "time [s]"), smallest
+    return _margin_figure(*envelope(log.time_s, margin), "default", "time [s]"), smallest
 
 
 def body_tracking(log: Telemetry) -> bytes:
     """Position and orientation error of the body against its reference."""
     figure, axes = _rows(2, 3.6)
-    rows = thinned(len(log.time_s))
-    axes[0].plot(log.time_s[rows], 1e3 * body_error_m(log)[rows], color=AXIS_COLOURS[2], linewidth=1.1)
+    axes[0].plot(*envelope(log.time_s, 1e3 * body_error_m(log)), color=AXIS_COLOURS[2], linewidth=1.1)
     axes[0].set_ylabel("position [mm]")
-    axes[1].plot(log.time_s[rows], np.degrees(body_error_rad(log)[rows]), color=AXIS_COLOURS[0], linewidth=1.1)
+    axes[1].plot(*envelope(log.time_s, np.degrees(body_error_rad(log))), color=AXIS_COLOURS[0], linewidth=1.1)
     axes[1].set_ylabel("orientation [deg]")
     axes[1].set_xlabel("time [s]")
     for axis in axes:
@@ -206,16 +210,28 @@ def body_tracking(log: Telemetry) -> bytes:
 def grasp_forces(log: Telemetry) -> bytes:
     """Squeeze of a finger, wanted and measured."""
     figure, axes = _rows(len(LIMB_NAMES), 6.0)
-    rows = thinned(len(log.time_s))
-    time, limbs = log.time_s[rows], log.limbs[rows]
+    time, measured = envelope(log.time_s, log.inputs["finger_force_n"])
+    _, wanted = envelope(log.time_s, log.limbs["grasp_force_reference_n"])
     for limb, axis in enumerate(axes):
-        axis.plot(time, limbs["grasp_force_n"][:, limb], color=FINGER_COLOURS[0], linewidth=1.1, label="measured")
-        wanted = limbs["grasp_force_reference_n"][:, limb]
-        axis.plot(time, wanted, color="#333333", linestyle="--", linewidth=0.9, label="wanted")
+        axis.plot(time, measured[:, limb], color=FINGER_COLOURS[0], linewidth=1.1, label="measured")
+        axis.plot(time, wanted[:, limb], color="#333333", linestyle="--", linewidth=0.9, label="wanted")
         axis.set_ylabel(f"{LIMB_NAMES[limb]} [N]")
     axes[-1].set_xlabel("time [s]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=2, fontsize=8, frameon=False, loc="outside upper right")
+    return _png(figure)
+
+
+def joint_torques(log: Telemetry) -> bytes:
+    """Torque of every joint."""
+    figure, axes = _rows(len(LIMB_NAMES), 7.0)
+    time, torque = envelope(log.time_s, joint_torques_Nm(log))
+    for limb, axis in enumerate(axes):
+        for joint in range(torque.shape[2]):
+            axis.plot(time, torque[:, limb, joint], linewidth=1.0, label=f"joint{joint + 1}")
+        axis.set_ylabel(f"{LIMB_NAMES[limb]} [Nm]")
+    axes[-1].set_xlabel("time [s]")
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=6, fontsize=8, frameon=False, loc="outside upper right")
     return _png(figure)
 
 

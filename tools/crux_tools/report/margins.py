@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 from crux_planner.checker.limit_surface import cone_excess
+from scipy.signal import lfilter
 
+from crux_tools.bench.judge import rotations_from_quaternions
 from crux_tools.report.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.summary import in_full_stance
@@ -88,25 +90,39 @@ def split_between_fingers(
     return np.stack([first, second], axis=-2), np.stack([twist / 2, twist / 2], axis=-2)
 
 
-def measured_margin_n(log: Telemetry, rows: np.ndarray) -> np.ndarray:
-    """Margin of fingers 1 and 2 of every limb in the cycles `rows`, (len(rows), 4, 2) [N].
+def _gripper_wrenches(log: Telemetry, filter_s: float, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measured forces and moments in W of every cycle, (n, 4, 3) each. The runtime logs them now and then; from there
+    they move on by what the raw reading, logged every cycle, has changed since behind the runtime's filter."""
+    n = len(log.time_s)
+    rows = np.arange(n)
+    raw = np.stack([log.inputs[name].reshape(n, 4, 3) for name in ("ft_force_g_n", "ft_moment_g_nm")], axis=2)
+    good = (log.inputs["ft_fresh"] != 0) & (log.inputs["ft_status"] == 0) & np.isfinite(raw).all(axis=(2, 3))
+    newest = np.maximum.accumulate(np.where(good, rows[:, None], 0), axis=0)
+    raw = np.nan_to_num(raw)[newest, np.arange(4)]
+    gain = float(log.inputs["dt_s"][0]) / (filter_s + float(log.inputs["dt_s"][0]))
+    smooth, _ = lfilter([gain], [1, gain - 1], raw, axis=0, zi=(1 - gain) * raw[:1])
+    logged = np.maximum.accumulate(np.where(log.limbs_fresh, rows, 0))
+    change = np.einsum("nlij,nlqj->nlqi", rotation, smooth - smooth[logged])
+    return log.limbs["force_w_n"] + change[:, :, 0], log.limbs["moment_w_nm"] + change[:, :, 1]
 
-    NaN unless climbing in full stance. The faces are those of the plan's knot at the logged plan time.
+
+def measured_margin_n(log: Telemetry, filter_s: float) -> np.ndarray:
+    """Margin of fingers 1 and 2 of every limb in every cycle, (n, 4, 2) [N], with the squeeze measured in that cycle.
+
+    NaN unless climbing in full stance. The faces are those of the plan's knot at the logged plan time. `filter_s`: time
+    constant of the runtime's filter of the F/T reading.
     """
     plan = log.plan
     series = plan_series(plan)
     friction, spines = _surfaces(plan, series)
-    knot = np.clip(np.searchsorted(series.time_s, log.state["plan_time_s"][rows] + 1e-9) - 1, 0, len(series.time_s) - 1)
-    limbs = log.limbs[rows]
-    w, x, y, z = np.moveaxis(limbs["gripper_quaternion_w"], -1, 0)
-    axis = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
-    force, moment = split_between_fingers(
-        limbs["force_w_n"], limbs["moment_w_nm"], axis, log.inputs["finger_opening_m"][rows], limbs["grasp_force_n"]
-    )
+    knot = np.clip(np.searchsorted(series.time_s, log.state["plan_time_s"] + 1e-9) - 1, 0, len(series.time_s) - 1)
+    rotation = rotations_from_quaternions(log.limbs["gripper_quaternion_w"].reshape(-1, 4)).reshape(-1, 4, 3, 3)
+    axis = rotation[..., 0]
+    whole = _gripper_wrenches(log, filter_s, rotation)
+    force, moment = split_between_fingers(*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
     on_wall = series.on_wall[knot][..., None, None]
-    halves = [np.stack([part, part], axis=2) / 2 for part in (limbs["force_w_n"], limbs["moment_w_nm"])]
+    halves = [np.stack([part, part], axis=2) / 2 for part in whole]
     force, moment = np.where(on_wall, halves[0], force), np.where(on_wall, halves[1], moment)
     outward = _outward(axis, series.on_wall[knot])
     margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
-    loaded = in_full_stance(log)[rows]
-    return np.where((loaded & series.stance[knot])[..., None], margin, np.nan)
+    return np.where((in_full_stance(log) & series.stance[knot])[..., None], margin, np.nan)

@@ -15,17 +15,26 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #22303c; background: #f6f7f8
 main { max-width: 1060px; margin: 0 auto; padding: 24px; }
 h1 { font-size: 26px; margin: 8px 0 0; } h2 { font-size: 18px; margin: 34px 0 8px; }
 .lead { color: #566573; margin: 0 0 18px; }
-section > img, figure, pre { background: white; border: 1px solid #dde2e6; border-radius: 6px; }
-section > img { width: 100%; display: block; margin: 8px 0; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(310px, 1fr)); gap: 12px; }
+figure, pre { background: white; border: 1px solid #dde2e6; border-radius: 6px; }
+.pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); gap: 12px; }
 figure { margin: 0; overflow: hidden; }
+.plot { overflow-x: auto; background: white; border: 1px solid #dde2e6; border-radius: 6px; margin: 8px 0; }
+.plot img { width: 100%; display: block; }
 figure img { width: 100%; display: block; } figcaption { padding: 6px 10px; font-size: 13px; }
 table { border-collapse: collapse; background: white; width: 100%; }
 th, td { text-align: left; padding: 5px 12px; border: 1px solid #dde2e6; vertical-align: top; }
 th { font-weight: 600; width: 34%; }
 p.note { background: #fff4d6; border-left: 4px solid #e8a33d; padding: 8px 12px; }
 p.explain { color: #566573; font-size: 13.5px; margin: 4px 0; }
+p.verdict { font-size: 19px; line-height: 1.4; margin: 8px 0 14px; }
+th, td { overflow-wrap: anywhere; }
 pre { padding: 12px; overflow-x: auto; font-size: 13px; }
+@media (max-width: 640px) {
+  main { padding: 12px; } h1 { font-size: 22px; } p.verdict { font-size: 17px; }
+  th, td { display: block; width: auto; border: 0; padding: 0 10px; } tr { display: block; padding: 5px 0; }
+  tr + tr { border-top: 1px solid #dde2e6; }
+  .plot img { width: 760px; }
+}
 """
 
 
@@ -36,6 +45,7 @@ class Section:
     id: str
     title: str
     explanation: str = ""
+    verdict: str = ""
     notes: list[str] = field(default_factory=list)
     rows: Sequence[tuple[str, str]] = ()
     plots: Sequence[bytes] = ()  # PNG
@@ -45,13 +55,18 @@ class Section:
     def html(self) -> str:
         """The section's HTML; every word from outside is escaped."""
         parts = [f'<section id="{escape(self.id)}"><h2>{escape(self.title)}</h2>']
+        if self.verdict:
+            parts.append(f'<p class="verdict">{escape(self.verdict)}</p>')
         if self.explanation:
             parts.append(f'<p class="explain">{escape(self.explanation)}</p>')
         parts += [f'<p class="note">{escape(note)}</p>' for note in self.notes]
         if self.rows:
             cells = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in self.rows)
             parts.append(f"<table>{cells}</table>")
-        parts += [f'<img alt="{escape(self.title)}" src="{_data("image/png", plot)}">' for plot in self.plots]
+        parts += [
+            f'<div class="plot"><img alt="{escape(self.title)}" src="{_data("image/png", plot)}"></div>'
+            for plot in self.plots
+        ]
         if self.pictures:
             figures = "".join(
                 f'<figure><img alt="{escape(picture.caption)}" src="{_data("image/jpeg", picture.jpeg)}">'
@@ -72,7 +87,8 @@ def page(title: str, lead: str, sections: Sequence[Section]) -> str:
     """The whole document."""
     body = "".join(section.html() for section in sections)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{STYLE}</style></head>\n<body><main><h1>{escape(title)}</h1>"
         f'<p class="lead">{escape(lead)}</p>\n{body}</main></body></html>\n'
     )

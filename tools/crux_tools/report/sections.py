@@ -4,25 +4,39 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot, load_robot
 
 from crux_tools.bench.start_pose import RobotPose
 from crux_tools.report import figures
+from crux_tools.report.joints import hot_nodes, joint_loads
 from crux_tools.report.page import Section
 from crux_tools.report.pictures import Picture, Stage, open_stage
 from crux_tools.report.plan_series import PlanSeries, Swing, plan_series
 from crux_tools.report.renderer import NoGraphicsError
+from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
+if TYPE_CHECKING:
+    from crux_tools.bench.climb import ClimbResult
+
 PICTURE_PX = (640, 460)
 _MARGIN = (
     "Newtons of tangential force a finger could still take: μ·f_z less what shear and twist demand of the limit "
-    "surface, after the micro-spines' share. Below zero it slips."
+    "surface, after the micro-spines' share. Below zero it slips. "
+)
+_PLANNED = (
+    f"Here {PLANNED}, which J counts too; the robot does not press so: it works out its own squeeze from the load, and "
+    "the page of a climb has the margins with that."
+)
+_APPLIED = (
+    f"Here {APPLIED}: from the measured wrench and squeeze of every cycle in full stance, drawn as the least and "
+    "largest of each interval. The plan's own margins, with the plan's squeeze, are on the page of the plan."
 )
 
 
@@ -104,7 +118,7 @@ def plan_sections(plan: Any) -> list[Section]:
         ("knots", f"{len(series.time_s)}, every {series.dt_s:g} s, {series.time_s[-1]:g} s in all"),
         ("body moves", f"{1e3 * np.linalg.norm(advance):.0f} mm"),
         ("swings", ", ".join(map(_title, swings)) or "none"),
-        ("smallest margin of a finger", f"{smallest:.2f} N"),
+        (f"smallest margin of a finger {PLANNED}", f"{smallest:.2f} N"),
     ]
     return [
         Section("summary", "Summary", rows=table),
@@ -116,45 +130,65 @@ def plan_sections(plan: Any) -> list[Section]:
             "On the robot at the gripper's centre, world frame.",
             plots=[forces, moments],
         ),
-        Section("margins", "Limit-surface margins", _MARGIN, plots=[margins]),
+        Section("margins", "Limit-surface margins", _MARGIN + _PLANNED, plots=[margins]),
         _scenario(plan),
     ]
 
 
-def log_sections(log: Telemetry, summary: Summary) -> list[Section]:
-    """Everything about a climb."""
-    sections = [Section("summary", "Summary", notes=list(summary.notes), rows=summary_rows(summary))]
+def _joints(log: Telemetry, robot: Robot) -> Section:
+    loads = joint_loads(log, robot)
+    hot = ", ".join(hot_nodes(log))
+    limit = f"{robot.servo.temperature_limit_degC:g} °C"
+    text = (
+        "Peak against the joint's effort and RMS while climbing against what the motor's winding bears for good, both "
+        "of the robot description on this machine; heat is the share that the drive's count would reach from a cold "
+        f"start. A log has no temperatures, only which nodes report {limit} or more."
+    )
+    rows = [("reported hot", hot or "none"), *loads.rows()]
+    return Section("joints", "Joint torques and heat", text, "", loads.notes(), rows, [figures.joint_torques(log)])
+
+
+def _gait(log: Telemetry) -> Section:
+    if log.plan is None:
+        return Section("gait", "Gait", notes=["No plan was accepted in this log."])
+    return Section(
+        "gait",
+        "Gait",
+        "Above as planned, over plan time; below as climbed, over real time. Red: the plan's clock stood still, "
+        "waiting for this limb.",
+        plots=[figures.gait(plan_series(log.plan)), figures.executed_gait(log)],
+    )
+
+
+def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = None) -> list[Section]:
+    """Everything about a climb; `result` is the judge's, where there is one."""
+    robot = load_robot(log.plan.robot_name) if log.plan is not None else None
+    smallest = float("nan")
+    margins = []
+    if robot is not None:
+        plot, smallest = figures.measured_margins(log, robot.control.force_filter_s)
+        rows = [(f"smallest margin of a finger {APPLIED}", f"{smallest:.2f} N")]
+        margins = [Section("margins", "Limit-surface margins", _MARGIN + _APPLIED, rows=rows, plots=[plot])]
+    sections = [
+        Section("verdict", "Verdict", verdict=sentence(log, summary, smallest, result), rows=facts(log)),
+        Section("summary", "Summary", notes=list(summary.notes), rows=summary_rows(summary)),
+    ]
     if log.plan is not None:
-        series = plan_series(log.plan)
-        sections.append(_log_pictures(log, series))
-        sections.append(
-            Section(
-                "gait",
-                "Gait",
-                "Above as planned, over plan time; below as climbed, over real time. Red: the plan's clock stood "
-                "still, waiting for this limb.",
-                plots=[figures.gait(series), figures.executed_gait(log)],
-            )
-        )
-    else:
-        sections.append(Section("gait", "Gait", notes=["No plan was accepted in this log."]))
-    sections.append(
+        sections.append(_log_pictures(log, plan_series(log.plan)))
+    sections += [
+        _gait(log),
         Section(
             "wrenches",
             "Planned and measured wrenches",
             "On the robot at the gripper's centre, world frame; measured with the hand's weight and tare taken off.",
             plots=figures.measured_wrenches(log),
-        )
-    )
-    if log.plan is not None:
-        plot, smallest = figures.measured_margins(log)
-        rows = [("smallest margin drawn", f"{smallest:.2f} N")]
-        text = _MARGIN + " From the measured wrench and grasp force, in full stance."
-        sections.append(Section("margins", "Limit-surface margins", text, rows=rows, plots=[plot]))
-    sections += [
+        ),
+        *margins,
         Section("body", "Body off its reference", "As the runtime estimates it.", plots=[figures.body_tracking(log)]),
         Section("grasp", "Grasp forces", "Squeeze of a finger.", plots=[figures.grasp_forces(log)]),
     ]
+    if robot is not None:
+        sections.append(_joints(log, robot))
     timing = figures.cycle_timing(log)
     if timing:
         text = (
