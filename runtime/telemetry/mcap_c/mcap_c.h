@@ -24,15 +24,16 @@ int32_t mcap_c_write(McapWriter *writer, uint16_t channel, uint32_t sequence, ui
                      size_t n);
 int32_t mcap_c_write_metadata(McapWriter *writer, const char *name, const char *const *keys, const char *const *values,
                               size_t n);
+int32_t mcap_c_attach(McapWriter *writer, const char *name, const char *media_type, const uint8_t *data, size_t n);
 
-// Ends the chunk and hands everything to the kernel together with a summary and end of file that the next flush
-// overwrites: from here on the file is whole even if the program is killed.
+// Ends the chunk and puts everything into the file, which stays whole throughout: from here on the data outlives the
+// program, from the next flush on a power cut as well. Writes no more than what is new.
 int32_t mcap_c_flush(McapWriter *writer);
 
 // What went wrong last.
 void mcap_c_error(const McapWriter *writer, char *error, size_t error_size);
 
-// Flushes and frees the writer, also when it fails.
+// Flushes, writes the summary and frees the writer, also when it fails.
 int32_t mcap_c_close(McapWriter *writer, char *error, size_t error_size);
 
 #ifdef __cplusplus

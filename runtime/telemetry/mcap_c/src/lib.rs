@@ -1,27 +1,23 @@
 //! The part of the `mcap` crate that the runtime needs, behind a C interface. Contracts stand in mcap_c.h.
 
 mod crash_safe_file;
-mod summary;
 
 use std::{
-    cell::RefCell,
+    borrow::Cow,
     collections::BTreeMap,
     ffi::{c_char, CStr},
-    fs::File,
-    rc::Rc,
+    path::Path,
     slice,
 };
 
 use crash_safe_file::CrashSafeFile;
 use mcap::{
     records::{MessageHeader, Metadata},
-    Compression, McapError, WriteOptions, Writer,
+    Attachment, Compression, McapError, WriteOptions, Writer,
 };
-use summary::Summary;
 
 pub struct McapWriter {
     writer: Writer<CrashSafeFile>,
-    summary: Rc<RefCell<Summary>>,
     error: String,
 }
 
@@ -71,18 +67,16 @@ unsafe fn copy_text(from: &str, to: *mut c_char, size: usize) {
 }
 
 fn open(path: &str, profile: &str, library: &str, chunk_bytes: u64) -> Result<McapWriter, McapError> {
-    let summary = Rc::new(RefCell::new(Summary::default()));
     let mut writer = WriteOptions::new()
         .profile(profile)
         .library(library)
         .compression(Some(Compression::Lz4))
         .chunk_size(Some(chunk_bytes))
         .disable_seeking(true) // a chunk is written whole or not at all
-        .create(CrashSafeFile::new(File::create(path)?, summary.clone()))?;
+        .create(CrashSafeFile::create(Path::new(path))?)?;
     writer.flush()?;
     Ok(McapWriter {
         writer,
-        summary,
         error: String::new(),
     })
 }
@@ -119,11 +113,7 @@ pub unsafe extern "C" fn mcap_c_add_schema(
 ) -> i32 {
     let w = &mut *writer;
     let result = w.writer.add_schema(text(name), text(encoding), bytes(data, n));
-    let Some(id) = w.note(result) else { return FAILED };
-    w.summary
-        .borrow_mut()
-        .add_schema(id, text(name), text(encoding), bytes(data, n));
-    i32::from(id)
+    w.note(result).map_or(FAILED, i32::from)
 }
 
 /// # Safety
@@ -139,11 +129,7 @@ pub unsafe extern "C" fn mcap_c_add_channel(
     let result = w
         .writer
         .add_channel(schema, text(topic), text(encoding), &BTreeMap::new());
-    let Some(id) = w.note(result) else { return FAILED };
-    w.summary
-        .borrow_mut()
-        .add_channel(id, schema, text(topic), text(encoding));
-    i32::from(id)
+    w.note(result).map_or(FAILED, i32::from)
 }
 
 /// # Safety
@@ -192,6 +178,27 @@ pub unsafe extern "C" fn mcap_c_write_metadata(
 /// # Safety
 /// See mcap_c.h.
 #[no_mangle]
+pub unsafe extern "C" fn mcap_c_attach(
+    writer: *mut McapWriter,
+    name: *const c_char,
+    media_type: *const c_char,
+    data: *const u8,
+    n: usize,
+) -> i32 {
+    let w = &mut *writer;
+    let result = w.writer.attach(&Attachment {
+        log_time: 0,
+        create_time: 0,
+        name: text(name).to_owned(),
+        media_type: text(media_type).to_owned(),
+        data: Cow::Borrowed(bytes(data, n)),
+    });
+    w.note(result).map_or(FAILED, |()| 0)
+}
+
+/// # Safety
+/// See mcap_c.h.
+#[no_mangle]
 pub unsafe extern "C" fn mcap_c_flush(writer: *mut McapWriter) -> i32 {
     let w = &mut *writer;
     let result = w.writer.flush();
@@ -210,10 +217,10 @@ pub unsafe extern "C" fn mcap_c_error(writer: *const McapWriter, error: *mut c_c
 #[no_mangle]
 pub unsafe extern "C" fn mcap_c_close(writer: *mut McapWriter, error: *mut c_char, error_size: usize) -> i32 {
     let mut w = Box::from_raw(writer);
-    let result = w.writer.flush();
-    drop(w.writer.into_inner()); // as it is: every flush writes an end of file
+    let result = w.writer.flush().and_then(|()| w.writer.finish());
+    drop(w.writer.into_inner()); // without another try where one failed
     match result {
-        Ok(()) => 0,
+        Ok(_) => 0,
         Err(e) => {
             copy_text(&explain(&e), error, error_size);
             FAILED
