@@ -67,6 +67,7 @@ def add_plan_parser(subparsers: Any) -> None:
 
 def run_plan(args: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    from crux_contracts.output_file import OutputError, look_at_outputs
     from crux_contracts.plan_file import PlanFileError, read_plan, write_plan
     from crux_contracts.robot import load_robot
     from crux_contracts.scenario import load_scenario
@@ -80,6 +81,7 @@ def run_plan(args: argparse.Namespace) -> int:
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
+        look_at_outputs({"-o": args.output}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None:
                 from crux_planner.replanning import Planner
@@ -104,7 +106,7 @@ def run_plan(args: argparse.Namespace) -> int:
         verdict = "proven infeasible" if error.proven else "infeasible"
         message = f"{args.scenario}: {verdict} ({error.constraint}): {error}"
         return _fail(args, message, FAILED, constraint=error.constraint, proven=error.proven)
-    except (DocumentError, PlanFileError) as error:
+    except (DocumentError, OutputError, PlanFileError) as error:
         return _fail(args, str(error), USAGE)
     except OSError as error:
         return _fail(args, f"{error.filename or args.scenario}: {error.strerror or error}", USAGE)

@@ -32,6 +32,7 @@ void handle_signals(std::atomic<bool>& stop) {
   action.sa_handler = on_signal;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  std::signal(SIGXFSZ, SIG_IGN);  // a log as long as files may become ends the log, not the control
 }
 
 class SignalsBlocked {

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,8 @@ WALL_TIME = "/cycle_timing"
 TIMEOUT_S = 300
 
 
-def start_climb(plan: Path, log: Path, *options: str) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "crux_tools.cli", "climb", str(plan), "-o", str(log), "--json", *options]
+def start_climb(plan: Path, log: Path, *options: str, before: Sequence[str] = ()) -> subprocess.Popen[str]:
+    words = [*before, sys.executable, "-m", "crux_tools.cli", "climb", str(plan), "-o", str(log), "--json", *options]
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -124,6 +124,14 @@ def _runtime_of(bench: subprocess.Popen[str]) -> int:
     return next(int(child) for child in children if "crux-runtime" in Path(f"/proc/{child}/cmdline").read_text())
 
 
+def _runs(process: int) -> bool:
+    """A zombie, which its parent has not asked about, has ended."""
+    try:
+        return ") Z " not in Path(f"/proc/{process}/stat").read_text(encoding="ascii")
+    except OSError:
+        return False
+
+
 def _wait_for(is_so: Callable[[], bool]) -> None:
     end_s = time.monotonic() + TIMEOUT_S
     while not is_so():
@@ -144,6 +152,40 @@ def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> N
     assert result["robot_on_wall"] is True
     assert "signal 9" in result["reason"]
     assert len(read_log(log).state) > 500
+
+
+def test_kill_9_of_the_simulation_ends_the_runtime(tmp_path: Path) -> None:
+    log = tmp_path / "log.mcap"
+    bench = start_climb(saved(tmp_path, climbing_plan()), log)
+    _wait_for(lambda: bench.poll() is not None or log.exists())
+    runtime = _runtime_of(bench)
+    bench.kill()
+    bench.communicate()
+    _wait_for(lambda: not _runs(runtime))
+
+
+def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp_path: Path) -> None:
+    words = ["prlimit", "--fsize=1500000"]  # bytes; half of what the log would take
+    log = tmp_path / "log.mcap"
+    status, result = finish_climb(start_climb(saved(tmp_path, standing_plan()), log, before=words))
+    assert status == 1
+    assert (result["ok"], result["log_complete"]) == (False, False)
+    assert result["reason"] == "log incomplete: file too large"
+    assert (result["reached_goal"], result["fell"], result["slips"]) == (True, False, 0)
+    assert result["goal_error"]["m"] < 0.01
+
+
+def test_a_log_that_is_being_written_is_not_written_by_a_second_climb(tmp_path: Path) -> None:
+    plan, log = saved(tmp_path, standing_plan()), tmp_path / "log.mcap"
+    first = start_climb(plan, log)
+    _wait_for(lambda: first.poll() is not None or log.exists())
+    (tmp_path / "link").symlink_to(tmp_path)
+    status, second = finish_climb(start_climb(plan, tmp_path / "link" / "log.mcap"))
+    assert status == 2
+    assert "another command is writing it" in second["error"]
+    status, result = finish_climb(first)
+    assert status == 0, result
+    assert result["log_complete"]
 
 
 def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> None:

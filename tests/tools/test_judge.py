@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.interpolation import PlanReference
 from crux_contracts.robot import load_robot
-from crux_tools.bench.judge import Verdict, judge, longest_run, pad_travel
+from crux_msgs import plan_t
+from crux_tools.bench.judge import Tracking, Verdict, judge, long_runs, pad_travel, track
 from crux_tools.bench.recorder import Truth
 from crux_tools.bench.robot_model import build_model
 from crux_tools.bench.start_pose import rotation_from_rpy
-from hand_plan import BODY_HEIGHT_M, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
+from hand_plan import BODY_HEIGHT_M, NOMINAL_M, PAD_HEIGHT_M, Wall, climbing_plan, standing_plan
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,40 +27,40 @@ MODEL = build_model(load_robot("scaler"), PLAN)
 GRIPPERS = np.column_stack([NOMINAL_M, np.full(4, PAD_HEIGHT_M)])
 FACE = [next(i for i, face in enumerate(MODEL.faces) if face.hold == hold) for hold in range(4)]
 WEIGHT_N = 3.0
-FLAGS = ("supervisor_state", "plan_complete")
+CYCLE_S = 0.002
 
 
-def make_truth() -> Truth:
+def make_truth(samples: int = SAMPLES) -> Truth:
     """Everything in its place, every pad pressing with 20 N."""
     pads = np.repeat(GRIPPERS, 2, axis=0) + np.tile([[0.042, 0, 0], [-0.042, 0, 0]], (4, 1))
     hand_mass = MODEL.model.body_subtreemass[MODEL.gripper_bodies]
-    wrench = np.zeros((SAMPLES, 4, 6))
+    wrench = np.zeros((samples, 4, 6))
     wrench[:, :, :3] = np.array([0, 0, WEIGHT_N]) + hand_mass[:, None] * np.array(PLAN.gravity_w_m_s2)
     return Truth(
-        cycle=1 + np.arange(SAMPLES) * PERIOD,
-        body_position_m=np.tile([0, 0, BODY_HEIGHT_M], (SAMPLES, 1)),
-        body_quaternion=np.tile([1.0, 0, 0, 0], (SAMPLES, 1)),
-        gripper_position_m=np.tile(GRIPPERS, (SAMPLES, 1, 1)),
-        gripper_rotation=np.tile(np.eye(3), (SAMPLES, 4, 1, 1)),
-        pad_position_m=np.tile(pads, (SAMPLES, 1, 1)),
-        pad_force_n=np.full((SAMPLES, 8), 20.0),
-        pad_face=np.tile(np.repeat(FACE, 2), (SAMPLES, 1)),
+        cycle=1 + np.arange(samples) * PERIOD,
+        body_position_m=np.tile([0, 0, BODY_HEIGHT_M], (samples, 1)),
+        body_quaternion=np.tile([1.0, 0, 0, 0], (samples, 1)),
+        gripper_position_m=np.tile(GRIPPERS, (samples, 1, 1)),
+        gripper_rotation=np.tile(np.eye(3), (samples, 4, 1, 1)),
+        pad_position_m=np.tile(pads, (samples, 1, 1)),
+        pad_force_n=np.full((samples, 8), 20.0),
+        pad_face=np.tile(np.repeat(FACE, 2), (samples, 1)),
         hand_wrench_g=wrench,
-        link_contact_force_n=np.zeros(SAMPLES),
+        link_contact_force_n=np.zeros(samples),
+        climbing=np.ones(samples, dtype=bool),
     )
 
 
 def make_log() -> Any:
-    """The runtime climbs from cycle 0 on, all limbs in stance, and finishes."""
+    """The runtime climbs from cycle 0 on, all limbs in stance."""
     cycles = SAMPLES * PERIOD
     state = np.zeros(
         cycles,
-        dtype=[("cycle", "i8"), ("time_s", "f8"), ("plan_time_s", "f8"), *((n, "i1") for n in FLAGS)],
+        dtype=[("cycle", "i8"), ("plan_time_s", "f8"), ("supervisor_state", "i1")],
     )
     state["cycle"] = 1 + np.arange(cycles)
-    state["time_s"] = state["plan_time_s"] = state["cycle"] * 0.002
+    state["plan_time_s"] = state["cycle"] * CYCLE_S
     state["supervisor_state"] = 2
-    state["plan_complete"][-50:] = 1
     references = np.zeros((cycles, 4), dtype=[("phase", "i1"), ("load", "f8"), ("gripper_position_w_m", "f8", 3)])
     references["load"] = 1.0
     references["gripper_position_w_m"] = GRIPPERS
@@ -67,17 +70,25 @@ def make_log() -> Any:
     return SimpleNamespace(state=state, references=references, limbs=limbs, limbs_fresh=fresh)
 
 
-def verdict_on(truth: Truth, log: Any = None) -> Verdict:
-    return judge(truth, log or make_log(), PLAN, MODEL)
+def cut(log: Any, rows: slice) -> Any:
+    return SimpleNamespace(**{name: table[rows] for name, table in vars(log).items()})
+
+
+def verdict_on(truth: Truth, plan: plan_t = PLAN, complete: bool = True) -> Verdict:
+    return judge(truth, plan, MODEL, complete)
+
+
+def tracked(truth: Truth, log: Any = None) -> Tracking:
+    return track(truth, log or make_log(), PLAN, MODEL)
 
 
 def test_a_perfect_run() -> None:
-    verdict = verdict_on(make_truth())
+    verdict, tracking = verdict_on(make_truth()), tracked(make_truth())
     assert verdict.reached_goal
     assert not verdict.fell
     assert verdict.slips == 0
-    assert verdict.body_max_m == verdict.finger_max_m == verdict.goal_error_m == 0.0
-    assert verdict.force_rms_n == pytest.approx(0.0, abs=1e-9)
+    assert tracking.body_max_m == tracking.finger_max_m == verdict.goal_error_m == 0.0
+    assert tracking.force_rms_n == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("moved_m", "slips"), [(0.0049, 0), (0.0051, 1)])
@@ -111,7 +122,7 @@ def test_a_body_far_from_its_reference_fell() -> None:
     verdict = verdict_on(truth)
     assert verdict.fell
     assert "body" in verdict.fall_reason
-    assert verdict.body_max_m == pytest.approx(0.11)
+    assert tracked(truth).body_max_m == pytest.approx(0.11)
 
 
 @pytest.mark.parametrize(("samples", "fell"), [(9, False), (12, True)])
@@ -123,11 +134,53 @@ def test_a_limb_without_its_hold_in_stance_fell(samples: int, fell: bool) -> Non
     assert ("RR lost its hold" in verdict.fall_reason) is fell
 
 
-def test_the_same_limb_in_the_air_did_not_fall() -> None:
-    truth, log = make_truth(), make_log()
-    truth.pad_face[50:80, 6:] = -1
-    log.references["phase"][:, 3] = 4
-    assert not verdict_on(truth, log).fell
+def swing_truth(plan: plan_t, let_go: float, landed: float, late_s: float = 0.0) -> Truth:
+    """A run of `plan`, in which LF is off its hold between two times and everything else stays in its place.
+
+    What the plan wants after LF's landing comes `late_s` later: so long the clock stood still.
+    """
+    step_s, end_s = PERIOD * CYCLE_S, plan.knots[-1].time_s + late_s
+    truth = make_truth(round(end_s / step_s))
+    time_s = (truth.cycle - truth.cycle[0]) * CYCLE_S
+    truth.body_position_m[:] = PlanReference(plan).body(np.where(time_s < landed, time_s, time_s - late_s))[0]
+    away = (time_s >= let_go) & (time_s < landed)
+    truth.pad_face[away, :2] = -1
+    truth.pad_force_n[away, :2] = 0.0
+    return truth
+
+
+@pytest.mark.parametrize(
+    ("early_s", "late_s", "fell"),
+    [(0.0, 0.0, False), (-0.05, 1.5, False), (0.3, 0.0, False), (0.3, 4.0, False), (-2.5, 0.0, True)],
+)
+def test_a_limb_may_leave_its_hold_where_the_plan_lets_it_go_and_the_plan_waits_for_it(
+    early_s: float, late_s: float, fell: bool
+) -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]
+    lets_go_s, takes_hold_s = plan.knots[air[0]].time_s, plan.knots[air[-1] + 1].time_s
+    truth = swing_truth(plan, lets_go_s + early_s, takes_hold_s - 0.3 + late_s, late_s)
+    verdict = verdict_on(truth, plan)
+    assert verdict.fell is fell
+    assert ("LF lost its hold" in verdict.fall_reason) is fell
+
+
+def test_a_limb_that_loses_its_hold_after_its_swing_fell() -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]
+    truth = swing_truth(plan, plan.knots[air[0]].time_s, plan.knots[air[-1] + 1].time_s)
+    again = round((plan.knots[air[-1] + 1].time_s + 1.5) / (PERIOD * CYCLE_S))
+    truth.pad_face[again : again + 30, 1] = -1
+    assert "LF lost its hold" in verdict_on(truth, plan).fall_reason
+
+
+def test_where_the_runtime_stops_climbing_the_plan_waits() -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    truth = make_truth(2000)
+    climbing = truth.cycle < 1000  # 2 s of 20: the body, which the plan would lean 30 mm, stays
+    verdict = verdict_on(replace(truth, climbing=climbing), plan, complete=False)
+    assert not verdict.fell
+    assert not verdict.reached_goal
 
 
 @pytest.mark.parametrize(
@@ -143,9 +196,17 @@ def test_the_goal_is_reached_within_its_tolerance_on_truth(offset_m: float, tilt
 
 
 def test_an_unfinished_plan_reached_nothing() -> None:
-    log = make_log()
-    log.state["plan_complete"] = 0
-    assert not verdict_on(make_truth(), log).reached_goal
+    assert not verdict_on(make_truth(), complete=False).reached_goal
+
+
+def test_a_log_without_the_climb_leaves_the_tracking_open_and_one_of_half_of_it_tells_of_that() -> None:
+    truth, log = make_truth(), make_log()
+    truth.body_position_m[:, 1] += np.linspace(0.0, 0.01, SAMPLES)
+    whole, half = tracked(truth, log), tracked(truth, cut(log, slice(0, 50 * PERIOD)))
+    assert whole.body_max_m == pytest.approx(0.01)
+    assert half.body_max_m == pytest.approx(0.01 * 49 / 99)
+    log.state["supervisor_state"] = 1
+    assert tracked(truth, log) == Tracking(None, None, None, None)
 
 
 def test_force_error_is_measured_in_the_wall_frame_without_the_hands_weight() -> None:
@@ -153,30 +214,32 @@ def test_force_error_is_measured_in_the_wall_frame_without_the_hands_weight() ->
     truth = make_truth()
     truth.gripper_rotation[:] = turn
     truth.hand_wrench_g[:, :, :3] = truth.hand_wrench_g[:, :, :3] @ turn  # the same world force seen from turned hands
-    assert verdict_on(truth).force_rms_n == pytest.approx(0.0, abs=1e-9)
+    assert tracked(truth).force_rms_n == pytest.approx(0.0, abs=1e-9)
     truth.hand_wrench_g[:, 1, :3] += np.array([2.0, 0, 0]) @ turn
-    assert verdict_on(truth).force_rms_n == pytest.approx(1.0)  # one limb of four off by 2 N
+    assert tracked(truth).force_rms_n == pytest.approx(1.0)  # one limb of four off by 2 N
 
 
 def test_limbs_are_compared_in_the_cycles_they_were_logged_in() -> None:
     truth = make_truth()
     truth.gripper_position_m[1::2] += 0.05  # between two logged cycles the reference is not known
-    assert verdict_on(truth).finger_max_m == 0.0
+    assert tracked(truth).finger_max_m == 0.0
     truth.gripper_position_m[2, 1, 2] += 0.004
-    assert verdict_on(truth).finger_max_m == pytest.approx(0.004)
+    assert tracked(truth).finger_max_m == pytest.approx(0.004)
 
 
 def test_before_the_start_nothing_counts() -> None:
     truth, log = make_truth(), make_log()
     log.state["supervisor_state"][: 60 * PERIOD] = 1
+    truth.climbing[:60] = False
     truth.body_position_m[:50, 2] -= 0.2
     truth.pad_face[:50] = -1
-    verdict = verdict_on(replace(truth, pad_force_n=np.where(truth.pad_face < 0, 0.0, 20.0)), log)
-    assert not verdict.fell
-    assert verdict.body_max_m == 0.0
+    before = replace(truth, pad_force_n=np.where(truth.pad_face < 0, 0.0, 20.0))
+    assert not verdict_on(before).fell
+    assert tracked(before, log).body_max_m == 0.0
 
 
-@given(st.lists(st.booleans(), max_size=40))
-def test_longest_run_against_splitting_a_string(flags: list[bool]) -> None:
+@given(st.lists(st.booleans(), max_size=40), st.integers(1, 6))
+def test_long_runs_against_splitting_a_string(flags: list[bool], least: int) -> None:
     text = "".join("x" if flag else " " for flag in flags)
-    assert longest_run(np.array(flags, dtype=bool)) == max(map(len, text.split()), default=0)
+    wanted = re.sub("x+", lambda run: run[0] if len(run[0]) >= least else " " * len(run[0]), text)
+    assert "".join("x" if flag else " " for flag in long_runs(np.array(flags, dtype=bool), least)) == wanted

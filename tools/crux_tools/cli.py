@@ -88,6 +88,7 @@ def _origin(error: BaseException) -> str:
 WRONG_INPUT = {
     "crux_contracts.yaml_document": "DocumentError",
     "crux_contracts.plan_file": "PlanFileError",
+    "crux_contracts.output_file": "OutputError",
     "crux_tools.telemetry.reader": "LogError",
 }
 NO_SUCCESS = {"crux_planner.errors": "InfeasibleError"}

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
+import hashlib
 import json
 import math
+import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
+
+from crux_tools.errors import UsageError
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +41,18 @@ def print_json(result: dict[str, Any]) -> None:
 def note(text: str) -> None:
     """A line for the person at the terminal, on standard error."""
     print(text, file=sys.stderr)
+
+
+@contextmanager
+def alone_with(path: Path) -> Iterator[None]:
+    """Holds an output for the time of a with-block; raises UsageError where another command of this user does."""
+    name = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
+    with (Path(tempfile.gettempdir()) / f"crux-output-{os.getuid()}-{name}.lock").open("w") as lock:
+        try:  # the file stays: unlinking a locked file would let a third command lock its successor
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"{path}: another command is writing it; wait for it, or name another file") from None
+        yield
 
 
 class Progress:

@@ -10,9 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import os
 import struct
-import tempfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,6 +25,7 @@ from mcap.writer import CompressionType, Writer
 
 from . import LIMB_NAMES, cdr
 from .channels import BY_NAME, CRUX_PLAN, SCHEMAS
+from .output_file import write_whole
 
 PLAN_TOPIC = BY_NAME[CRUX_PLAN].topic
 KNOT_TOPIC = f"{PLAN_TOPIC}/knot"
@@ -80,27 +79,12 @@ def to_bytes(plan: plan_t) -> bytes:
 
 
 def write_plan(path: str | Path, plan: plan_t) -> None:
-    """Writes the file whole or not at all. Sets plan.plan_id. Raises PlanFileError."""
-    target = Path(path)
+    """Writes the file whole or not at all. Sets plan.plan_id. Raises PlanFileError or, as write_whole, OutputError."""
     data = to_bytes(plan)
     try:
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
-            scratch = Path(file.name)
-        try:
-            scratch.write_bytes(data)
-            scratch.chmod(0o666 & ~_umask())
-            scratch.replace(target)
-        except BaseException:
-            scratch.unlink(missing_ok=True)
-            raise
+        write_whole(Path(path), data)
     except OSError as error:
-        raise PlanFileError(f"{target}: cannot be written: {error.strerror}") from error
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        raise PlanFileError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def read_plan(path: str | Path) -> plan_t:

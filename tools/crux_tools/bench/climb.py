@@ -18,7 +18,7 @@ from crux_tools.bench.disturbance import Course, Disturbance, look_back
 from crux_tools.bench.emulated_boards import EmulatedBoards, Place
 from crux_tools.bench.fault_file import Fault
 from crux_tools.bench.firmware_nodes import FirmwareNodes
-from crux_tools.bench.judge import Verdict, judge
+from crux_tools.bench.judge import Tracking, Verdict, judge, track
 from crux_tools.bench.loop import START_CYCLE, Ending, Loop, Outcome
 from crux_tools.bench.plant import Plant
 from crux_tools.bench.ports import run_ports
@@ -30,8 +30,8 @@ from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
-from crux_tools.telemetry.reader import read_log
-from crux_tools.telemetry.summary import summarise
+from crux_tools.telemetry.reader import LogError, read_log
+from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
@@ -61,34 +61,35 @@ class ClimbResult:
 
     outcome: Outcome
     verdict: Verdict
+    tracking: Tracking
     real_time_factor: float
     missed_cycles: int
     reason: str
     log: Path
+    log_complete: bool
     courses: tuple[Course, ...] = ()
     worst_interrupts: dict[str, int] | None = None
     """instructions, of the emulated boards"""
 
     @property
     def ok(self) -> bool:
-        """The robot reached the goal without a slip or a fall."""
+        """The robot reached the goal without a slip or a fall, and the log is complete."""
         verdict = self.verdict
-        complete = self.outcome.ending is Ending.COMPLETE
-        return complete and verdict.reached_goal and not verdict.fell and verdict.slips == 0
+        return verdict.reached_goal and not verdict.fell and verdict.slips == 0 and self.log_complete
 
     def as_json(self) -> dict[str, Any]:
         """The object `crux climb --json` prints."""
-        verdict = self.verdict
+        verdict, tracking = self.verdict, self.tracking
         result: dict[str, Any] = {
             "ok": self.ok,
             "reached_goal": verdict.reached_goal,
             "fell": verdict.fell,
             "slips": verdict.slips,
             "tracking": {
-                "body_m": verdict.body_max_m,
-                "finger_m": verdict.finger_max_m,
-                "force_N": verdict.force_rms_n,
-                "body_rms_m": verdict.body_rms_m,
+                "body_m": tracking.body_max_m,
+                "finger_m": tracking.finger_max_m,
+                "force_N": tracking.force_rms_n,
+                "body_rms_m": tracking.body_rms_m,
             },
             "goal_error": {"m": verdict.goal_error_m, "rad": verdict.goal_error_rad},
             "largest_slip_m": verdict.largest_slip_m,
@@ -96,6 +97,7 @@ class ClimbResult:
             "missed_cycles": self.missed_cycles,
             "cycles": self.outcome.cycles,
             "log": str(self.log),
+            "log_complete": self.log_complete,
             "reason": self.reason,
         }
         if self.worst_interrupts is not None:
@@ -194,29 +196,46 @@ def climb(
         if outcome.ending is not Ending.RUNTIME_DIED:
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
-        last_words = runtime.last_words() if outcome.ending is Ending.RUNTIME_DIED else ""
+        unlogged = runtime.log_trouble()
+        died = outcome.ending is Ending.RUNTIME_DIED or runtime.crashed
+        last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
-    return replace(_judged(plan, recorder, log, outcome, last_words, courses), worst_interrupts=interrupts)
+    result = _judged(plan, recorder, log, outcome, (last_words, unlogged), courses)
+    return replace(result, worst_interrupts=interrupts)
 
 
 def _judged(
-    plan: plan_t, recorder: Recorder, log: Path, outcome: Outcome, last_words: str, courses: tuple[Course, ...]
+    plan: plan_t,
+    recorder: Recorder,
+    log: Path,
+    outcome: Outcome,
+    complaints: tuple[str, str],
+    courses: tuple[Course, ...],
 ) -> ClimbResult:
-    robot, dt_s = recorder.plant.robot, recorder.plant.dt_s
-    telemetry = read_log(log)
-    if not len(telemetry.state):
-        raise WorkFailed(f"the runtime logged no control cycle{': ' + last_words if last_words else ''}")
-    truth, reported = recorder.truth(), summarise(telemetry).faults
-    verdict = judge(truth, telemetry, plan, robot)
+    """`complaints`: how the runtime ended if it should not have, and why its log is incomplete."""
+    robot, dt_s, truth = recorder.plant.robot, recorder.plant.dt_s, recorder.truth()
+    last_words, unlogged = complaints
+    if not len(truth.cycle):
+        raise WorkFailed(f"the runtime made no control cycle{': ' + last_words if last_words else ''}")
+    verdict = judge(truth, plan, robot, outcome.ending is Ending.COMPLETE)
+    tracking, reported, missed = Tracking(), list[FaultNote](), 0
+    try:
+        telemetry = read_log(log)
+    except (LogError, OSError) as error:
+        unlogged = unlogged or str(error)
+    else:
+        tracking, reported = track(truth, telemetry, plan, robot), summarise(telemetry).faults
+        missed = int(telemetry.state["missed_cycles"][-1])
     look_back(courses, truth, reported, dt_s)
+    said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]
     return ClimbResult(
         outcome=outcome,
         verdict=verdict,
+        tracking=tracking,
         real_time_factor=outcome.cycles * dt_s / outcome.wall_s if outcome.wall_s > 0 else 0.0,
-        missed_cycles=int(telemetry.state["missed_cycles"][-1]) + outcome.missed,
-        reason=_reason(
-            outcome, verdict, ([last_words] if last_words else []) + [fault_line(fault) for fault in reported]
-        ),
+        missed_cycles=missed + outcome.missed,
+        reason=_reason(outcome, verdict, [*filter(None, said), *map(fault_line, reported)]),
         log=log,
+        log_complete=not (unlogged or last_words),
         courses=courses,
     )

@@ -68,8 +68,12 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(func=run)
 
 
+def _amount(value: float | None, scale: float, digits: int = 1) -> str:
+    return "–" if value is None else f"{value * scale:.{digits}f}"
+
+
 def _print_summary(result: Any) -> None:
-    verdict = result.verdict
+    verdict, tracking = result.verdict, result.tracking
     note(f"{'climbed' if result.ok else 'failed'}: {result.reason or 'the robot is at the goal'}")
     note(
         f"  goal      {verdict.goal_error_m * 1e3:.1f} mm off, {'reached' if verdict.reached_goal else 'not reached'}; "
@@ -77,8 +81,8 @@ def _print_summary(result: Any) -> None:
         f"{'a' if verdict.fell else 'no'} fall"
     )
     note(
-        f"  tracking  body {verdict.body_max_m * 1e3:.1f} mm max, {verdict.body_rms_m * 1e3:.1f} mm rms; "
-        f"gripper {verdict.finger_max_m * 1e3:.1f} mm max; force {verdict.force_rms_n:.2f} N rms"
+        f"  tracking  body {_amount(tracking.body_max_m, 1e3)} mm max, {_amount(tracking.body_rms_m, 1e3)} mm rms; "
+        f"gripper {_amount(tracking.finger_max_m, 1e3)} mm max; force {_amount(tracking.force_rms_n, 1, 2)} N rms"
     )
     note(
         f"  time      {result.outcome.cycles} cycles at {result.real_time_factor:.2f} x real time, "
@@ -109,20 +113,22 @@ def _write_report(result: Any, log: Path, page: Path) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the robot reached the goal without slip or fall, 1 otherwise."""
+    from crux_contracts.output_file import look_at_outputs
     from crux_contracts.plan_file import read_plan
 
     from crux_tools.bench.climb import ClimbOptions, climb
     from crux_tools.bench.emulated_boards import read_places
     from crux_tools.bench.fault_file import read_faults
+    from crux_tools.output import alone_with
     from crux_tools.plan_robot import robot_of_plan
 
     plan = read_plan(options.plan)
     robot = robot_of_plan(plan, options.plan)
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
-    options.output.parent.mkdir(parents=True, exist_ok=True)
     emulated = read_places(options.emulate) if options.emulate is not None else ()
+    look_at_outputs({"-o": options.output, "--report": options.report}, (options.plan, options.faults))
     wanted = ClimbOptions(options.pace, options.bus, options.seed, faults, emulated, options.commands)
-    with progress("climbing", plan.knots[-1].time_s) as bar:
+    with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:
         print_json(result.as_json())

@@ -1,9 +1,14 @@
-"""Judges a climb on what happened in physics; the runtime's log only tells what it meant to do at each cycle.
+"""Judges a climb on what happened in physics, and on nothing the runtime says of itself but whether it climbs.
 
 A slip: a pad that moved more than 5 mm along its face while loaded, counted from the pose in which the load began.
 On point feet: more than 10 mm along the wall, for a foot that comes down late or early rubs a little.
-A fall: the body more than 100 mm off its reference, or a limb in stance whose pad lost its hold. Goal: the body at rest
-within the scenario's tolerance of the goal pose, on truth, not on the runtime's estimate.
+A fall: the body more than 100 mm off where the plan wants it, or a pad off its hold (point feet: a foot off the wall)
+for more than 0.1 s while the plan has the limb in stance under its whole load. At which point of the plan the robot is,
+reference_clock tells from the fingers that leave and touch.
+Goal: the plan is complete, and at the end of a rest of half a second the body is within the scenario's tolerance of the
+goal pose.
+
+The verdict needs no log. The log adds how well the runtime's own references were tracked, in the cycles that are in it.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from numpy.typing import NDArray
 
 from crux_tools.bench.plant import CONTACT_PERIOD
 from crux_tools.bench.recorder import Truth
+from crux_tools.bench.reference_clock import ReferenceClock
 from crux_tools.bench.robot_model import RobotModel
 from crux_tools.bench.start_pose import rotation_from_rpy
 
@@ -29,6 +35,7 @@ LOST_HOLD_S = 0.1  # without contact in stance; shorter is chatter of one pad
 UNLOADED_SHARE = 0.4  # of the contact force: below it a loaded pad counts as unloaded again
 FULL_LOAD = 0.98  # share of the planned wrench from which on the wrench error counts
 STANCE = 0  # LimbPhase
+CLIMBING = 2  # robot_state_t
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,13 +51,21 @@ class Verdict:
     fall_reason: str
     slips: int
     largest_slip_m: float
-    body_max_m: float
-    body_rms_m: float
-    finger_max_m: float
-    force_rms_n: float
     goal_error_m: float
     goal_error_rad: float
     link_contact_force_n: float
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How well what was logged as wanted became true; None where the log has no such cycle."""
+
+    body_max_m: float | None = None
+    body_rms_m: float | None = None
+    finger_max_m: float | None = None
+    """of the gripper centres"""
+    force_rms_n: float | None = None
+    """of the contact forces of limbs under their whole load"""
 
 
 def goal_pose(plan: Any) -> tuple[Floats, Floats]:
@@ -111,70 +126,94 @@ def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet
     return travels
 
 
-def longest_run(flags: Bools) -> int:
-    """Length of the longest run of True."""
-    padded = np.concatenate([[False], flags, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return int((edges[1::2] - edges[::2]).max(initial=0))
-
-
 def contact_forces_w(truth: Truth, plan: Any, hand_mass_kg: Floats) -> Floats:
     """Forces of the holds on the grippers, frame W, (n, 4, 3): the hand's weight taken off."""
     force_w = np.einsum("nlij,nlj->nli", truth.gripper_rotation, truth.hand_wrench_g[:, :, :3])
     return np.asarray(force_w - hand_mass_kg[None, :, None] * np.array(plan.gravity_w_m_s2))
 
 
-def judge(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Verdict:
-    """The verdict on a run from its first climbing cycle to its end.
+def long_runs(flags: Bools, least: int) -> Bools:
+    """`flags` (n,) with every run of True shorter than `least` taken out."""
+    kept = flags.copy()
+    padded = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin < least:
+            kept[begin:end] = False
+    return kept
 
-    `log` is a telemetry.Telemetry of the same run, `robot` the model it ran on.
-    """
-    cycles = truth.cycle
-    row = np.clip(np.searchsorted(log.state["cycle"], cycles), 0, len(log.state) - 1)
-    state, references, limbs = log.state[row], log.references[row], log.limbs[row]
-    period_s = CONTACT_PERIOD * float(robot.model.opt.timestep)
-    begun = np.flatnonzero(log.state["supervisor_state"] == 2)
-    first = int(np.searchsorted(cycles, log.state["cycle"][begun[0]])) if len(begun) else len(cycles)
-    run = np.arange(len(cycles)) >= first
 
-    body_reference_m, _ = PlanReference(plan).body(state["plan_time_s"])
-    body_error = np.linalg.norm(truth.body_position_m - body_reference_m, axis=1)[run]
-    fresh = run & log.limbs_fresh[row] & (state["cycle"] == cycles)
-    gripper_error = np.linalg.norm(truth.gripper_position_m - references["gripper_position_w_m"], axis=2)[fresh]
-    stance = (references["phase"] == STANCE) & run[:, None]
-    loaded = stance & fresh[:, None] & (references["load"] > FULL_LOAD)
-    force_error = (
-        contact_forces_w(truth, plan, robot.model.body_subtreemass[robot.gripper_bodies]) - limbs["force_reference_w_n"]
-    )
-    square = np.sum(force_error**2, axis=2)[loaded]
+def _rms(values: Floats) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
 
+
+def _largest(values: Floats) -> float | None:
+    return float(values.max()) if values.size else None
+
+
+def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
+    """What makes the run a fall."""
+    dt_s = float(robot.model.opt.timestep)
+    lost_samples = int(LOST_HOLD_S / (CONTACT_PERIOD * dt_s)) + 1
+    time_s = truth.cycle * dt_s
+    pad_off = truth.pad_face.reshape(-1, len(LIMB_NAMES), 2) < 0
+    off = np.asarray(pad_off.all(axis=2) if robot.point_feet else pad_off.any(axis=2))  # a foot stands on one pad too
+    gone = np.stack([long_runs(limb, lost_samples) for limb in off.T], axis=1)
+    reference = PlanReference(plan)
+    step_s = np.diff(time_s, prepend=time_s[:1]) * truth.climbing
+    plan_s, stance = ReferenceClock(reference).play(step_s, gone)
+    begun = np.maximum.accumulate(truth.climbing)
+
+    body_off = begun & (np.linalg.norm(truth.body_position_m - reference.body(plan_s)[0], axis=1) > FALL_M)
     reasons = []
-    if np.any(body_error > FALL_M):
-        at = float(state["time_s"][run][np.argmax(body_error > FALL_M)])
-        reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its reference at {at:.1f} s")
-    off = truth.pad_face.reshape(-1, 4, 2) < 0
-    without = (off.all(axis=2) if robot.point_feet else off.any(axis=2)) & stance  # a foot stands on one pad too
+    if body_off.any():
+        at_s = time_s[np.argmax(body_off)]
+        reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its reference at {at_s:.1f} s")
+    without = off & stance & begun[:, None]
     for limb, name in enumerate(LIMB_NAMES):
-        if longest_run(without[:, limb]) * period_s > LOST_HOLD_S:
-            at = float(state["time_s"][np.argmax(without[:, limb])])
-            reasons.append(f"limb {name} lost its hold in stance at {at:.1f} s")
+        lost = long_runs(without[:, limb], lost_samples)
+        if lost.any():
+            reasons.append(f"limb {name} lost its hold in stance at {time_s[np.argmax(lost)]:.1f} s")
+    return reasons
+
+
+def judge(truth: Truth, plan: Any, robot: RobotModel, complete: bool) -> Verdict:
+    """The verdict on a run of at least one sample, from its first climbing cycle to its end.
+
+    `robot` is the model it ran on, `complete` whether the plan was played to its end.
+    """
+    reasons = _falls(truth, plan, robot)
     travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N, robot.point_feet)
     slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
     goal_error_m = float(np.linalg.norm(truth.body_position_m[-1] - goal_position))
     goal_error_rad = angle_between(goal_rotation, rotations_from_quaternions(truth.body_quaternion[-1:])[0])
-    complete = bool(log.state["plan_complete"][-1])
     return Verdict(
         reached_goal=complete and goal_error_m <= plan.goal_tolerance_m and goal_error_rad <= plan.goal_tolerance_rad,
         fell=bool(reasons),
         fall_reason="; ".join(reasons),
         slips=sum(travel > slip_m for travel in travels),
         largest_slip_m=max(travels, default=0.0),
-        body_max_m=float(body_error.max(initial=0.0)),
-        body_rms_m=float(np.sqrt(np.mean(body_error**2))) if len(body_error) else 0.0,
-        finger_max_m=float(gripper_error.max(initial=0.0)),
-        force_rms_n=float(np.sqrt(square.mean())) if len(square) else 0.0,
         goal_error_m=goal_error_m,
         goal_error_rad=goal_error_rad,
         link_contact_force_n=float(truth.link_contact_force_n.max(initial=0.0)),
     )
+
+
+def track(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Tracking:
+    """Physics against the references in `log`, a telemetry.Telemetry of the same run, in the cycles both have."""
+    logged = log.state["cycle"]
+    climbing = np.flatnonzero(log.state["supervisor_state"] == CLIMBING)
+    if not len(climbing):
+        return Tracking()
+    row = np.clip(np.searchsorted(logged, truth.cycle), 0, len(logged) - 1)
+    state, references = log.state[row], log.references[row]
+    run = (logged[row] == truth.cycle) & (truth.cycle >= logged[climbing[0]])
+    body_reference_m, _ = PlanReference(plan).body(state["plan_time_s"])
+    body_error = np.linalg.norm(truth.body_position_m - body_reference_m, axis=1)[run]
+    fresh = run & log.limbs_fresh[row]
+    gripper_error = np.linalg.norm(truth.gripper_position_m - references["gripper_position_w_m"], axis=2)[fresh]
+    loaded = (references["phase"] == STANCE) & fresh[:, None] & (references["load"] > FULL_LOAD)
+    contact_force = contact_forces_w(truth, plan, robot.model.body_subtreemass[robot.gripper_bodies])
+    force_error = np.linalg.norm(contact_force - log.limbs[row]["force_reference_w_n"], axis=2)[loaded]
+    return Tracking(_largest(body_error), _rms(body_error), _largest(gripper_error), _rms(force_error))

@@ -94,10 +94,10 @@ class Loop:
                 self.plant.step(*self.nodes.control(self.plant))
                 self.nodes.publish(self.plant)
 
-    def _step(self, cycle: int) -> None:
+    def _step(self, cycle: int, climbing: bool) -> None:
         torque, force = self.nodes.control(self.plant)
         self.plant.step(torque, force)
-        self.recorder.sample(cycle)
+        self.recorder.sample(cycle, climbing)
 
     def run(self) -> Outcome:
         """Answers Syncs until the climb is over."""
@@ -124,7 +124,7 @@ class Loop:
             missed += cycle - last - 1  # the bench came too late: physics stands still, no watchdog counts
             if self.disturbance is not None:
                 self.disturbance.begin_cycle(cycle)
-            self._step(cycle)
+            self._step(cycle, self.nodes.host_state() & STATE_MASK == CLIMBING)
             if self.disturbance is not None:
                 self.disturbance.end_cycle(cycle)
             self.nodes.publish(self.plant)
@@ -157,7 +157,7 @@ class Loop:
         before = self.plant.data.qpos[:3].copy()
         held = self.plant.limbs_on_holds()
         for step in range(int(FREE_RUN_S / self.plant.dt_s)):
-            self._step(last + 1 + step)
+            self._step(last + 1 + step, climbing=False)
             self.nodes.publish(self.plant)
         moved_m = float(np.linalg.norm(self.plant.data.qpos[:3] - before))
         return moved_m < STAYED_M and bool(np.all(self.plant.limbs_on_holds()[held]))

@@ -20,10 +20,12 @@ PAD_FORCE = slice(79, 87)
 PAD_FACE = slice(87, 95)
 WRENCHES = slice(95, 119)
 LINK_FORCE = 119
-COLUMNS = 120
+IS_CLIMBING = 120
+COLUMNS = 121
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Truth:
     pad_face: Ints  # (n, 8) index into faces, -1 without contact
     hand_wrench_g: Floats  # (n, 4, 6) of the world on the hand incl. its weight, gripper frame, without bias and noise
     link_contact_force_n: Floats  # (n,) greatest force on anything but a pad
+    climbing: Bools  # (n,) the runtime said on the bus that it climbs
 
 
 class Recorder:
@@ -51,8 +54,8 @@ class Recorder:
         self._cycles = np.empty(FIRST_ROWS, dtype=np.int64)
         self._count = 0
 
-    def sample(self, cycle: int) -> None:
-        """Call after every step; `cycle` is the runtime's count."""
+    def sample(self, cycle: int, climbing: bool) -> None:
+        """Call after every step; `cycle` is the runtime's count, `climbing` its state as the nodes hear it."""
         plant = self.plant
         if cycle % CONTACT_PERIOD != FIRST_CONTACT_STEP - 1:  # the step of cycle 0 is the first
             return
@@ -69,6 +72,7 @@ class Recorder:
         row[PAD_FACE] = plant.pad_face
         row[WRENCHES] = plant.ft_true
         row[LINK_FORCE] = plant.link_contact_force_n
+        row[IS_CLIMBING] = climbing
         self._cycles[self._count] = cycle
         self._count += 1
 
@@ -86,4 +90,5 @@ class Recorder:
             pad_face=rows[:, PAD_FACE].astype(np.int64),
             hand_wrench_g=rows[:, WRENCHES].reshape(n, 4, 6),
             link_contact_force_n=rows[:, LINK_FORCE].copy(),
+            climbing=rows[:, IS_CLIMBING] > 0,
         )

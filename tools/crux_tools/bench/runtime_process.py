@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import tempfile
 from pathlib import Path
@@ -17,6 +18,8 @@ from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
 USAGE_STATUS = 2  # of the runtime: options, robot description, bus or LCM
+LOG_STATUS = 1  # of the runtime: the log could not be written
+LOG_TROUBLE = re.compile(r"log .*: cannot be \w+: (.*?)( \(os error \d+\))?(;|$)", re.MULTILINE)
 START_TRIES, START_TRY_S = 400, 0.05
 GUARD_TIME_S = 10.0  # lockstep: a busy machine must not make the runtime go on without its nodes
 STOP_TIMEOUT_S = 20.0
@@ -38,6 +41,7 @@ class RuntimeProcess:
     ) -> None:
         """`guard_s`: how long the runtime waits for the nodes in lockstep; `commands`: each or broadcast."""
         self._arguments = [
+            *("setpriv", "--pdeathsig", "TERM"),  # it ends with the simulation, however that ends
             str(built(BINARY)),
             *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
             *("--guard-time", str(guard_s), "--commands", commands),
@@ -64,10 +68,26 @@ class RuntimeProcess:
         """False once the process has ended."""
         return self._process.poll() is None
 
+    @property
+    def crashed(self) -> bool:
+        """It has ended, but neither as asked for nor for the sake of its log."""
+        return self._process.poll() not in (None, 0, LOG_STATUS)
+
+    def _said(self) -> str:
+        self._stderr.seek(0)
+        return self._stderr.read().decode(errors="replace")
+
+    def log_trouble(self) -> str:
+        """Why the log of a process that has ended is incomplete; empty when nothing is known against it."""
+        if self._process.poll() != LOG_STATUS:
+            return ""
+        found = LOG_TROUBLE.search(self._said())
+        reason = found[1] if found else self.last_words()
+        return reason[:1].lower() + reason[1:]
+
     def last_words(self) -> str:
         """How the process ended and what it wrote last on standard error, on one line."""
-        self._stderr.seek(0)
-        text = " ".join(self._stderr.read().decode(errors="replace").split())[-STDERR_SHOWN:]
+        text = " ".join(self._said().split())[-STDERR_SHOWN:]
         code = self._process.poll()
         how = f"was ended by signal {-code}" if code is not None and code < 0 else f"ended with status {code}"
         return f"{how}{': ' + text if text else ''}"

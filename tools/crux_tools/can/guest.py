@@ -122,7 +122,7 @@ class _Process:
     """The guest's process; whatever happens, nothing of it outlives the with-block."""
 
     def __init__(self, arguments: list[str], environment: dict[str, str], keep_open: tuple[int, ...]) -> None:
-        arguments = [*_own_process_namespace(), *arguments]
+        arguments = ["setpriv", "--pdeathsig", "KILL", *_own_process_namespace(), *arguments]  # not to outlive us
         read_out, write_out = os.pipe()
         read_err, write_err = os.pipe()
         try:

@@ -32,7 +32,7 @@ def run(job: Job, state: Path) -> int:
     # No exec in the script: the first process of a namespace does not feel signals.
     namespaces = ["--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
     command = ["unshare", *as_root, *namespaces, "--", "sh", str(script), *job.command]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    process = subprocess.Popen(["setpriv", "--pdeathsig", "KILL", *command], stdin=subprocess.DEVNULL)
     try:
         status = process.wait(job.timeout_s)
     except subprocess.TimeoutExpired:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts.node_services import number
+from crux_contracts.output_file import look_at_outputs, write_whole
 
 from crux_tools.arguments import taught
 from crux_tools.can.image import (
@@ -87,9 +88,10 @@ def run_sign(options: argparse.Namespace) -> int:
         if options.key.exists():
             raise UsageError(f"--new-key: {options.key} exists already")
         new_key(options.key)
+    look_at_outputs({"-o": options.output}, (*options.programs, options.key))
     images = [sign(program.payload, options.kind, version, options.key, program.address) for program in programs]
     data = b"".join(image for image, _ in images)
-    options.output.write_bytes(data)
+    write_whole(options.output, data)
     public = images[0][1].hex()
     if options.json:
         print_json({

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crux_tools.arguments import taught
-from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
 if TYPE_CHECKING:
@@ -50,32 +48,21 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(func=run)
 
 
-def _write(path: Path, content: bytes) -> None:
-    """All of it or nothing: a broken write leaves an older file as it was."""
-    if path.is_dir():
-        raise UsageError(f"{path}: is a folder; name the file to write")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-
-
 def write_report(source: Path, output: Path, picture: Path | None = None, result: ClimbResult | None = None) -> Written:
     """Writes the page about `source`, and the picture if asked for; `result`: of the climb that `source` is the log of.
 
-    Raises LogError or a contract's error where `source` is neither plan nor log, OSError where `output` cannot be
-    written.
+    Raises LogError or a contract's error where `source` is neither plan nor log, OutputError or OSError where `output`
+    cannot be written.
     """
+    from crux_contracts.output_file import look_at_outputs, write_whole
+
     from crux_tools.report import sections
     from crux_tools.report.page import page
     from crux_tools.telemetry import is_log, read_channels, telemetry_of
     from crux_tools.telemetry.summary import summarise
 
     channels = read_channels(source)
+    look_at_outputs({"-o": output, "--picture": picture}, (source,))
     if is_log(channels):
         log = telemetry_of(source, channels)
         summary = summarise(log)
@@ -89,11 +76,11 @@ def write_report(source: Path, output: Path, picture: Path | None = None, result
         kind, name = "plan", plan.scenario_name
         content = sections.plan_sections(plan)
     html = page(f"{kind.capitalize()}: {name}", f"crux report of {source.name}", content).encode()
-    _write(output, html)
+    write_whole(output, html)
     if picture is not None:
         from crux_tools.report.showpiece import showpiece
 
-        _write(picture, showpiece(plan, log))
+        write_whole(picture, showpiece(plan, log))
     return Written(output, kind, len(html))
 
 

@@ -1,0 +1,72 @@
+"""What the plan asked for at each moment of a run, told from what happened in physics (msgs/PLAN.md, the plan's clock).
+
+The clock runs while the runtime climbs, which the simulation hears on the bus. It waits before a knot at which a limb
+lets go until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
+within the interval before their knot set it there. So it follows the runtime's clock to within the time that fingers
+need to open and to close, and no error adds up. A walk waits for nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.interpolation import PlanReference
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FULL = 1.0  # of PlanReference.load: neither in the air, nor unloading before, nor loading after
+
+
+class ReferenceClock:
+    """Plays a plan along a run."""
+
+    def __init__(self, reference: PlanReference) -> None:
+        self._reference = reference
+        limbs, knots = range(len(LIMB_NAMES)), range(reference.intervals + 1)
+        waits = not reference.point_feet
+        self._leaving = [[limb for limb in limbs if waits and reference.lets_go(k, limb)] for k in knots]
+        self._arriving = [[limb for limb in limbs if waits and reference.takes_hold(k, limb)] for k in knots]
+        self._interval = 0
+        self._elapsed_s = 0.0
+
+    def _next_is_due(self, off: Bools) -> bool:
+        """Whether what belongs to the knot ahead has happened; `off` (4,): limbs that have left their holds."""
+        ahead = self._interval + 1
+        return bool(np.all(off[self._leaving[ahead]]) and not np.any(off[self._arriving[ahead]]))
+
+    def advance(self, dt_s: float, off: Bools) -> None:
+        """Moves on by `dt_s`, or up to the next knot that is not due."""
+        reference = self._reference
+        if self._interval + 1 == reference.intervals:
+            self._elapsed_s = min(self._elapsed_s + dt_s, reference.dt_s)
+            return
+        self._elapsed_s += dt_s
+        if np.any(off[self._leaving[self._interval + 1]]):
+            self._elapsed_s = max(self._elapsed_s, reference.dt_s)
+        if self._elapsed_s < reference.dt_s:
+            return
+        if self._next_is_due(off):
+            self._interval, self._elapsed_s = self._interval + 1, self._elapsed_s - reference.dt_s
+        else:
+            self._elapsed_s = reference.dt_s
+
+    def play(self, step_s: Floats, off: Bools) -> tuple[Floats, Bools]:
+        """Plan time (n,) and whether each limb is in stance under its whole load (n, 4) at the end of each step.
+
+        `step_s` (n,): how long the runtime climbed in the step; `off` (n, 4): limbs that are off their holds for good,
+        not only for the moment that a finger chatters.
+        """
+        intervals, elapsed_s = np.zeros(len(step_s), dtype=np.int64), np.zeros(len(step_s))
+        for i, (dt_s, limbs) in enumerate(zip(step_s.tolist(), off, strict=True)):
+            if dt_s > 0:
+                self.advance(dt_s, limbs)
+            intervals[i], elapsed_s[i] = self._interval, self._elapsed_s
+        stance = np.zeros(off.shape, dtype=bool)
+        share = elapsed_s / self._reference.dt_s
+        for k in np.unique(intervals).tolist():
+            rows = np.flatnonzero(intervals == k)
+            for limb in range(len(LIMB_NAMES)):
+                stance[rows, limb] = self._reference.load(limb, k, share[rows]) >= FULL
+        return intervals * self._reference.dt_s + elapsed_s, stance
