@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -52,16 +53,49 @@ def test_the_good_scenario_is_good(plan_path: Path, capsys: pytest.CaptureFixtur
     assert json.loads(capsys.readouterr().out)["ok"] is True
 
 
-@pytest.mark.parametrize("output", ["missing/folder/plan.mcap", "folder", "/proc/plan.mcap"])
-def test_an_output_that_cannot_be_written(output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("output", ["folder", "/proc/plan.mcap", "file/plan.mcap", "pipe", "locked", "scenario.yaml"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "scenario.yaml").write_bytes(SCENARIO.read_bytes())
+    (tmp_path / "locked").symlink_to("/proc/version")
+    os.mkfifo(tmp_path / "pipe")
+    before = {path: path.stat() for path in tmp_path.iterdir()}
+    monkeypatch.setattr("crux_planner.entry.plan", lambda *_, **__: pytest.fail("it planned"))
     target = tmp_path / output
-    status = cli.main(["plan", str(SCENARIO), "-o", str(target)])
+    status = cli.main(["plan", str(tmp_path / "scenario.yaml"), "-o", str(target)])
     _, errors = capsys.readouterr()
-    check_message(errors, "plan", str(target))
+    check_message(errors, "plan", f"-o {target}")
     assert status == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder"]
-    assert list((tmp_path / "folder").iterdir()) == []
+    assert {path: path.stat() for path in tmp_path.iterdir()} == before
+
+
+OVER_ITS_INPUT = (
+    ("climb", "{plan}", "-o", "{plan}"),
+    ("climb", "{plan}", "-o", "{folder}/log.mcap", "--report", "{hard_link}"),
+    ("climb", "{plan}", "-o", "{folder}/log.mcap", "--report", "{folder}/log.mcap"),
+    ("report", "{plan}", "-o", "{plan}"),
+    ("report", "{plan}", "-o", "{folder}/plan.html", "--picture", "{link}"),
+    ("plan", str(SCENARIO), "--from", "{plan}", "-o", "{link}"),
+    ("can", "sign", "{plan}", "--kind", "joint", "--firmware-version", "0.2.0", "--key", "key.pem", "-o", "{plan}"),
+)
+
+
+@pytest.mark.parametrize("words", OVER_ITS_INPUT, ids=" ".join)
+def test_no_command_writes_over_its_own_input(
+    words: tuple[str, ...], plan_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {name: tmp_path / f"{name}.mcap" for name in ("plan", "link", "hard_link")}
+    places["plan"].write_bytes(plan_path.read_bytes())
+    places["link"].symlink_to(places["plan"])
+    places["hard_link"].hardlink_to(places["plan"])
+    status = cli.main([word.format(folder=tmp_path, **places) for word in words])
+    assert status == 2
+    check_message(capsys.readouterr().err, words[0], "name another file")
+    assert places["plan"].read_bytes() == plan_path.read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.mcap", "link.mcap", "hard_link.mcap"}
 
 
 def test_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

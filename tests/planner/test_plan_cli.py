@@ -25,7 +25,7 @@ def write(folder: Path, content: dict[str, Any]) -> tuple[str, Path]:
 
 
 def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wall, output = write(tmp_path, two_rows())
+    wall, output = write(tmp_path, two_rows())[0], tmp_path / "new" / "folder" / "plan.mcap"
     assert crux_plan(wall, "-o", str(output), "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["ok"] is True
@@ -53,13 +53,10 @@ def test_a_failure_writes_nothing(
     assert output.read_bytes() == b"an older plan"
 
 
-def test_a_missing_scenario_and_a_missing_folder_are_usage_errors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert crux_plan(str(tmp_path / "none.yaml"), "-o", str(tmp_path / "plan.mcap")) == 2
-    wall, _ = write(tmp_path, two_rows())
-    assert crux_plan(wall, "-o", str(tmp_path / "nowhere" / "plan.mcap")) == 2
-    assert "nowhere" in capsys.readouterr().err
+def test_a_missing_scenario_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert crux_plan(str(tmp_path / "none.yaml"), "-o", str(tmp_path / "nowhere" / "plan.mcap")) == 2
+    assert "none.yaml: no such file" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

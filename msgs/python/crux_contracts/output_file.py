@@ -32,11 +32,15 @@ def look_at_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[Path | 
 def look_at_folder(option: str, folder: Path) -> None:
     """The same for a folder that takes a command's files. Raises OutputError."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make_and_try(folder)
     except OSError as error:
-        raise OutputError(f"{option} {folder}: cannot be made a folder: {error.strerror}") from error
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"{option} {folder}: nothing may be written there")
+        raise OutputError(f"{option} {folder}: no folder that can be written in: {error.strerror}") from error
+
+
+def _make_and_try(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):  # asks rights, mount and kind of file system at once
+        pass
 
 
 def _look_at(where: str, path: Path, inputs: list[Path]) -> None:
@@ -50,10 +54,7 @@ def _look_at(where: str, path: Path, inputs: list[Path]) -> None:
                 raise OutputError(f"{where}: is the input {given} itself; name another file")
         if not os.access(path, os.W_OK):
             raise OutputError(f"{where}: may not be written")
-    folder = path.resolve().parent
-    folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"{where}: nothing may be written in {folder}")
+    _make_and_try(path.resolve().parent)
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -12,6 +12,8 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from crux_contracts.output_file import look_at_folder
+
 from crux_tools.bench.fault_file import ON_ANY_BUS, ON_SOCKETCAN
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.errors import WorkFailed
@@ -143,7 +145,7 @@ def _line(row: Row) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when after every fault the robot held within LONGEST_HOLD_S and stayed on the wall."""
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     plan = options.output / "plan.mcap"
     if not crux_json("plan", str(SCENARIO), "-o", str(plan))[0].get("ok"):
         raise WorkFailed(f"{SCENARIO.name} cannot be planned")

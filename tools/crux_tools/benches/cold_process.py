@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_folder
 from crux_contracts.plan_file import read_plan
 
 from crux_tools.errors import WorkFailed
@@ -43,7 +44,7 @@ def crux_json(*words: str, limit_s: float | None = None) -> tuple[dict[str, Any]
 
 def planned_scene(scene: str, folder: Path) -> tuple[Any, float]:
     """The plan of a scene that ships, planned into `folder`, and how long that took [s]. Raises WorkFailed."""
-    folder.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", folder)
     path = folder / "plan.mcap"
     planned, _ = crux_json("plan", str(SCENARIOS / f"{scene}.yaml"), "-o", str(path))
     if not planned.get("ok"):

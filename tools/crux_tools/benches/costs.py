@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_folder
+
 from crux_tools.arguments import whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.pairs import TASKS, pairs
@@ -96,7 +98,7 @@ def _print_table(found: list[Pair]) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when `auto` planned every pair and its J is nowhere above that of `two_block`."""
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     tasks = options.task or list(TASKS)
     drawn = [(task, seed, text) for task in tasks for seed, text in pairs(task, options.count, options.seed)]
     found: list[Pair] = []

@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 from crux_contracts import LIMB_NAMES
+from crux_contracts.output_file import look_at_outputs
 from crux_contracts.scenario import Scenario, parse_scenario
 
 from crux_tools.benches.random_walls import BODY_HEIGHT_M, CONTACT
@@ -132,7 +133,6 @@ def draw(path: Path, gaits: list[Gait], dt_s: float) -> None:
         axis.set_title(next(iter(lines(gait))), fontsize=9)
     axes[-1, 0].set_xlabel("t [s]; bars: limb in the air")
     figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
     plt.close(figure)
 
@@ -146,6 +146,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the trot appears and is rejected, and the one-limb gait passes."""
+    look_at_outputs({"--output": options.output})
     scenario = parse_scenario(trot_wall(), "trot-wall")
     trot, single = gait_alone(scenario, moments=False), gait_planned(scenario)
     gaits = [trot, single]

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_folder
+
 from crux_tools.arguments import positive, whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.random_fields import random_field
@@ -75,7 +77,7 @@ def decide_one(seed: int, limit_s: float, folder: Path) -> FieldResult:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when 90 % of the fields were decided in time and no plan failed the check."""
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     results: list[FieldResult] = []
     if not options.json:
         note(f"{'field':>5} {'verdict':>10} {'s':>6}  gait, or why not")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_folder
+
 from crux_tools.arguments import whole
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.benches.random_walls import random_wall
@@ -87,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.scenario import parse_scenario
 
     parse_scenario(random_wall(options.seed, options.slope), f"walls of --slope {options.slope:g}")
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     results: list[WallResult] = []
     with progress("climbing random walls", options.count) as bar:
         for seed in range(options.seed, options.seed + options.count):

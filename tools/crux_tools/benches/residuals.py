@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_outputs
 from crux_contracts.scenario import Scenario, load_scenario
 from crux_planner.alone import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
@@ -56,6 +57,7 @@ class ResidualFigure:
     def run(self, options: argparse.Namespace) -> int:
         """Exit status 0 when both methods end within the paper's thresholds."""
         scenario = load_scenario(options.scenario)
+        look_at_outputs({"--output": options.output}, (options.scenario,))
         histories = {method: self.residuals(scenario, method, count) for method, count in ITERATIONS.items()}
         draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, self.panels)
         result = summary(histories, options.output)
@@ -115,7 +117,6 @@ def draw(path: Path, title: str, histories: dict[str, History], panels: tuple[Pa
     axes[0, 0].legend(fontsize=7)
     figure.suptitle(title)
     figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
     plt.close(figure)
 

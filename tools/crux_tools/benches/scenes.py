@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.output_file import look_at_folder
+
 from crux_tools.benches.cold_process import crux_json
 from crux_tools.output import note, print_json, progress
 from crux_tools.paths import SCENARIOS
@@ -89,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
         if name not in known:
             note(f"crux bench scenes: {name}: no such scene; there are {', '.join(known)}")
             return 2
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     results: list[SceneResult] = []
     with progress("planning and climbing the scenes", len(names)) as bar:
         for name in names:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from crux_contracts.output_file import look_at_folder
 from scipy import stats
 
 from crux_tools.arguments import positive, whole
@@ -176,7 +177,7 @@ def _show(rows: list[Row], file: Path) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when `auto` succeeded on every pair it was asked for (or was not asked)."""
-    options.output.mkdir(parents=True, exist_ok=True)
+    look_at_folder("--output", options.output)
     rows: list[Row] = []
     runs: list[Run] = []
     with progress("timing the methods", options.count * len(options.tasks) * len(options.methods)) as bar:
