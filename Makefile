@@ -8,7 +8,7 @@ BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean
+.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -16,7 +16,13 @@ help: ## list the targets
 setup: ## install what is missing: system packages, .venv, the command .venv/bin/crux
 	@tools/setup/setup
 
+# A build folder that came here with a copied or moved checkout would go on building the old place's sources.
+here = $(shell [ "$$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' $(1)/CMakeCache.txt 2>/dev/null)" -ef . ] && echo yes)
+
+build/cmake/build.ninja: $(if $(call here,build/cmake),,anew)
+build/asan/build.ninja: $(if $(call here,build/asan),,anew)
 build/cmake/build.ninja build/asan/build.ninja: | setup
+	@$(if $(call here,$(@D)),,rm -rf $(@D))
 	@mkdir -p $(@D)
 	@cmake -S . -B $(@D) -G Ninja $(if $(findstring asan,$@),-DCRUX_SANITIZE=ON -DCMAKE_BUILD_TYPE=Debug) >$(@D).log 2>&1 \
 	  || { cat $(@D).log; rm -f $@; exit 1; }
