@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import crux_emulated
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
+from crux_tools.bench.emulated_boards import EmulatedBoards, Place
+from crux_tools.errors import UsageError
 from emulated import board, elf, image
 from host import TRACK, Host, host
 
@@ -199,3 +202,14 @@ def test_what_is_no_image_is_refused(robot: Robot, tmp_path: Path) -> None:
         pass
     with pytest.raises(crux_emulated.BoardError, match="no node 8"), board(robot, LF, 8, image(NODE)):
         pass
+
+
+def test_boards_of_another_robot_are_refused_with_what_to_do(robot: Robot) -> None:
+    """Their images carry scaler's numbers: the runtime would wait for them for ever."""
+    places = (Place(LF, NODE),)
+    with EmulatedBoards(places, robot):
+        pass
+    with pytest.raises(UsageError, match="built for scaler, the plan is for other: climb without --emulate, or"):
+        EmulatedBoards(places, replace(robot, name="other", hash="0" * 64))
+    with pytest.raises(UsageError, match="older than the description of scaler: make build"):
+        EmulatedBoards(places, replace(robot, hash="0" * 64))

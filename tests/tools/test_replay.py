@@ -63,6 +63,15 @@ def test_a_wrong_port_is_named(port: str, log_path: Path, capsys: pytest.Capture
     assert f"'{port}' is not a port" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "203.0.113.7", "a..b", ""])
+def test_a_host_that_cannot_be_listened_on_is_refused(host: str, log_path: Path) -> None:
+    words = [sys.executable, "-m", "crux_tools.cli", "replay", str(log_path), "--host", host, "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"--host {host}" in json.loads(done.stdout)["error"]
+
+
 def test_the_view_answers_plays_and_closes(log_path: Path) -> None:
     log = read_log(log_path)
     viewer = Viewer(log, "127.0.0.1", 0)

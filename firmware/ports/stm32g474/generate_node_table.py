@@ -1,9 +1,11 @@
-"""Writes node_table.c and bit_rates.h: the parameters of all nodes of a robot, for the microcontroller images."""
+"""Writes node_table.c and bit_rates.h, the parameters of all nodes of a robot, for the microcontroller images; and
+built_for.json, which says what robot they are for."""
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -67,6 +69,8 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "node_table.c").write_text(node_table(robot), encoding="utf-8")
     (options.out / "bit_rates.h").write_text(bit_rates(robot), encoding="utf-8")
+    built_for = {"robot": robot.name, "parameter_hash": crux_nodes.parameter_hash(robot)}
+    (options.out / "built_for.json").write_text(json.dumps(built_for) + "\n", encoding="utf-8")
     return 0
 
 

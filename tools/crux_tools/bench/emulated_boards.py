@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -52,12 +53,27 @@ def read_places(text: str) -> tuple[Place, ...]:
     return tuple(sorted(places))
 
 
+def _check_built_for(robot: Robot) -> None:
+    """An image carries its robot's numbers: nodes of another robot would never be the runtime's. Raises UsageError."""
+    built_for = json.loads(built(f"{IMAGES}/generated/built_for.json").read_text(encoding="utf-8"))
+    if built_for["parameter_hash"] == binding("host", "crux_nodes").parameter_hash(robot):
+        return
+    if built_for["robot"] == robot.name:
+        raise UsageError(f"--emulate: the images are older than the description of {robot.name}: make build")
+    raise UsageError(
+        f"--emulate: the images are built for {built_for['robot']}, the plan is for {robot.name}: climb without "
+        f"--emulate, or name {robot.name} in firmware/ports/stm32g474/CMakeLists.txt and make build"
+    )
+
+
 class EmulatedBoards:
     """The boards of some nodes; leaving the context ends their emulation."""
 
     def __init__(self, places: Sequence[Place], robot: Robot) -> None:
-        """Raises UsageError when images or library are not built, WorkFailed when a board cannot be made."""
+        """Raises UsageError when images or library are not built, or not for this robot, WorkFailed when a board cannot
+        be made."""
         emulated = binding("emulated", "crux_emulated")
+        _check_built_for(robot)
         self._boards: dict[Place, Any] = {}
         self._held = ExitStack()
         images = {kind: built(f"{IMAGES}/crux_{kind}.elf") for kind in ("joint", "gripper")}

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import socket
 from pathlib import Path
 from typing import Any
 
 from crux_tools.arguments import taught
+from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
 DEFAULT_PORT = 8737
@@ -71,10 +74,29 @@ def _check(options: argparse.Namespace) -> int:
     return 0 if found.ok else 1
 
 
+def _check_address(host: str, port: int) -> None:
+    """Where nothing can listen, viser would wait for its own server for ever. Raises UsageError."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except (OSError, UnicodeError) as error:
+        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+            return
+        why = getattr(error, "strerror", None) or str(error)
+        raise UsageError(
+            f"--host {host} --port {port}: cannot be listened on: {why}; right is an address of this machine, such as "
+            "127.0.0.1, or 0.0.0.0 for all of them"
+        ) from error
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the log could be shown, however the climb went; with --check, when nothing differs."""
     if options.check:
         return _check(options)
+    if not options.no_view:
+        _check_address(options.host, options.port)
     from crux_tools.telemetry import read_log
     from crux_tools.telemetry.summary import summarise
     from crux_tools.telemetry.wording import rows
