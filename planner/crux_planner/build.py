@@ -213,25 +213,29 @@ def _contacts(
 def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
     """Every hold and face pair that the gripper spans at all, whatever stands beside it."""
     grips = []
-    cuboids, contact = _cuboids(scenario, heading), scenario.contact
+    cuboids, radius = _cuboids(scenario, heading), scenario.contact.patch_radius_m
     least, most = robot.gripper.opening_m
     for index, hold in enumerate(scenario.holds):
-        low = max(robot.grasp.pad_height_m[0], contact.patch_radius_m)
-        high = min(robot.grasp.pad_height_m[1], hold.size_m[2] - contact.patch_radius_m)
+        low = max(robot.grasp.pad_height_m[0], radius)
+        high = min(robot.grasp.pad_height_m[1], hold.size_m[2] - radius)
         for pair in (0, 1):
-            aside = hold.size_m[1 - pair] / 2 - contact.patch_radius_m
+            aside = hold.size_m[1 - pair] / 2 - radius
             if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
                 continue
             yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
             centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
-            grips.append(Grip(_contact(scenario, hold, index, pair, False, yaw, centre, most), aside, (low, high)))
+            contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
+            grips.append(Grip(contact.from_above, aside, (low, high)))
     return grips
 
 
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    spiny = hold.spines[2 * pair] and hold.spines[2 * pair + 1]
+    faces = slice(2 * pair, 2 * pair + 2)
+    spiny, friction = hold.spines[faces], hold.friction[faces]
+    alike = min(friction) == max(friction) and min(spiny) == max(spiny)
+    spines = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
     return Contact(
         hold=index,
         pair=pair,
@@ -239,10 +243,11 @@ def _contact(
         yaw_rad=yaw,
         centre_w_m=centre,
         separation_m=hold.size_m[pair],
-        friction=min(hold.friction[2 * pair], hold.friction[2 * pair + 1]),
-        spine_shear_N=scenario.contact.spine_shear_N * spiny,
-        spine_twist_Nm=scenario.contact.spine_twist_Nm * spiny,
+        friction=min(friction),
+        spine_shear_N=spines[0] * min(spiny),
+        spine_twist_Nm=spines[1] * min(spiny),
         open_m=opening,
+        better=None if alike else (max(friction), spines[0] * max(spiny), spines[1] * max(spiny)),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,15 @@ class Contact:
     spine_twist_Nm: float
     open_m: float  # opening with which the gripper leaves and comes
     spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
+    better: tuple[float, float, float] | None = None  # friction, spine shear and twist, where a face has more
+
+    @property
+    def from_above(self) -> Contact:
+        """The same with the better of its two faces on both sides: no grip carries more, for proofs and bounds."""
+        if self.better is None:
+            return self
+        friction, shear_N, twist_Nm = self.better
+        return replace(self, friction=friction, spine_shear_N=shear_N, spine_twist_Nm=twist_Nm, better=None)
 
     @property
     def grip_friction(self) -> float:

@@ -2,7 +2,7 @@
 
 With prices pi = (pi_F, pi_M) of the six rows of balance, what a gripper adds to the Lagrangian is
     min over q of  R |q|^2 + g . q,   q = (s1, s2, m / k, n1, n2),   g = map' pi,
-subject to |s - a| <= mu n_i, |a| <= spines, least <= n_i <= most. The cheapest s for normal forces of at least `n` is a
+subject to |s - a| <= mu n_i, |a| <= spines, 0 <= n_i <= most. The cheapest s for normal forces of at least `n` is a
 projection onto a box with rounded edges, so that one number is left, the smaller normal force: a convex function made
 of parabolas. Every number returned is exact, whatever the prices are.
 """
@@ -15,7 +15,6 @@ import numpy as np
 
 from crux_planner.arrays import Array, Indices
 from crux_planner.problem import Problem
-from crux_planner.terms.bounds import wrench_bounds
 from crux_planner.terms.dynamics import static_map
 
 
@@ -24,9 +23,8 @@ class Carriers:
     """What the grasps of a problem can carry; contacts that differ by the swap of the fingers carry the same."""
 
     maps: Array  # (C, 6, 4): force and moment about the origin of (s1, s2, m / k, F), F = n1 - n2
-    friction: Array  # (C,) less the margin
+    friction: Array  # (C,)
     spines: Array  # (C, 3) largest share of the spines in (s1, s2, m / k) [N]
-    least_N: Array  # (C,) normal force of a finger
     most_N: float
     weight: float  # R
 
@@ -37,12 +35,10 @@ class Carriers:
         maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])
         maps[:, :, 2] *= k_m
         spines = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm / k_m] for c in problem.contacts])
-        bounds = [wrench_bounds(problem, c) for c in problem.contacts]
         return Carriers(
             maps,
             share * np.array([c.grip_friction for c in problem.contacts]),
             share * spines,
-            np.array([low[3:].min() for low, _ in bounds]),
             problem.friction_share * problem.patch.max_normal_N,
             problem.weights.wrench,
         )
@@ -54,17 +50,17 @@ class Carriers:
         """
         w, high = self.weight, self.most_N
         if contacts is None:
-            mu, low, spines = self.friction, self.least_N, self.spines
+            mu, spines = self.friction, self.spines
             g = np.einsum("cij,...i->...cj", self.maps, prices)
         else:
-            mu, low, spines = self.friction[contacts], self.least_N[contacts], self.spines[contacts]
+            mu, spines = self.friction[contacts], self.spines[contacts]
             g = np.einsum("cij,ci->cj", self.maps[contacts], prices)
         wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
         over = np.linalg.norm(np.maximum(np.abs(wanted) - spines, 0.0), axis=-1)
         pull = np.abs(g[..., 3])
-        pressed = np.clip(pull / (2 * w), low, high)  # the cheapest normal force on the finger that pays
+        pressed = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
         # n: smaller normal force. Below `pressed`, the other finger has `pressed`; above, both have n.
-        one = np.clip((4 * w * mu * over - pull) / (2 * w + 4 * w * mu**2), low, pressed)
+        one = np.clip((4 * w * mu * over - pull) / (2 * w + 4 * w * mu**2), 0.0, pressed)
         both = np.clip(mu * over / (1 + mu**2), pressed, high)
         best = np.minimum(
             w * one**2 + pull * one + w * pressed**2 - pull * pressed + 2 * w * np.maximum(over - mu * one, 0.0) ** 2,

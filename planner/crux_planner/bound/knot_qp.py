@@ -49,7 +49,7 @@ class KnotQp:
             grip = carriers.maps[c]
             equal[:, at : at + 4] = grip
             equal[:, at + 4] = -grip[:, 3]
-            low[at + 3 : at + 5], high[at + 3 : at + 5] = carriers.least_N[c], carriers.most_N
+            low[at + 3 : at + 5], high[at + 3 : at + 5] = 0.0, carriers.most_N
             cone = np.zeros((2 * len(self._directions), n))
             for finger, part in enumerate((cone[: len(self._directions)], cone[len(self._directions) :])):
                 part[:, at : at + 3] = self._directions

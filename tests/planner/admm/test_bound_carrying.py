@@ -23,7 +23,7 @@ def by_general_solver(carriers: Carriers, contact: int, prices: Array, start: Ar
         {"type": "ineq", "fun": lambda x, i=i: carriers.friction[contact] * x[3 + i] - np.linalg.norm(x[:3] - x[5:])}
         for i in (0, 1)
     ]
-    bounds = [(-200.0, 200.0)] * 3 + [(carriers.least_N[contact], carriers.most_N)] * 2
+    bounds = [(-200.0, 200.0)] * 3 + [(0.0, carriers.most_N)] * 2
     bounds += [(-a, a) for a in carriers.spines[contact]]
     found = so.minimize(cost, start, bounds=bounds, constraints=rooms, options={"maxiter": 500, "ftol": 1e-12})
     return float(found.fun)
