@@ -5,13 +5,13 @@ What the functions need is imported when they are called: the thresholds alone c
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError
 
+from crux_planner import clock
 from crux_planner.admm.consensus import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def climb_alone(scenario: Scenario, method: str, **settings: Any) -> Alone:
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
     balance = Balance(problem, problem.friction_share)
-    task = Task(problem, balance, Reach(problem), Ways(problem), time.monotonic() + LIMIT_S, **settings)
+    task = Task(problem, balance, Reach(problem), Ways(problem), clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
     plan = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
     return Alone(decided, plan, check_plan(plan, robot))
@@ -64,7 +64,7 @@ def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dic
     from crux_planner.walk.problem import build_walk
 
     problem = build_walk(scenario, load_robot(scenario.robot))
-    return METHODS[method](WalkTask(problem, time.monotonic() + LIMIT_S, **settings)).residuals
+    return METHODS[method](WalkTask(problem, clock.now() + LIMIT_S, **settings)).residuals
 
 
 def start_is_well_formed(scenario: Scenario) -> bool:

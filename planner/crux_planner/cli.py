@@ -21,12 +21,14 @@ EPILOG = """examples:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/again.mcap --from out/plan.mcap --at 20
 
 exit status: 0 the plan is written, 1 there is none (the message says which constraint cannot be met,
-and where), 2 the scenario or the usage is wrong"""
+and where, or "undecided": time ran out first), 2 the scenario or the usage is wrong"""
 
 
 def add_plan_parser(subparsers: Any) -> None:
     """Add `plan` to the subcommands of crux."""
     from crux_contracts.scenario import METHODS
+
+    from crux_planner.work import TIME_LIMIT_S
 
     parser = subparsers.add_parser(
         "plan",
@@ -44,13 +46,20 @@ def add_plan_parser(subparsers: Any) -> None:
         metavar="M",
         help=f"{', '.join(METHODS)}; default: the scenario's, else auto",
     )
-    parser.add_argument("--time-limit", type=_positive, default=None, metavar="S", help="seconds the search may take")
+    parser.add_argument(
+        "--time-limit",
+        type=_positive,
+        default=None,
+        metavar="S",
+        help="seconds of computing (CPU time of the planner and its workers) that it may take; default: the "
+        f"scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}",
+    )
     parser.add_argument(
         "--prove",
         type=_positive,
         default=None,
         metavar="S",
-        help="on climbs: seconds to go on for a tighter gap (default: a fixed amount of work)",
+        help="on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)",
     )
     parser.add_argument(
         "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"
@@ -103,9 +112,8 @@ def run_plan(args: argparse.Namespace) -> int:
                 )
         write_plan(args.output, result.plan)
     except InfeasibleError as error:
-        verdict = "proven infeasible" if error.proven else "infeasible"
-        message = f"{args.scenario}: {verdict} ({error.constraint}): {error}"
-        return _fail(args, message, FAILED, constraint=error.constraint, proven=error.proven)
+        message = f"{args.scenario}: {error.verdict} ({error.constraint}): {error}"
+        return _fail(args, message, FAILED, **error.to_json())
     except (DocumentError, OutputError, PlanFileError) as error:
         return _fail(args, str(error), USAGE)
     except OSError as error:
@@ -145,7 +153,7 @@ def _astray(args: argparse.Namespace) -> str:
     return "; ".join(f"{name} {reason}" for name, is_given in given.items() if is_given)
 
 
-def _fail(args: argparse.Namespace, message: str, status: int, **more: str | bool) -> int:
+def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> int:
     for line in message.splitlines():
         print(f"crux plan: {line}", file=sys.stderr)
     if args.json:
@@ -154,8 +162,6 @@ def _fail(args: argparse.Namespace, message: str, status: int, **more: str | boo
 
 
 def _show(result: PlanResult, output: Path) -> None:
-    from crux_contracts.interpolation import is_walk
-
     print(f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}")
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
@@ -164,8 +170,7 @@ def _show(result: PlanResult, output: Path) -> None:
         f"cost {result.cost:.3f}"
     )
     if result.gap is not None:
-        others = "walk of single steps" if is_walk(result.plan) else "plan"
-        print(f"proven: no {others} costs less than {100 * (1 - result.gap):.0f} % of that")
+        print(f"proven {result.scope}: no plan costs less than {100 * (1 - result.gap):.0f} % of that")
     if margin is not None:
         print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N")
 

@@ -2,25 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from crux_contracts.scenario import Scenario, ScenarioError
 
 
-class InfeasibleError(Exception):
-    """The scenario is well formed, but some constraint cannot be met; str() says which one and where.
+TIME_LIMIT = "time limit"
+FOR_ITS_REACH = "for the reach it plans with"
+"""What proofs and bounds are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
 
-    `proven`: no plan exists; else none was found.
+
+class InfeasibleError(Exception):
+    """The scenario is well formed, but there is no plan; str() says which constraint cannot be met, and where.
+
+    `proven`: no plan exists with the planner's reach; else none was found. `undecided`: time ran out before that.
     """
 
-    def __init__(self, constraint: str, message: str, *, proven: bool = False) -> None:
+    def __init__(self, constraint: str, message: str, *, proven: bool = False, undecided: bool = False) -> None:
         super().__init__(message)
         self.constraint = constraint
         self.proven = proven
+        self.undecided = not proven and (undecided or constraint == TIME_LIMIT)
+
+    @property
+    def verdict(self) -> str:
+        """In words, for people."""
+        if self.proven:
+            return f"proven infeasible {FOR_ITS_REACH}"
+        return "undecided" if self.undecided else "infeasible"
+
+    def out_of_time(self) -> InfeasibleError:
+        """The same where time ran out before all was tried."""
+        if self.proven or self.undecided:
+            return self
+        text = f"{self}; time ran out before all was tried, allow more with --time-limit"
+        return InfeasibleError(self.constraint, text, undecided=True)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `crux plan --json` prints of it, beside the text."""
+        scope = FOR_ITS_REACH if self.proven else None
+        return {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
 
 
-TIME_LIMIT = "time limit"
+class HorizonError(InfeasibleError):
+    """The horizon has too few steps; `needed` would do, or are at least needed."""
+
+    def __init__(self, text: str, needed: int) -> None:
+        super().__init__("horizon", f"horizon.steps: {text}; allow at least {needed}")
+        self.needed = needed
 
 
 def unsolved(gait: str, status: str) -> InfeasibleError:

@@ -6,12 +6,11 @@ too high, at both ends of an interval: most climbs need few.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 
-from crux_planner import nlp
+from crux_planner import clock, nlp
 from crux_planner.arrays import Array
 from crux_planner.interior_point import (
     WARM_BARRIER,
@@ -53,7 +52,7 @@ def solve_within_torques(
         if outcome is None and start.near:  # other ways follow that promise more than ipopt
             return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, np.inf, np.inf, {})
         if outcome is None:
-            left = max(FALLBACK_SHARE * (deadline - time.monotonic()), FALLBACK_S)
+            left = max(FALLBACK_SHARE * (deadline - clock.now()), FALLBACK_S)
             solution, point = solve_by_ipopt(functions, problem, schedule, start, limited, left), None
         else:
             solution, point = outcome

@@ -7,12 +7,12 @@ of the dynamics, by a Riccati recursion: time grows linearly with the knots and 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags
 from crux_planner.stage_problem import PINNED, Derivatives, StageProblem
 
@@ -94,7 +94,7 @@ def minimise(
         cost = at.cost
         if primal < _TOLERANCE and dual < _DUAL_TOLERANCE and gap < 2 * LAST_BARRIER:
             return Outcome(point, iteration, True, cost)
-        if iteration >= most_iterations or time.monotonic() > deadline or not np.isfinite(primal + dual):
+        if iteration >= most_iterations or clock.now() > deadline or not np.isfinite(primal + dual):
             return Outcome(point, iteration, False, cost)
         slacks = np.where(bounded, point.slacks, 1.0)
         stiffness = point.duals / slacks

@@ -90,7 +90,7 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
         for b, end in zip((low, high), last, strict=True)
     ]
     nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
-    solver = ca.nlpsol("p1", "ipopt", nlp, {**IPOPT, "ipopt.max_wall_time": time_limit_s})
+    solver = ca.nlpsol("p1", "ipopt", nlp, {**IPOPT, "ipopt.max_cpu_time": time_limit_s})
     result = solver(
         x0=np.concatenate([body.ravel(), columns[stance].ravel()]),
         lbx=bounds[0],

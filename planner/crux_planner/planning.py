@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
+from crux_contracts.scenario_reader import MAX_STEPS
 
+from crux_planner import clock
 from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.bound.beside import Beside
 from crux_planner.build import build_problem
 from crux_planner.checker import check_plan
-from crux_planner.errors import TIME_LIMIT, InfeasibleError
+from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to_goal
 from crux_planner.reasons import check_start, explain
@@ -29,7 +31,7 @@ from crux_planner.search.stances import Move, Reach, SearchReport, goal_contacts
 from crux_planner.search.strength import Strength
 from crux_planner.search.ways import Ways
 from crux_planner.solution import start_from_path
-from crux_planner.wider import plan_wider
+from crux_planner.wider import plan_turning, plan_wider
 from crux_planner.work import Progress, Work, begin
 
 IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
@@ -41,6 +43,7 @@ LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with on
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 CALMINGS = 6  # times that a sequence is laid out anew with a slower body on the supports that the check names
+LONGER = 2  # times as long a horizon is tried where nothing is found
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 
@@ -71,6 +74,12 @@ def plan(
         if method != "auto":
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
         result = _plan_anyhow(scenario, robot, problem, reach, ways, work, deadline)
+    except InfeasibleError as none:
+        work.stop_bound()
+        reason, late = none, work.cut_short
+        if method == "auto":
+            reason = _cause(scenario, robot, problem, reach, ways, work, deadline, none)
+        raise reason.out_of_time() if reason is none and (late or clock.now() > deadline) else reason from None
     finally:
         work.stop_bound()
     result.method, result.seconds = method, time.monotonic() - work.began
@@ -83,7 +92,8 @@ def _plan_anyhow(
     """A level body, then other headings; where the level search takes long, other headings before it goes on."""
 
     def level(quick: bool) -> PlanResult:
-        until = time.monotonic() + LEVEL_SHARE * (deadline - time.monotonic())
+        now = clock.now()
+        until = now + LEVEL_SHARE * (deadline - now)
         return _plan_level(scenario, robot, problem, reach, ways, work, until, quick)
 
     try:
@@ -98,13 +108,42 @@ def _plan_anyhow(
     try:
         return plan_wider(scenario, robot, problem, none_level, realise_moves, work, deadline, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
-        if none_wider.proven or time.monotonic() > deadline:
+        if none_wider.proven or clock.now() > deadline:
             raise
         work.bound = bound
         return level(quick=False)
     finally:
         if bound is not None and work.bound is None:
             bound.stop()
+
+
+def _cause(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    reach: Reach,
+    ways: Ways,
+    work: Work,
+    deadline: float,
+    none: InfeasibleError,
+) -> InfeasibleError:
+    """Why there is no plan: before another cause is blamed, whether a longer horizon has one."""
+    if none.proven or none.constraint == TIME_LIMIT or isinstance(none, HorizonError):
+        return none
+    given = problem.steps
+    steps = min(max([LONGER * given, *(short.needed for short in work.too_short)]), MAX_STEPS)
+    if steps > given and clock.now() < deadline:
+        scenario = replace(scenario, horizon=replace(scenario.horizon, steps=steps))
+        problem = replace(problem, steps=steps)
+        try:
+            _plan_level(scenario, robot, problem, reach, ways, work, deadline, quick=True)
+            found = True
+        except InfeasibleError:
+            until = clock.now() + WIDER_SHARE * (deadline - clock.now())
+            found = plan_turning(scenario, robot, problem, realise_moves, work, until, deadline) is not None
+        if found:
+            return HorizonError(f"no plan found in {given} steps of {problem.dt_s:g} s, but one in {steps}", steps)
+    return none
 
 
 def _plan_level(
@@ -139,7 +178,7 @@ def _plan_level(
                 return attempt
             failure, culprit = attempt
             failures.append(failure)
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 break
             if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
                 problem = replace(problem, friction_share=tight)  # more room for what moves between the knots
@@ -190,7 +229,7 @@ def _plan_by_method(
             return attempt
         failure, culprit = attempt
         failures.append(failure)
-        if culprit is None or time.monotonic() > deadline:
+        if culprit is None or clock.now() > deadline:
             break
         work.log(f"refused: {failure}")
         if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
@@ -218,7 +257,7 @@ def _search(
 
 def _busy_until(share: float, deadline: float) -> float:
     """When (of time.process_time) this process has worked for a share of the time left."""
-    return time.process_time() + share * (deadline - time.monotonic())
+    return time.process_time() + share * (deadline - clock.now())
 
 
 def realise_moves(
@@ -249,7 +288,7 @@ def realise_moves(
     problem = replace(problem, calm={**slow, **problem.calm})
     choices = [*([timed] if timed is not None else []), *[None] * CALMINGS]
     for choice in choices:
-        if first is not None and time.monotonic() > deadline:
+        if first is not None and clock.now() > deadline:
             break
         with work.part("body", 0.4):
             try:

@@ -18,6 +18,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
 
+from crux_planner import clock
 from crux_planner.arrays import Array
 from crux_planner.build import build_problem, start_contacts, start_inertia
 from crux_planner.contacts import FACE_NAMES, PAIR_NAMES
@@ -75,7 +76,7 @@ class Planner:
         Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
         """
         began = time.monotonic()
-        deadline = began + time_limit_s
+        deadline = clock.now() + time_limit_s
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
             first = stance_knot(running, at_s)
@@ -96,13 +97,13 @@ class Planner:
                 self.problem,
                 self._realise,
                 work,
-                min(deadline, time.monotonic() + TURNING_S),
+                min(deadline, clock.now() + TURNING_S),
                 deadline,
             )
             result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
-            return plan(scenario, self.robot, time_limit_s=max(deadline - time.monotonic(), 1.0), log=log)
+            return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result.seconds = time.monotonic() - began
         return result
 

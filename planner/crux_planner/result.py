@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import crux_msgs
 import numpy as np
+from crux_contracts.interpolation import is_walk
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
 
 from crux_planner.arrays import Array
+from crux_planner.errors import FOR_ITS_REACH
 from crux_planner.kinematics import rotation_z
 
 if TYPE_CHECKING:
@@ -40,6 +42,13 @@ class PlanResult:
     timing: dict[str, float] = field(default_factory=dict)
 
     @property
+    def scope(self) -> str:
+        """What the gap is about: the plans that the bound of the cost is below."""
+        if is_walk(self.plan):
+            return f"{FOR_ITS_REACH}, its accelerations and single steps"
+        return f"{FOR_ITS_REACH}, its swings and its places on the holds"
+
+    @property
     def residuals(self) -> dict[str, float]:
         """Of the consensus where the method is an ADMM, else of the exact NLP's dynamics."""
         if self.history:
@@ -54,6 +63,7 @@ class PlanResult:
             "seconds": round(self.seconds, 3),
             "cost": self.cost,
             "gap": self.gap,
+            "scope": None if self.gap is None else self.scope,
             "iterations": self.iterations,
             "residuals": self.residuals,
             "history": self.history,

@@ -6,19 +6,19 @@ Proofs that no plan exists come first where they are quick, and last where they 
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
+from crux_planner import clock
 from crux_planner.arrays import Flags
 from crux_planner.bound.beside import AIM, PATIENCE_S
 from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
 from crux_planner.build import build_problem
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import FOR_ITS_REACH, HorizonError, InfeasibleError
 from crux_planner.problem import Problem
 from crux_planner.proof.infeasible import Proof
 from crux_planner.result import PlanResult
@@ -48,7 +48,7 @@ SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check 
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
 TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
-SEARCH_S = 15.0  # at most, for the searches that choose headings
+SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
 
 
 def plan_wider(
@@ -67,17 +67,18 @@ def plan_wider(
     """
     proof = Proof(scenario, robot, problem)
     with work.part("proof", 0.1):
-        impossible = proof.quick() or proof.goal_equilibrium(time.monotonic() + GOAL_PROOF_S)
+        impossible = proof.quick() or proof.goal_equilibrium(clock.now() + GOAL_PROOF_S)
         if impossible is not None:
             raise impossible
         none_level = proof.instead_of(none_level)
-        impossible = proof.disconnected(time.monotonic() + FIRST_PROOF_S)
+        impossible = proof.disconnected(clock.now() + FIRST_PROOF_S)
     if impossible is not None:
         raise _explained(none_level, impossible)
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
-    now = time.monotonic()
-    until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + SEARCH_S)
+    now = clock.now()
+    search_s = max(SEARCH_S, SEARCH_SHARE * (deadline - now))
+    until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + search_s)
     found = plan_turning(scenario, robot, problem, realise, work, until, deadline)
     if found is not None:
         result, wide = found
@@ -88,7 +89,7 @@ def plan_wider(
     if share is not None:
         raise none_level
     with work.part("proof", 0.9):
-        impossible = proof.disconnected(min(deadline, time.monotonic() + LAST_PROOF_S))
+        impossible = proof.disconnected(min(deadline, clock.now() + LAST_PROOF_S))
     raise none_level if impossible is None else _explained(none_level, impossible)
 
 
@@ -100,7 +101,10 @@ def plan_turning(
     """
     aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
-        if time.monotonic() > until or (aim > 0 and aims[off_centre, aim - 1] is None):
+        if aim > 0 and aims[off_centre, aim - 1] is None:
+            break
+        if clock.now() > until:
+            work.cut_short = True
             break
         if (off_centre, aim) not in aims:
             tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
@@ -116,7 +120,7 @@ def plan_turning(
             wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
         if off_centre and (start := clear_start(wide, Ways(wide))) is not None:
             wide = replace(wide, start_contacts=start)
-        now = time.monotonic()
+        now = clock.now()
         result = _plan_aimed(scenario, robot, wide, found[1], realise, work, now + TURN_SHARE * (until - now), deadline)
         if result is not None:
             return result, wide
@@ -125,7 +129,7 @@ def plan_turning(
 
 def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> InfeasibleError:
     """What stops a level body names the place best; the proof is about all others too."""
-    return InfeasibleError(none_level.constraint, f"{none_level} (proven: {impossible})", proven=True)
+    return InfeasibleError(none_level.constraint, f"{none_level} (proven {FOR_ITS_REACH}: {impossible})", proven=True)
 
 
 def _plan_aimed(
@@ -143,10 +147,12 @@ def _plan_aimed(
     calmer = [(1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER)]  # of the limit surface, and of the speed
     given = problem
     for _ in range(ATTEMPTS):
-        if time.monotonic() > until:
+        if clock.now() > until:
+            work.cut_short = True
             break
         with work.part("headings", 0.2):
-            moves, _ = Turning(problem, reach, ways, ends).search(greed=GREED, deadline=until)
+            moves, seen = Turning(problem, reach, ways, ends).search(greed=GREED, deadline=until)
+        work.cut_short |= seen.timed_out
         if moves is None:
             break
         balance = Balance(problem, problem.friction_share)
@@ -154,6 +160,8 @@ def _plan_aimed(
         if isinstance(attempt, PlanResult):
             return attempt
         failure, culprit = attempt
+        if isinstance(failure, HorizonError):
+            work.too_short.append(failure)
         work.log(f"refused: {failure}")
         if failure.constraint.startswith("limit_surface") and calmer:
             share, speed = calmer.pop(0)

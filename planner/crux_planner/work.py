@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from crux_contracts.scenario import METHODS, Scenario
 
-from crux_planner.errors import wrong
+from crux_planner import clock
+from crux_planner.errors import HorizonError, wrong
 
 if TYPE_CHECKING:
     from crux_planner.bound.beside import Beside
@@ -34,6 +35,8 @@ class Work:
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
     bound: Beside | None = None
+    cut_short: bool = False  # some search ended because of its time
+    too_short: list[HorizonError] = field(default_factory=list)  # ways found that take more than the horizon
 
     @contextmanager
     def part(self, name: str, share: float) -> Iterator[None]:
@@ -58,9 +61,12 @@ def begin(
     progress: Progress | None,
     log: Callable[[str], None] | None,
 ) -> tuple[Work, float]:
-    """The work, and by when (of time.monotonic) all but the check is to be done. Raises ScenarioError."""
+    """The work, and by when (of clock.now) all but the check is to be done; the limit is of computing, in seconds.
+
+    Raises ScenarioError.
+    """
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    return work, work.began + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
+    return work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)

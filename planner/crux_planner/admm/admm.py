@@ -15,11 +15,11 @@ The loops know nothing of holds or feet: blocks of climbing are in this package,
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
+from crux_planner import clock
 from crux_planner.admm.consensus import Eta, Residuals
 
 Report = Callable[[str], None]
@@ -110,7 +110,7 @@ def two_block(
         run.residuals.append(Residuals.of(eta - delta))
         run.gaits.append(plan.gait)
         report(_line(run, iteration))
-        if (run.converged and not to_the_end) or time.monotonic() > deadline:
+        if (run.converged and not to_the_end) or clock.now() > deadline:
             break
     assert run is not None
     return run
@@ -140,7 +140,7 @@ def multi_block(
         run.residuals.append(Residuals.of(eta - delta, body=False))
         run.gaits.append(plan.gait)
         report(_line(run, iteration))
-        if (run.converged and not to_the_end) or time.monotonic() > deadline:
+        if (run.converged and not to_the_end) or clock.now() > deadline:
             break
     assert run is not None
     return run

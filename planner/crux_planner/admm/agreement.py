@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.admm.limb_paths import LimbPaths, Path
 from crux_planner.admm.stages import Stages, Swinging
 from crux_planner.arrays import Array
@@ -101,7 +101,7 @@ class Agreement:
         nodes = [_Node(first, (frozenset(),) * len(LIMBS))]
         by_cost, by_conflicts = [(nodes[0].cost, 0)], [(0, nodes[0].cost, 0)]
         resolved: set[int] = set()
-        while len(resolved) < len(nodes) and time.monotonic() < deadline:
+        while len(resolved) < len(nodes) and clock.now() < deadline:
             number = heapq.heappop(by_cost)[-1] if len(resolved) < _CHEAPEST_FIRST else heapq.heappop(by_conflicts)[-1]
             if number in resolved:
                 continue

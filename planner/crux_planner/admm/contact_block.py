@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.hull import Decision, HullMilp
 from crux_planner.admm.knot_qp import KnotSolution, solve_knots
@@ -58,7 +58,7 @@ class ContactBlock:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         cost = stage_cost(self.stages, rho, target, self.scales)
         for _ in range(_CUTS):
-            left = deadline - time.monotonic()
+            left = deadline - clock.now()
             limit = max(left if self._known is None else min(MILP_TIME_S, left), 1.0)
             result = self._hull.solve(cost, gap=MILP_GAP, time_limit_s=limit, start=self._known)
             if result.values is None:
@@ -82,7 +82,7 @@ class ContactBlock:
 
     def _searched(self) -> list[Swinging] | None:
         """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
-        until = time.monotonic() + _SEARCH_TIME_S
+        until = clock.now() + _SEARCH_TIME_S
         stages = self.stages
         moves, _ = search(
             self.problem, self._balance, stages.reach, stages.ways, at_once=1, greed=GREED, deadline=until

@@ -38,7 +38,7 @@ class Task:
     balance: Balance
     reach: Reach
     ways: Ways
-    deadline: float  # of time.monotonic
+    deadline: float  # of clock.now
     rho: float | None = None
     iterations: int | None = None
     moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import highspy
 import numpy as np
 import scipy.sparse as sp
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags, Indices
 
 
@@ -36,6 +38,7 @@ class Milp:
         self._row_low: list[float] = []
         self._row_high: list[float] = []
         self._solver: highspy.Highs | None = None
+        self._until = np.inf  # of clock.now
 
     @property
     def rows(self) -> int:
@@ -72,11 +75,11 @@ class Milp:
     ) -> MilpResult:
         """Minimise cost . x to a relative `gap`; rows added since the last call are taken up.
 
-        `start` may be NaN where nothing is known; with `relaxed`, integrality is left out.
+        `start` may be NaN where nothing is known; with `relaxed`, integrality is left out; the limit is of clock.now.
         """
         solver = self._fresh()
         solver.setOptionValue("mip_rel_gap", gap)
-        solver.setOptionValue("time_limit", time_limit_s)
+        self._until = clock.now() + time_limit_s
         solver.setOptionValue("solve_relaxation", relaxed)
         solver.changeColsCost(self.size, np.arange(self.size, dtype=np.int32), cost)
         if start is not None:
@@ -101,10 +104,16 @@ class Milp:
             self._solver = highspy.Highs()  # type: ignore[no-untyped-call]
             for option, value in (("output_flag", False), ("threads", 1), ("random_seed", 0)):
                 self._solver.setOptionValue(option, value)
+            for interrupt in (self._solver.cbMipInterrupt, self._solver.cbSimplexInterrupt):
+                interrupt.subscribe(self._look_at_the_clock)
         if self._passed != self.rows:
             self._solver.passModel(self._model())
             self._passed = self.rows
         return self._solver
+
+    def _look_at_the_clock(self, event: Any) -> None:
+        """HiGHS's own limit is of the wall clock."""
+        event.interrupt(clock.now() > self._until)
 
     def _model(self) -> highspy.HighsLp:
         model = highspy.HighsLp()

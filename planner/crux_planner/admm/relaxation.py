@@ -6,7 +6,6 @@ alpha that stand for "if in contact"; every run starts from the last answer.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
 
@@ -37,7 +37,7 @@ class Watch(ca.Callback):
     def __init__(self, variables: int, rows: int, parameters: int, deadline: float) -> None:
         ca.Callback.__init__(self)
         self._sizes = {"x": variables, "lam_x": variables, "f": 1, "g": rows, "lam_g": rows, "lam_p": parameters}
-        self._deadline, self._last, self._longest = deadline, time.monotonic(), 0.0
+        self._deadline, self._last, self._longest = deadline, clock.now(), 0.0
         self.late = False
         self.construct("watch", {})
 
@@ -63,7 +63,7 @@ class Watch(ca.Callback):
 
     def eval(self, arg: Any) -> list[int]:  # noqa: ARG002
         """1 where there is no time left."""
-        now = time.monotonic()
+        now = clock.now()
         self._longest, self._last = max(self._longest, now - self._last), now
         self.late = now + self._longest > self._deadline
         return [int(self.late)]
@@ -102,7 +102,7 @@ class Relaxed:
             iterations.append(int(stats["iter_count"]))
             progress = self.progress(values, np.array(result["g"]).ravel())
             if not stats["success"]:
-                late = watch.late or time.monotonic() > deadline
+                late = watch.late or clock.now() > deadline
                 why = "runs out of time" if late else f"stops ({stats['return_status']})"
                 raise InfeasibleError(
                     "time limit" if late else "benchmark",

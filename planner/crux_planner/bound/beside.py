@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
-import time
 from multiprocessing.connection import Connection
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
 from crux_planner.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
 TIME_LIMIT_S = 60.0  # of a process that nobody listens to any more
-PATIENCE_S = 10.0  # what is left when the plan is there is waited for no longer than this, on a machine that is busy
+PATIENCE_S = 10.0  # of computing, for what is left when the plan is there
+_LOOK_S = 0.2  # how often a process that says nothing is asked how long it has computed
 
 
 class Beside:
@@ -54,10 +55,12 @@ class Beside:
 
     def gap(self, cost: float) -> float | None:
         """The gap of a plan that costs `cost` by what is proven; ends the process."""
-        until = time.monotonic() + self._wait_s
+        pid = self._process and self._process.pid
+        until = clock.computed_s(pid) + self._wait_s
         try:
-            while self._inbox is not None and self._inbox.poll(max(until - time.monotonic(), 0.0)):
-                self._best = self._inbox.recv()
+            while self._inbox is not None and clock.computed_s(pid) < until:
+                if self._inbox.poll(_LOOK_S):
+                    self._best = self._inbox.recv()
         except EOFError:  # it has said all
             pass
         self.stop()

@@ -19,12 +19,12 @@ Work is counted, not timed, so that the bound of a wall is the same number every
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
 from crux_planner.bound.knot_qp import KnotQp
@@ -59,7 +59,7 @@ def lower_bound(
     """
     if problem.limit_surface == "paper":  # it lets pass what (2) does not
         return None
-    limits = _Limits(time.monotonic() + time_limit_s, effort)
+    limits = _Limits(clock.now() + time_limit_s, effort)
     problem = replace(problem, contacts=[contact.from_above for contact in problem.contacts], friction_share=1.0)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
@@ -75,7 +75,7 @@ def lower_bound(
 class _Limits:
     """When to stop."""
 
-    deadline: float  # of time.monotonic
+    deadline: float  # of clock.now
     effort: float
 
     def spend(self, effort: float) -> None:
@@ -83,7 +83,7 @@ class _Limits:
 
     @property
     def reached(self) -> bool:
-        return self.effort <= 0.0 or time.monotonic() > self.deadline
+        return self.effort <= 0.0 or clock.now() > self.deadline
 
 
 @dataclass

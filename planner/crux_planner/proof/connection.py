@@ -9,12 +9,12 @@ A part of the graph that holds the start but not the goal, or the goal but not t
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags
 from crux_planner.proof.relaxed import RelaxedBalance, RelaxedReach
 
@@ -78,7 +78,7 @@ class Connection:
             here, there = sorted((forward, backward), key=lambda part: len(part.queue))
             if not here.queue:
                 return here
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 return None
             for node, reached in self._neighbours(here, here.take()):
                 meeting = there.headings.get(node)

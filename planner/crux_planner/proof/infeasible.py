@@ -6,12 +6,12 @@ The way is looked for in the graph of `connection`, of all sets of grips that th
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
+from crux_planner import clock
 from crux_planner.arrays import Array
 from crux_planner.build import all_grips
 from crux_planner.errors import InfeasibleError, LevelGoalError
@@ -82,7 +82,7 @@ class Proof:
         room = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
         held = []
         for stance in self.goals:
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 return None
             if self.balance.possible(stance, goal - room, goal + room):
                 held.append(stance)

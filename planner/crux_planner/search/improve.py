@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
 from crux_planner.search.stances import Move, Stance, goal_contacts
@@ -41,7 +42,7 @@ def improve(
 ) -> Timed | None:
     """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance.
 
-    It ends after so many `estimates`, at `deadline` (of time.monotonic) and at `busy_until` (of time.process_time).
+    It ends after so many `estimates`, at `deadline` (of clock.now) and at `busy_until` (of time.process_time).
     """
     return _Improvement(costs, deadline, estimates, busy_until).run(moves)
 
@@ -78,7 +79,7 @@ class _Improvement:
         return self.costs.count >= self.estimates or self._late()
 
     def _late(self) -> bool:
-        return time.monotonic() > self.deadline or time.process_time() > self.busy_until
+        return clock.now() > self.deadline or time.process_time() > self.busy_until
 
     def _first(self, steps: Steps) -> _Best | None:
         """The steps with all spare time in one stance: the best of those that promise most, by where waiting is cheap.

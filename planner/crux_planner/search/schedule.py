@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.arrays import Array
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import HorizonError
 from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.calm import Contacts
 from crux_planner.search.stances import Move
@@ -63,11 +63,9 @@ def lay_out(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float)
     stances, swings = least_durations(problem, ways, moves, body_step_m)
     spare = problem.steps - int(stances.sum() + swings.sum())
     if spare < 0:
-        raise InfeasibleError(
-            "horizon",
-            f"horizon.steps: the climb needs {problem.steps - spare} steps of {problem.dt_s:g} s, the horizon has "
-            f"{problem.steps}; allow at least {problem.steps - spare}",
-        )
+        needed = problem.steps - spare
+        text = f"the climb needs {needed} steps of {problem.dt_s:g} s, the horizon has {problem.steps}"
+        raise HorizonError(text, needed)
     while spare > 0:
         shortest = int(np.argmin(stances))
         if stances[shortest] < LONGEST_STANCE or not len(swings):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags, Indices
 from crux_planner.problem import Problem, turned_problem
 from crux_planner.search.balance import Balance
@@ -162,8 +163,8 @@ def search(
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
-    the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of
-    time.monotonic), and at `busy_until` (of time.process_time), which a machine busy with other things does not hasten.
+    the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
+    and at `busy_until` (of time.process_time).
     """
     report = SearchReport()
     to_go = costs_to_go(problem, reach, ways)
@@ -192,7 +193,7 @@ def search(
         if ahead < 1e-9 and _ends_well(problem, balance, reach, stance):
             return _trace(parent, stance), report
         report.expanded += 1
-        report.timed_out = time.monotonic() > deadline or time.process_time() > busy_until
+        report.timed_out = clock.now() > deadline or time.process_time() > busy_until
         bounds = reach.of(stance)
         if bounds is None:
             continue

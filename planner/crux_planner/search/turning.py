@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import time
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array, Flags
 from crux_planner.kinematics import rotation_z
 from crux_planner.problem import Problem
@@ -131,7 +131,7 @@ class Turning:
             if state in done or (not settled and cost >= best.get(state, np.inf) - _SETTLED):
                 continue
             if not settled:
-                report.timed_out = report.expanded % 16 == 0 and time.monotonic() > deadline
+                report.timed_out = report.expanded % 16 == 0 and clock.now() > deadline
                 if report.timed_out:
                     break
                 settling = self._settle(step, cost)

@@ -7,7 +7,6 @@ binaries of one ADMM iteration start the next; their neighbours are tried in the
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.errors import InfeasibleError
 from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
 from crux_planner.walk.cost import FORCE_SHARE
@@ -150,7 +150,7 @@ class WalkContacts:
         while improving:
             improving = False
             for change, slots in self._promising(best, rho, seen, doubts):
-                if self.oracles >= last or time.monotonic() > deadline:
+                if self.oracles >= last or clock.now() > deadline:
                     break
                 seen.add(slots)
                 self.oracles += 1

@@ -6,11 +6,11 @@ After some rounds a term that vanishes at the answer keeps each one near the one
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from crux_planner import clock
 from crux_planner.arrays import Array
 from crux_planner.walk.contact_block import eta_of
 from crux_planner.walk.contact_qp import ContactQp, Reference, WalkKnots
@@ -48,7 +48,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
     for count in range(1, _ROUNDS + 1):
         held = count > _FREE_ROUNDS
         again = _held(problem, knots) if held else qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
-        if again is None or time.monotonic() > deadline:
+        if again is None or clock.now() > deadline:
             break
         settled = abs(again.cost - cost) < _COST * abs(again.cost)
         knots, cost = again, again.cost
@@ -60,7 +60,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
         about, before = Reference(knots.body, knots.forces, knots.footholds) if nearer else about.halfway(knots), away
     from crux_planner.walk import nlp
 
-    return nlp.solve(problem, knots, max(deadline - time.monotonic(), 1.0))
+    return nlp.solve(problem, knots, max(deadline - clock.now(), 1.0))
 
 
 def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:

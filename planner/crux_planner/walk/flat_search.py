@@ -6,10 +6,10 @@ the ground has its share of the effort. Neighbours are tried in the order of wha
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Iterable
 
+from crux_planner import clock
 from crux_planner.errors import InfeasibleError
 from crux_planner.walk.flat_qp import FlatQp, FlatWalk
 from crux_planner.walk.problem import WalkProblem
@@ -84,7 +84,7 @@ class FlatSearch:
             walk = self.solve(slots, then)
             if walk is not None and (best is None or walk.cost < best.cost):
                 best = walk
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 break
         return best
 
@@ -97,7 +97,7 @@ class FlatSearch:
             improving = False
             promising = self._promising(best, doubts)
             for (change, slots), then in zip(promising, _following([each for _, each in promising]), strict=True):
-                if self.asked >= last or time.monotonic() > deadline:
+                if self.asked >= last or clock.now() > deadline:
                     return best
                 walk = self.solve(slots, then)
                 if walk is not None and walk.cost < best.cost - _BETTER:

@@ -27,7 +27,7 @@ class WalkTask:
     """A walk and the method's settings."""
 
     problem: WalkProblem
-    deadline: float  # of time.monotonic
+    deadline: float  # of clock.now
     rho: float | None = None
     iterations: int | None = None
     moments: bool = True  # (8b) in the contact block

@@ -79,7 +79,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
             "f": objective,
             "g": ca.vertcat(*[ca.vec(expression) for expression, _, _ in parts]),
         },
-        {**IPOPT, "ipopt.max_wall_time": time_limit_s},
+        {**IPOPT, "ipopt.max_cpu_time": time_limit_s},
     )
     result = solver(
         x0=np.concatenate([knots.body.ravel(), knots.forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),

@@ -10,6 +10,7 @@ from dataclasses import replace
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
+from crux_planner import clock
 from crux_planner.bound.gap import gap
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
@@ -61,7 +62,10 @@ def plan(
 ) -> PlanResult:
     """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
-    result = _plan(scenario, robot, work, deadline, method)
+    try:
+        result = _plan(scenario, robot, work, deadline, method)
+    except InfeasibleError as none:
+        raise none.out_of_time() if clock.now() > deadline else none from None
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
@@ -78,7 +82,7 @@ def _plan(scenario: Scenario, robot: Robot, work: Work, deadline: float, method:
         if isinstance(result, PlanResult):
             return result
         failures.append(result)
-        if result.constraint == "horizon" or time.monotonic() > deadline:
+        if result.constraint == "horizon" or clock.now() > deadline:
             break
     raise failures[0]
 
@@ -147,7 +151,7 @@ def _plan_by_method(
             result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
             return result
         failures.append(result)
-        if time.monotonic() > deadline:
+        if clock.now() > deadline:
             break
     raise failures[0]
 
