@@ -162,7 +162,11 @@ def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> i
 
 
 def _show(result: PlanResult, output: Path) -> None:
-    print(f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}")
+    seconds = result.steps * result.plan.dt_s
+    print(
+        f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}, "
+        f"{result.steps} steps, {seconds:g} s"
+    )
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
     print(
@@ -170,7 +174,10 @@ def _show(result: PlanResult, output: Path) -> None:
         f"cost {result.cost:.3f}"
     )
     if result.gap is not None:
-        print(f"proven {result.scope}: no plan costs less than {100 * (1 - result.gap):.0f} % of that")
+        print(
+            f"proven {result.scope}: no plan of {result.steps} steps costs less than "
+            f"{100 * (1 - result.gap):.0f} % of that"
+        )
     if margin is not None:
         print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N")
 

@@ -6,14 +6,15 @@ many of them.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import time
+
+from crux_planner.worker import LIVE
 
 
 def now() -> float:
     """Seconds [s] that this process and its workers, also those that have ended, have computed."""
-    live = sum(computed_s(worker.pid) for worker in multiprocessing.active_children())
+    live = sum(computed_s(worker) for worker in LIVE)
     ended = os.times()
     return time.process_time() + ended.children_user + ended.children_system + live
 

@@ -8,6 +8,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.result import PlanResult
+from crux_planner.worker import Worker
 
 
 def plan(scenario: Scenario, robot: Robot, **options: Any) -> PlanResult:
@@ -15,11 +16,14 @@ def plan(scenario: Scenario, robot: Robot, **options: Any) -> PlanResult:
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
+    log = {"log": options["log"]} if options.get("log") else {}
     if scenario.contact.model == "point":
-        from crux_planner.walk.planning import plan as plan_walk
-
         options.pop("prove_s", None)
-        return plan_walk(scenario, robot, **options)
-    from crux_planner.planning import plan as plan_climb
+        with Worker("crux_planner.bound.walk", "crux_planner.walk.contact_block", **log) as worker:
+            from crux_planner.walk.planning import plan as plan_walk
 
-    return plan_climb(scenario, robot, **options)
+            return plan_walk(scenario, robot, worker=worker, **options)
+    with Worker("crux_planner.bound.climb", **log) as worker:  # it begins while this process imports
+        from crux_planner.planning import plan as plan_climb
+
+        return plan_climb(scenario, robot, worker=worker, **options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -43,6 +44,10 @@ class InfeasibleError(Exception):
         """What `crux plan --json` prints of it, beside the text."""
         scope = FOR_ITS_REACH if self.proven else None
         return {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For the way from a worker process to its parent."""
+        return partial(Exception.__new__, type(self)), (str(self),), self.__dict__
 
 
 class HorizonError(InfeasibleError):

@@ -12,8 +12,7 @@ from crux_contracts.scenario import Scenario
 from crux_contracts.scenario_reader import MAX_STEPS
 
 from crux_planner import clock
-from crux_planner.admm.knot_qp import plan_cost
-from crux_planner.bound.beside import Beside
+from crux_planner.bound.beside import ClimbBeside
 from crux_planner.build import build_problem
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
@@ -22,7 +21,6 @@ from crux_planner.realise import Failure, evenly, finish, gait, longest, path_to
 from crux_planner.reasons import check_start, explain
 from crux_planner.result import PlanResult, plan_message
 from crux_planner.search.balance import Balance
-from crux_planner.search.body_path import knot_path
 from crux_planner.search.calm import TooHasty, foreseen
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
@@ -33,9 +31,9 @@ from crux_planner.search.ways import Ways
 from crux_planner.solution import start_from_path
 from crux_planner.wider import plan_turning, plan_wider
 from crux_planner.work import Progress, Work, begin
+from crux_planner.worker import Worker
 
 IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
-IMPROVED_SHARE = 0.92  # of the first sequence's cost that is left when cheaper ones have been tried
 QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
@@ -56,11 +54,12 @@ def plan(
     progress: Progress | None = None,
     log: Callable[[str], None] | None = None,
     prove_s: float | None = None,
+    worker: Worker | None = None,
 ) -> PlanResult:
     """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
 
-    The gap is what a bound beside the planning proves with a fixed amount of work; with `prove_s`, it goes on for up to
-    so long.
+    The gap is what a bound beside the planning, in `worker`, proves with a fixed amount of work; with `prove_s`, it
+    goes on for up to so long.
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
@@ -69,7 +68,8 @@ def plan(
         problem = build_problem(scenario, robot)
         check_start(scenario, problem, Balance(problem, problem.friction_share))
         reach, ways = Reach(problem), Ways(problem)
-    work.bound = Beside(problem, prove_s)
+    worker = worker or Worker(log=work.log)
+    work.bound = ClimbBeside(worker, problem, prove_s)
     try:
         if method != "auto":
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
@@ -81,7 +81,7 @@ def plan(
             reason = _cause(scenario, robot, problem, reach, ways, work, deadline, none)
         raise reason.out_of_time() if reason is none and (late or clock.now() > deadline) else reason from None
     finally:
-        work.stop_bound()
+        worker.stop()
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
@@ -272,9 +272,6 @@ def realise_moves(
     deadline: float,
 ) -> PlanResult | Failure:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
-    if work.bound is not None and work.bound.hurried:
-        with work.part("body", 0.2):
-            _begin_bound(problem, balance, reach, ways, moves, work.bound)
     with work.part("improve", 0.3):
         costs = EventCost(problem, balance, reach, ways)
         level = moves and not problem.turns  # its estimates are of a level body that takes steps
@@ -317,17 +314,3 @@ def realise_moves(
         elif choice is None:
             break
     return first or attempt
-
-
-def _begin_bound(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move], bound: Beside
-) -> None:
-    """Begin to bound J while a cheaper sequence is looked for, from what the first one costs."""
-    try:
-        schedule = evenly(problem, balance, reach, ways, moves)
-    except InfeasibleError:
-        return
-    path = knot_path(problem, balance, schedule)
-    if path is not None:
-        start = start_from_path(problem, path)
-        bound.start(IMPROVED_SHARE * plan_cost(problem, schedule, start.body, start.wrenches))

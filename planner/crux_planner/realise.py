@@ -22,6 +22,7 @@ from crux_planner.search.stances import Move, Reach
 from crux_planner.search.ways import Ways
 from crux_planner.solution import Start
 from crux_planner.stage_functions import StageFunctions
+from crux_planner.waiting import without_waiting
 from crux_planner.work import Culprit, Work
 
 Failure = tuple[InfeasibleError, Culprit]
@@ -63,9 +64,32 @@ def finish(
     method: str = "auto",
     functions: StageFunctions | None = None,
 ) -> PlanResult | Failure:
-    """The exact NLP and the check for a schedule, whatever method found it."""
-    if work.bound is not None and work.bound.idle:
-        work.bound.start(plan_cost(problem, schedule, start.body, start.wrenches))
+    """The exact NLP and the check for a schedule, whatever method found it: without its waits, unless that fails or the
+    scenario keeps them.
+    """
+    if scenario.planner.idle != "keep":
+        shorter = without_waiting(problem, schedule, start)
+        if shorter[0].steps < problem.steps:
+            attempt = _finish_as_it_is(scenario, robot, *shorter, work, deadline, method, functions)
+            if isinstance(attempt, PlanResult):
+                return attempt
+            work.log(f"refused without its waits: {attempt[0]}")
+    return _finish_as_it_is(scenario, robot, problem, schedule, start, work, deadline, method, functions)
+
+
+def _finish_as_it_is(
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    schedule: Schedule,
+    start: Start,
+    work: Work,
+    deadline: float,
+    method: str,
+    functions: StageFunctions | None,
+) -> PlanResult | Failure:
+    if work.bound is not None:
+        work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
     with work.part("nlp", 0.5):
         solution = solve_within_torques(problem, schedule, start, deadline, functions)
     if not solution.solved:

@@ -49,6 +49,11 @@ class PlanResult:
         return f"{FOR_ITS_REACH}, its swings and its places on the holds"
 
     @property
+    def steps(self) -> int:
+        """N of the plan: what J and the gap are about."""
+        return int(self.plan.n_knots) - 1
+
+    @property
     def residuals(self) -> dict[str, float]:
         """Of the consensus where the method is an ADMM, else of the exact NLP's dynamics."""
         if self.history:
@@ -64,6 +69,8 @@ class PlanResult:
             "cost": self.cost,
             "gap": self.gap,
             "scope": None if self.gap is None else self.scope,
+            "steps": self.steps,
+            "dt_s": self.plan.dt_s,
             "iterations": self.iterations,
             "residuals": self.residuals,
             "history": self.history,

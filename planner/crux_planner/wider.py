@@ -83,7 +83,7 @@ def plan_wider(
     if found is not None:
         result, wide = found
         with work.part("bound", 0.95):  # of the problem with this aim and these grasps
-            bound = lower_bound(wide, (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
+            bound = lower_bound(replace(wide, steps=result.steps), (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
             result.gap = gap(result.cost, bound)
         return result
     if share is not None:

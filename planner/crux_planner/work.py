@@ -14,7 +14,7 @@ from crux_planner import clock
 from crux_planner.errors import HorizonError, wrong
 
 if TYPE_CHECKING:
-    from crux_planner.bound.beside import Beside
+    from crux_planner.bound.beside import ClimbBeside
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -34,7 +34,7 @@ class Work:
     log: Callable[[str], None]
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
-    bound: Beside | None = None
+    bound: ClimbBeside | None = None
     cut_short: bool = False  # some search ended because of its time
     too_short: list[HorizonError] = field(default_factory=list)  # ways found that take more than the horizon
 
@@ -46,12 +46,6 @@ class Work:
             yield
         finally:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
-
-    def stop_bound(self) -> None:
-        """No bound any more."""
-        if self.bound is not None:
-            self.bound.stop()
-            self.bound = None
 
 
 def begin(

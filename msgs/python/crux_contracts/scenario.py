@@ -35,6 +35,7 @@ Faces = Literal["x", "y"]
 FACE_NAMES = ("+x", "-x", "+y", "-y", "top")
 METHODS = ("auto", "two_block", "multi_block", "benchmark")
 LIMIT_SURFACES = ("cone", "inner", "paper")
+IDLE = ("cut", "keep")  # knots of a plan at which nothing moves
 WEIGHTS = ("body", "wrench", "lift", "opening", "switching")
 MARGINS = ("friction", "clearance_m", "torque")
 GRAVITY_M_S2 = 9.81
@@ -169,6 +170,7 @@ class PlannerOptions:
     time_limit_s: float | None = None
     seed: int | None = None
     limit_surface: str = "cone"
+    idle: str = "cut"
     weights: dict[str, float] = field(default_factory=dict)
     margins: dict[str, float] = field(default_factory=dict)
 

@@ -10,6 +10,7 @@ from .reading import Checker, did_you_mean
 from .robot import robot_names
 from .scenario import (
     FACE_NAMES,
+    IDLE,
     LIMIT_SURFACES,
     MARGINS,
     METHODS,
@@ -249,7 +250,7 @@ class _Reader:
 
     def _planner(self, node: Node) -> PlannerOptions:
         check = self.check
-        simple = ["method", "rho", "iterations", "time_limit_s", "seed", "limit_surface"]
+        simple = ["method", "rho", "iterations", "time_limit_s", "seed", "limit_surface", "idle"]
         keys = check.members(node, [], [*simple, "weights", "margins"])
         return PlannerOptions(
             method=self._of(keys, "method", lambda n: check.choice(n, METHODS)) or "auto",
@@ -258,6 +259,7 @@ class _Reader:
             time_limit_s=self._of(keys, "time_limit_s", lambda n: check.number(n, 0.1, 86400.0, "s")),
             seed=self._of(keys, "seed", lambda n: check.integer(n, 0, 2**31 - 1)),
             limit_surface=self._of(keys, "limit_surface", lambda n: check.choice(n, LIMIT_SURFACES)) or "cone",
+            idle=self._of(keys, "idle", lambda n: check.choice(n, IDLE)) or "cut",
             weights=self._of(keys, "weights", lambda n: self._named_numbers(n, WEIGHTS, 1e9)) or {},
             margins=self._of(keys, "margins", lambda n: self._named_numbers(n, MARGINS, 1.0)) or {},
         )

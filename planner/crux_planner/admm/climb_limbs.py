@@ -10,10 +10,12 @@ from crux_planner.admm.agreement import Agreement
 from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.contact_block import ContactPlan
 from crux_planner.admm.knot_qp import KnotSolution, plan_cost, solve_knots
-from crux_planner.admm.limb_block import LimbAnswer, ParallelLimbs
+from crux_planner.admm.limb_block import LimbAnswer
 from crux_planner.admm.stages import Stages, Swinging
 from crux_planner.arrays import Array
+from crux_planner.problem import LIMBS
 from crux_planner.search.balance import Balance
+from crux_planner.worker import Team
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Motion
@@ -23,7 +25,7 @@ class ClimbLimbs:
     """The four limb blocks of a climb as one."""
 
     def __init__(
-        self, stages: Stages, balance: Balance, blocks: ParallelLimbs, scales: Scales, deadline: float
+        self, stages: Stages, balance: Balance, blocks: Team[LimbAnswer], scales: Scales, deadline: float
     ) -> None:
         self._stages, self._balance, self._blocks, self._scales = stages, balance, blocks, scales
         self._agreement, self._deadline = Agreement(stages, balance), deadline
@@ -36,12 +38,15 @@ class ClimbLimbs:
         nothing: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
         standing = motion.project(Eta.of_contacts(problem, self._stages.schedule([]), body, nothing), rho)
         forces_alone = Scales(0.0, scales.orientation, scales.rate, scales.force, scales.moment)
-        chosen = self._agreed(self._blocks.minimise(rho, standing, forces_alone), standing.body).eta
+        chosen = self._agreed(self._answers(rho, standing, forces_alone), standing.body).eta
         return Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
 
     def minimise(self, rho: float, target: Eta) -> ContactPlan:
         """Every limb's argmin against `target`, in parallel, then the cheapest sequence on which they agree."""
-        return self._agreed(self._blocks.minimise(rho, target, self._scales), target.body)
+        return self._agreed(self._answers(rho, target, self._scales), target.body)
+
+    def _answers(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
+        return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMBS))])
 
     def _agreed(self, answers: list[LimbAnswer], body: Array) -> ContactPlan:
         stages, problem = self._stages, self._stages.problem

@@ -2,14 +2,11 @@
 
 Without the other limbs a limb's contacts are a path through stages, and given a contact its wrenches are one small
 convex problem a knot: min R |u|^2 + rho / 2 |lambda - target|^2 on the limit surface. So the MIP is a shortest path,
-solved to proven optimality without branching. Blocks of different limbs run in parallel processes.
+solved to proven optimality without branching. Blocks of different limbs are solved in parallel (`worker.Team`).
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,36 +88,12 @@ class LimbBlock:
         return answers, costs
 
 
-_BLOCKS: list[LimbBlock] = []  # of a worker process
-
-
-class ParallelLimbs:
-    """The four limb blocks, each solved in a process of its own as far as there are cores."""
+class LimbBlocks:
+    """The MIPs of all limbs."""
 
     def __init__(self, stages: Stages, balance: Balance) -> None:
-        # Not forked: a forked worker waits for ever for locks of threads (HiGHS has some) that only this process has.
-        self._pool = ProcessPoolExecutor(
-            min(4, len(os.sched_getaffinity(0))),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_remember,
-            initargs=(stages, balance),
-        )
+        self._blocks = [LimbBlock(stages, balance, limb) for limb in range(len(LIMBS))]
 
-    def minimise(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
-        """All limbs' answers."""
-        waiting = [self._pool.submit(_minimise, limb, rho, target, scales) for limb in range(len(LIMBS))]
-        return [each.result() for each in waiting]
-
-    def __enter__(self) -> ParallelLimbs:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-
-def _remember(stages: Stages, balance: Balance) -> None:
-    _BLOCKS[:] = [LimbBlock(stages, balance, limb) for limb in range(len(LIMBS))]
-
-
-def _minimise(limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
-    return _BLOCKS[limb].minimise(rho, target, scales)
+    def __call__(self, limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
+        """LimbBlock.minimise of one limb."""
+        return self._blocks[limb].minimise(rho, target, scales)

@@ -13,17 +13,18 @@ from crux_planner.admm.benchmark import Benchmark
 from crux_planner.admm.climb_limbs import ClimbLimbs
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.contact_block import ContactBlock, ContactPlan
-from crux_planner.admm.limb_block import ParallelLimbs
+from crux_planner.admm.limb_block import LimbBlocks
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.stages import Stages
 from crux_planner.arrays import Array
-from crux_planner.problem import Problem
+from crux_planner.problem import LIMBS, Problem
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach
 from crux_planner.search.ways import Ways
 from crux_planner.solution import Solution
+from crux_planner.worker import Team, crew
 
 RHO, MULTI_RHO = 10.0, 40.0
 ITERATIONS, MULTI_ITERATIONS = 10, 40
@@ -94,7 +95,8 @@ def decide_two_block(task: Task) -> Decided:
 def decide_multi_block(task: Task) -> Decided:
     """P3: one MIP a limb in parallel processes, one NLP."""
     stages = Stages(task.problem, task.reach, task.ways)
-    with ParallelLimbs(stages, task.balance) as blocks:
+    with crew(len(LIMBS) - 1, LimbBlocks.__module__, log=task.report) as workers:
+        blocks = Team(workers, LimbBlocks, stages, task.balance)
         run = multi_block(
             ClimbLimbs(stages, task.balance, blocks, MULTI_SCALES, task.deadline),
             MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),

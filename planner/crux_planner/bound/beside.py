@@ -1,80 +1,73 @@
-"""The bound worked out in a process of its own, while the exact NLP and the check keep this one busy."""
+"""The bound worked out by a worker, while the exact NLP and the check keep this process busy."""
 
 from __future__ import annotations
 
-import multiprocessing
-from multiprocessing.connection import Connection
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crux_planner import clock
-from crux_planner.bound.climb import EFFORT, lower_bound
 from crux_planner.bound.gap import gap
-from crux_planner.problem import Problem
+from crux_planner.worker import Worker, WorkerLostError, say
+
+if TYPE_CHECKING:
+    from crux_planner.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
-TIME_LIMIT_S = 60.0  # of a process that nobody listens to any more
+TIME_LIMIT_S = 60.0  # of what nobody listens to any more
 PATIENCE_S = 10.0  # of computing, for what is left when the plan is there
-_LOOK_S = 0.2  # how often a process that says nothing is asked how long it has computed
+_LOOK_S = 0.2  # how often a worker that says nothing is asked how long it has computed
 
 
 class Beside:
-    """Bounds of one problem, the best so far at hand at any time."""
+    """Bounds of one scenario, the best so far at hand at any time, waited for up to `patience_s`."""
 
-    def __init__(self, problem: Problem, time_limit_s: float | None = None) -> None:
-        """With a `time_limit_s` of its own the bound takes as long as it needs, up to that; else so much work."""
-        self._problem = problem
-        self._limit_s = TIME_LIMIT_S if time_limit_s is None else time_limit_s
-        self._wait_s = PATIENCE_S if time_limit_s is None else time_limit_s
-        self._waited_for = time_limit_s is not None
-        self._process: multiprocessing.process.BaseProcess | None = None
-        self._inbox: Connection | None = None
+    def __init__(self, worker: Worker, patience_s: float) -> None:
+        self._worker, self._patience_s = worker, patience_s
+        self._about: object = None  # what is being bounded
         self._best: float | None = None
 
-    @property
-    def idle(self) -> bool:
-        """Not begun."""
-        return self._process is None
-
-    @property
-    def hurried(self) -> bool:
-        """Idle, and not waited for: better begun early, on a rough guess of the cost."""
-        return self.idle and not self._waited_for
-
-    def start(self, expected: float) -> None:
-        """Begin, for plans that cost about `expected`; once begun, nothing more."""
-        if not self.idle:
+    def start(self, about: object, bound: Callable[..., Any], *arguments: Any) -> None:
+        """Begin with `bound(*arguments)`, which says or returns bounds; goes on with what is begun about the same."""
+        if self._about == about:
             return
-        context = multiprocessing.get_context("fork")  # the parent's modules are there at once
-        self._inbox, outbox = context.Pipe(duplex=False)
-        effort = np.inf if self._waited_for else EFFORT
-        work = (self._problem, (1.0 - AIM) * expected, self._limit_s, effort, outbox)
-        self._process = context.Process(target=_work, args=work, daemon=True)
-        self._process.start()
-        outbox.close()
+        self.stop()
+        self._about = about
+        self._worker.begin(bound, *arguments)
 
     def gap(self, cost: float) -> float | None:
-        """The gap of a plan that costs `cost` by what is proven; ends the process."""
-        pid = self._process and self._process.pid
-        until = clock.computed_s(pid) + self._wait_s
+        """The gap of a plan that costs `cost` by what is proven; ends the work."""
+        until = clock.computed_s(self._worker.pid) + self._patience_s
         try:
-            while self._inbox is not None and clock.computed_s(pid) < until:
-                if self._inbox.poll(_LOOK_S):
-                    self._best = self._inbox.recv()
-        except EOFError:  # it has said all
+            while self._worker.waiting and clock.computed_s(self._worker.pid) < until:
+                if self._worker.heard(_LOOK_S):
+                    self._best = self._worker.hear()
+        except WorkerLostError:  # what it has said until then is true
             pass
+        best = self._best
         self.stop()
-        return gap(cost, self._best)
+        return gap(cost, best)
 
     def stop(self) -> None:
-        """End the process, whatever it is doing."""
-        if self._process is not None and self._inbox is not None:
-            self._process.terminate()
-            self._process.join()
-            self._inbox.close()
-            self._inbox = None
+        """End the work, whatever is being done."""
+        if self._worker.waiting:
+            self._worker.stop()
+        self._about = self._best = None
 
 
-def _work(problem: Problem, cost: float, time_limit_s: float, effort: float, outbox: Connection) -> None:
-    lower_bound(problem, cost, time_limit_s, outbox.send, effort)
-    outbox.close()
+class ClimbBeside(Beside):
+    """Bounds of a climb. With `prove_s` they take as long as they need, up to that; else so much work."""
+
+    def __init__(self, worker: Worker, problem: Problem, prove_s: float | None = None) -> None:
+        super().__init__(worker, PATIENCE_S if prove_s is None else prove_s)
+        self._problem, self._prove_s = problem, prove_s
+
+    def start_with(self, steps: int, expected: float) -> None:
+        """Begin, for plans of so many steps that cost about `expected`."""
+        from crux_planner.bound.climb import EFFORT, lower_bound  # which walks do without
+
+        problem, cost = replace(self._problem, steps=steps), (1.0 - AIM) * expected
+        limit_s, effort = (TIME_LIMIT_S, EFFORT) if self._prove_s is None else (self._prove_s, np.inf)
+        self.start(steps, lower_bound, problem, cost, limit_s, say, effort)

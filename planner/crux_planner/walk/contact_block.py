@@ -8,8 +8,7 @@ binaries of one ADMM iteration start the next; their neighbours are tried in the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,7 @@ from crux_planner.walk.flat_search import FlatSearch
 from crux_planner.walk.gait import Gait
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import Change, Slots
-from crux_planner.walk.twofold import Second
+from crux_planner.worker import Team, Worker
 
 if TYPE_CHECKING:
     from crux_planner.admm.consensus import Eta, Scales
@@ -50,28 +49,44 @@ class WalkPlan:
         return self.knots.gait.names
 
 
+class Lifted:
+    """The oracle's answers for walks in the plane."""
+
+    def __init__(self, problem: WalkProblem, scales: Scales | None, moments: bool) -> None:
+        self._qp = ContactQp(problem, scales, moments=moments)
+
+    def __call__(self, walk: FlatWalk) -> WalkKnots | None:
+        """None where it has none."""
+        return self._qp.solve(walk.gait, Reference(walk.body, walk.forces, walk.footholds), 0.0, None)
+
+
 class WalkContacts:
     """P2a of one walk; `moments` False leaves (8b) out of the oracle, `many` bounds the first search."""
 
     def __init__(
-        self, problem: WalkProblem, scales: Scales | None = None, *, moments: bool = True, many: int = FLAT_GAITS
+        self,
+        problem: WalkProblem,
+        scales: Scales | None = None,
+        *,
+        moments: bool = True,
+        many: int = FLAT_GAITS,
+        workers: Sequence[Worker] = (),
     ) -> None:
         self.problem, self.oracles, self._many = problem, 0, many
         self._scales = scales
-        self._flat = FlatSearch(problem)
+        self._flat = FlatSearch(problem, workers)
         self._qp = ContactQp(problem, scales, moments=moments)
+        self._lifted = Team(workers, Lifted, problem, scales, moments)
         self._known: WalkKnots | None = None
 
     def begin(self, deadline: float) -> None:
         """Raises InfeasibleError where there is no walk."""
-        with closing(self._flat.second):
-            self._flat.begin(deadline)
+        self._flat.begin(deadline)
 
     def search(self, deadline: float) -> Iterator[WalkKnots]:
         """Walks, the best first, each once by the oracle. Raises InfeasibleError where there is none."""
-        with closing(self._flat.second):
-            begun = self._flat.begin(deadline)
-            self._flat.improve(begun, self._many, deadline)
+        begun = self._flat.begin(deadline)
+        self._flat.improve(begun, self._many, deadline)
         yield from self._answers()
 
     def _answers(self) -> Iterator[WalkKnots]:
@@ -80,8 +95,8 @@ class WalkContacts:
         walks = self._flat.best_first()[:_SETTLED]
         while walks:
             some, walks = walks[:_COMPARED], walks[_COMPARED:]
-            with closing(Second(self._lifted)) as second:
-                lifted = [knots for knots in second.answers(some) if knots is not None]
+            answers = self._lifted.answers([(walk,) for walk in some])
+            lifted = [knots for knots in answers if knots is not None]
             self.oracles += len(some)
             found += len(lifted)
             yield from sorted(lifted, key=lambda knots: knots.cost)
@@ -113,16 +128,11 @@ class WalkContacts:
         order = [step.limb for step in gait.steps]
         beyond = [slots for _, slots in here.neighbours() if slots.possible(self.problem)]
         beyond = [slots for slots in dict.fromkeys(beyond) if flat.strides.long_enough(slots)][:_NEAR]
-        with closing(flat.second):
-            best = flat.best_of(beyond + flat.strides.in_order(order), deadline)
-            if best is None:
-                best = flat.begin(deadline)
-            flat.improve(best, self._many, deadline)
+        best = flat.best_of(beyond + flat.strides.in_order(order), deadline)
+        if best is None:
+            best = flat.begin(deadline)
+        flat.improve(best, self._many, deadline)
         yield from self._answers()
-
-    def _lifted(self, walk: FlatWalk) -> WalkKnots | None:
-        """The oracle's answer for a walk in the plane; None where it has none."""
-        return self._qp.solve(walk.gait, Reference(walk.body, walk.forces, walk.footholds), 0.0, None)
 
     def _settled(self, walk: FlatWalk | WalkKnots) -> WalkKnots | None:
         """The oracle's answer for a walk, linearised about itself; None where nothing is left of it."""

@@ -7,7 +7,7 @@ the ground has its share of the effort. Neighbours are tried in the order of wha
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from crux_planner import clock
 from crux_planner.errors import InfeasibleError
@@ -15,19 +15,29 @@ from crux_planner.walk.flat_qp import FlatQp, FlatWalk
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import Change, Slots
 from crux_planner.walk.strides import Strides
-from crux_planner.walk.twofold import Second
+from crux_planner.worker import Team, Worker
 
 _MORE_ROUNDS = 1  # of steps than the fewest, in those tried last
 _BETTER = 1e-3  # of J, what is worth a change
 
 
-class FlatSearch:
-    """Gaits of one problem, each solved once; the next one beside it where there is a second process for it."""
+class FlatGaits:
+    """J of gaits."""
 
     def __init__(self, problem: WalkProblem) -> None:
+        self._problem, self._qp = problem, FlatQp(problem)
+
+    def __call__(self, slots: Slots) -> FlatWalk | None:
+        """J of a gait, nearly; None where it has no solution."""
+        return self._qp.solve(slots.gait(self._problem.steps + 1))
+
+
+class FlatSearch:
+    """Gaits of one problem, each solved once; the next one beside it where a worker is free for it."""
+
+    def __init__(self, problem: WalkProblem, workers: Sequence[Worker] = ()) -> None:
         self.problem, self.strides = problem, Strides(problem)
-        self.second: Second[Slots, FlatWalk | None] = Second(self.alone)
-        self._qp = FlatQp(problem)
+        self._team = Team(workers, FlatGaits, problem)
         self._solved: dict[Slots, FlatWalk | None] = {}
         self._ahead: dict[Slots, FlatWalk | None] = {}  # solved before they were asked for
 
@@ -40,10 +50,6 @@ class FlatSearch:
         """All walks found so far."""
         return sorted((walk for walk in self._solved.values() if walk is not None), key=lambda walk: walk.cost)
 
-    def alone(self, slots: Slots) -> FlatWalk | None:
-        """J of a gait, nearly; None where it has no solution. Not remembered."""
-        return self._qp.solve(slots.gait(self.problem.steps + 1))
-
     def solve(self, slots: Slots, then: Slots | None = None) -> FlatWalk | None:
         """J of a gait, nearly; None where it has no solution. `then`: what will be asked for next."""
         if slots in self._solved:
@@ -52,12 +58,11 @@ class FlatSearch:
             walk = self._ahead.pop(slots)
         else:
             unknown = then is not None and then not in self._solved and then not in self._ahead
-            beside = then if unknown and self.second.start() else None
-            if beside is not None:
-                self.second.ask(beside)
-            walk = self.alone(slots)
-            if beside is not None:
-                self._ahead[beside] = self.second.hear()
+            beside = next(iter(self._team.free()), None) if unknown else None
+            ahead = None if beside is None else self._team.later(beside, then)
+            walk = self._team.call(slots)
+            if ahead is not None and then is not None:
+                self._ahead[then] = ahead()
         self._solved[slots] = walk
         return walk
 

@@ -7,9 +7,6 @@ too. So the MIP is solved to proven optimality by looking at all knots in the ai
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,41 +133,12 @@ class FootBlock:
         return np.column_stack([forces[:, :2] * share[:, None], normal])
 
 
-_BLOCKS: list[FootBlock] = []  # of a worker process
-
-
-class ParallelFeet:
-    """The four limb blocks, each solved in a process of its own as far as there are cores."""
+class FootBlocks:
+    """The MIPs of all feet."""
 
     def __init__(self, problem: WalkProblem) -> None:
-        # Not forked: a forked worker waits for ever for locks of threads that only this process has.
-        self._pool = ProcessPoolExecutor(
-            min(4, len(os.sched_getaffinity(0))),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_remember,
-            initargs=(problem,),
-        )
+        self._blocks = [FootBlock(problem, limb) for limb in range(len(LIMBS))]
 
-    def minimise(
-        self, limbs: list[int], rho: float, feet: Array, forces: Array, air_cost: Array, scales: Scales
-    ) -> list[FootPlan]:
-        """Plans of `limbs` against feet (N + 1, 4, 3), forces (N, 4, 3), air costs (N, 4)."""
-        waiting = [
-            self._pool.submit(_minimise, limb, rho, feet[:, limb], forces[:, limb], air_cost[:, limb], scales)
-            for limb in limbs
-        ]
-        return [each.result() for each in waiting]
-
-    def __enter__(self) -> ParallelFeet:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-
-def _remember(problem: WalkProblem) -> None:
-    _BLOCKS[:] = [FootBlock(problem, limb) for limb in range(4)]
-
-
-def _minimise(limb: int, rho: float, feet: Array, forces: Array, air_cost: Array, scales: Scales) -> FootPlan:
-    return _BLOCKS[limb].minimise(rho, feet, forces, air_cost, scales)
+    def __call__(self, limb: int, rho: float, feet: Array, forces: Array, air_cost: Array, scales: Scales) -> FootPlan:
+        """FootBlock.minimise of one limb."""
+        return self._blocks[limb].minimise(rho, feet, forces, air_cost, scales)

@@ -13,9 +13,10 @@ from crux_planner.walk.contact_block import WalkPlan, eta_of
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.cost import walk_cost
 from crux_planner.walk.flat_search import FlatSearch
-from crux_planner.walk.limb_block import FootPlan, ParallelFeet
+from crux_planner.walk.limb_block import FootPlan
 from crux_planner.walk.problem import WalkProblem
 from crux_planner.walk.slots import LEAST_GAP, Slots
+from crux_planner.worker import Team
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Motion
@@ -27,7 +28,7 @@ _RIGHT_OF_WAY = 3.0  # cost of a knot in the air beside a foot that comes before
 class WalkLimbs:
     """The four limb blocks of a walk as one."""
 
-    def __init__(self, problem: WalkProblem, blocks: ParallelFeet, scales: Scales) -> None:
+    def __init__(self, problem: WalkProblem, blocks: Team[FootPlan], scales: Scales) -> None:
         self._problem, self._blocks, self._scales = problem, blocks, scales
         self._plans: dict[int, FootPlan] = {}
         self._order = _right_of_way(problem)
@@ -50,18 +51,13 @@ class WalkLimbs:
         even = Eta(moving.body, feet + way[..., None] * (there - feet), moving.yaws, moving.forces, moving.moments)
         self._plans = {}
         for limb in self._order:
-            (self._plans[limb],) = self._blocks.minimise(
-                [limb], rho, even.fingers, even.forces, self._yielding(), self._scales
-            )
+            (self._plans[limb],) = self._answers([limb], rho, even)
         chosen = self._joined(moving.body).eta
         return Eta(chosen.body, chosen.fingers, chosen.yaws, moving.forces, moving.moments)
 
     def minimise(self, rho: float, target: Eta) -> WalkPlan:
         """Every limb's argmin against `target`, in parallel, joined."""
-        plans = self._blocks.minimise(
-            list(range(4)), rho, target.fingers, target.forces, self._yielding(), self._scales
-        )
-        self._plans = dict(enumerate(plans))
+        self._plans = dict(enumerate(self._answers(list(range(4)), rho, target)))
         return self._joined(target.body)
 
     def with_body(self, plan: WalkPlan, delta: Eta) -> WalkPlan:
@@ -70,6 +66,15 @@ class WalkLimbs:
         cost = walk_cost(self._problem, knots.gait, delta.body, knots.forces)
         return WalkPlan(
             plan.eta, WalkKnots(knots.gait, delta.body, knots.forces, knots.footholds, cost, cost, knots.pull)
+        )
+
+    def _answers(self, limbs: list[int], rho: float, target: Eta) -> list[FootPlan]:
+        air_cost = self._yielding()
+        return self._blocks.answers(
+            [
+                (limb, rho, target.fingers[:, limb], target.forces[:, limb], air_cost[:, limb], self._scales)
+                for limb in limbs
+            ]
         )
 
     def _yielding(self) -> Array:

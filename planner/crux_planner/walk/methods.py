@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.consensus import Scales
 from crux_planner.admm.relaxation import RELAXATIONS
+from crux_planner.problem import LIMBS
 from crux_planner.walk.benchmark import WalkBenchmark
 from crux_planner.walk.contact_block import WalkContacts, WalkPlan
 from crux_planner.walk.contact_qp import WalkKnots
-from crux_planner.walk.limb_block import ParallelFeet
+from crux_planner.walk.limb_block import FootBlocks
 from crux_planner.walk.limbs import WalkLimbs
 from crux_planner.walk.motion_block import WalkMotion
 from crux_planner.walk.problem import WalkProblem
+from crux_planner.worker import Team, Worker, crew
 
 RHO, ITERATIONS = 1.5, 10
 MULTI_RHO, MULTI_ITERATIONS = 1.5, 60
@@ -33,6 +35,7 @@ class WalkTask:
     moments: bool = True  # (8b) in the contact block
     to_the_end: bool = False  # all iterations, thresholds or not
     report: Report = lambda _line: None
+    workers: Sequence[Worker] = ()
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class WalkDecided:
 
 def decide_two_block(task: WalkTask) -> WalkDecided:
     """Equation (19)."""
-    contacts = WalkContacts(task.problem, SCALES, moments=task.moments)
+    contacts = WalkContacts(task.problem, SCALES, moments=task.moments, workers=task.workers)
     run = two_block(
         contacts,
         WalkMotion(task.problem, SCALES),
@@ -69,7 +72,8 @@ def decide_two_block(task: WalkTask) -> WalkDecided:
 
 def decide_multi_block(task: WalkTask) -> WalkDecided:
     """P3: one MIP a limb in parallel processes, one NLP."""
-    with ParallelFeet(task.problem) as feet:
+    with crew(len(LIMBS) - 1, FootBlocks.__module__, log=task.report) as workers:
+        feet = Team(workers, FootBlocks, task.problem)
         run = multi_block(
             WalkLimbs(task.problem, feet, SCALES),
             WalkMotion(task.problem, SCALES, body_weight=1.0),

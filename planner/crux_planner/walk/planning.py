@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 
+import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner import clock
-from crux_planner.bound.gap import gap
+from crux_planner.bound.beside import Beside
 from crux_planner.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
 from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.problem import LIMBS
 from crux_planner.result import PlanResult
+from crux_planner.waiting import walk_without_waiting
 from crux_planner.walk.contact_block import WalkContacts
 from crux_planner.walk.contact_qp import WalkKnots
 from crux_planner.walk.exact import of_knots, solve
 from crux_planner.walk.message import walk_message
 from crux_planner.walk.problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.walk.stretch import CUTS, bent
-from crux_planner.walk.twofold import Second
 from crux_planner.work import Progress, Work, begin
+from crux_planner.worker import Worker, spare_cores
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
 PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
@@ -59,26 +60,30 @@ def plan(
     time_limit_s: float | None = None,
     progress: Progress | None = None,
     log: Callable[[str], None] | None = None,
+    worker: Worker | None = None,
 ) -> PlanResult:
     """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
+    worker = worker or Worker(log=work.log)
     try:
-        result = _plan(scenario, robot, work, deadline, method)
+        result = _plan(scenario, robot, work, worker, deadline, method)
     except InfeasibleError as none:
         raise none.out_of_time() if clock.now() > deadline else none from None
+    finally:
+        worker.stop()
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
 
-def _plan(scenario: Scenario, robot: Robot, work: Work, deadline: float, method: str) -> PlanResult:
+def _plan(scenario: Scenario, robot: Robot, work: Work, worker: Worker, deadline: float, method: str) -> PlanResult:
     with work.part("problem", 0.0):
         problem = build_walk(scenario, robot)
     if method != "auto":
-        return _plan_by_method(scenario, robot, problem, work, deadline, method)
+        return _plan_by_method(scenario, robot, problem, work, worker, deadline, method)
     failures: list[InfeasibleError] = []
     for walk in _walks(problem, failures):
-        found = WalkContacts(walk).search(deadline)
-        result = _first_good(scenario, robot, walk, problem, found, work, deadline, method)
+        found = WalkContacts(walk, workers=_team(worker)).search(deadline)
+        result = _first_good(scenario, robot, walk, problem, found, work, worker, deadline, method)
         if isinstance(result, PlanResult):
             return result
         failures.append(result)
@@ -123,7 +128,7 @@ def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
 
 
 def _plan_by_method(
-    scenario: Scenario, robot: Robot, problem: WalkProblem, work: Work, deadline: float, method: str
+    scenario: Scenario, robot: Robot, problem: WalkProblem, work: Work, worker: Worker, deadline: float, method: str
 ) -> PlanResult:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
     from crux_planner.walk.methods import METHODS, WalkTask
@@ -132,11 +137,12 @@ def _plan_by_method(
         raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     options, failures = scenario.planner, list[InfeasibleError]()
     for walk in _walks(problem, failures):
-        contacts = WalkContacts(walk)
+        contacts = WalkContacts(walk, workers=_team(worker))
         try:
             with work.part("contacts", 0.1):
                 contacts.begin(deadline)
-                decided = METHODS[method](WalkTask(walk, deadline, options.rho, options.iterations, report=work.log))
+                task = WalkTask(walk, deadline, options.rho, options.iterations, report=work.log, workers=_team(worker))
+                decided = METHODS[method](task)
         except InfeasibleError as none:
             failures.append(none)
             continue
@@ -144,7 +150,7 @@ def _plan_by_method(
         with work.part("check", 0.4):
             alone_report = check_plan(alone, robot)
         near = contacts.near(decided.knots.gait, deadline)
-        result = _first_good(scenario, robot, walk, problem, near, work, deadline, method)
+        result = _first_good(scenario, robot, walk, problem, near, work, worker, deadline, method)
         if isinstance(result, PlanResult):
             result.iterations, result.history = decided.iterations, decided.residuals
             worst = alone_report.to_json()["worst"][:1]
@@ -156,6 +162,11 @@ def _plan_by_method(
     raise failures[0]
 
 
+def _team(worker: Worker) -> list[Worker]:
+    """What the search shares its work with, where the machine has a second core."""
+    return [worker] if spare_cores() else []
+
+
 def _first_good(
     scenario: Scenario,
     robot: Robot,
@@ -163,26 +174,32 @@ def _first_good(
     asked: WalkProblem,
     found: Iterator[WalkKnots],
     work: Work,
+    worker: Worker,
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    """The first of the walks found that is exact and passes the check, or why none is."""
+    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
+    fails or the scenario keeps them.
+    """
     failure: InfeasibleError | None = None
-    with closing(Second(lower_bound)) as second:
-        bound: Callable[[], float] | None = None
-        for _ in range(ATTEMPTS):
-            try:
-                with work.part("contacts", 0.1):
-                    knots = next(found, None)
-            except InfeasibleError as none:
-                return failure or none
-            if knots is None:
-                break
-            bound = bound or second.later(replace(asked, care=problem.care))
-            attempt = _finish(scenario, robot, problem, bound, knots, work, deadline, method)
+    bound = Beside(worker, np.inf)
+    for _ in range(ATTEMPTS):
+        try:
+            with work.part("contacts", 0.1):
+                knots = next(found, None)
+        except InfeasibleError as none:
+            return failure or none
+        if knots is None:
+            break
+        shorter = (problem, knots) if scenario.planner.idle == "keep" else walk_without_waiting(problem, knots)
+        for walk, some in (shorter, (problem, knots)) if shorter[0] is not problem else (shorter,):
+            bounded = replace(asked, care=problem.care, steps=walk.steps)
+            bound.start((walk.steps, problem.care), lower_bound, bounded)
+            attempt = _finish(scenario, robot, walk, bound, some, work, deadline, method)
             if isinstance(attempt, PlanResult):
                 return attempt
-            failure = failure or attempt
+        failure = failure or attempt
+    bound.stop()
     assert failure is not None
     return failure
 
@@ -191,7 +208,7 @@ def _finish(
     scenario: Scenario,
     robot: Robot,
     problem: WalkProblem,
-    bound: Callable[[], float],
+    bound: Beside,
     knots: WalkKnots,
     work: Work,
     deadline: float,
@@ -213,13 +230,13 @@ def _finish(
         problem = less
     if report.ok:
         with work.part("bound", 0.95):
-            floor = bound()
+            proven = bound.gap(solution.cost)
         return PlanResult(
             ok=True,
             plan=message,
             check=report,
             cost=solution.cost,
-            gap=gap(solution.cost, floor),
+            gap=proven,
             iterations=solution.iterations,
             gait=gait.names,
             position_residual_m=solution.position_residual_m,
