@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +16,7 @@ from crux_planner.walk.flat_search import FlatSearch
 from crux_planner.walk.gait import Gait, Step
 from crux_planner.walk.problem import build_walk
 from crux_planner.walk.stretch import bent
-from crux_planner.walk.twofold import Second
+from crux_planner.worker import Worker
 
 FLAT = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-flat.yaml").read_text()
 PROBLEM = build_walk(parse_scenario(FLAT), load_robot("scaler"))
@@ -36,7 +35,6 @@ def test_three_feet_keep_their_load_while_the_limbs_are_thrown() -> None:
     """The shares of the weight on three feet with the limbs' inertia, worked out anew from a plan in the plane."""
     search = FlatSearch(PROBLEM)
     walk = search.begin(np.inf)
-    search.second.close()
     n, dt, s = PROBLEM.steps, PROBLEM.dt_s, PROBLEM.limbs_share
     feet = walk.gait.blend @ walk.footholds
     least = np.inf
@@ -73,18 +71,12 @@ def test_the_corner_where_joints_are_too_fast_is_left_out(share: tuple[float, fl
         assert cut.normal_b @ PROBLEM.boxes.centre_b_m[2] < cut.most
 
 
-def test_two_processes_answer_as_one_does() -> None:
-    questions = [1.0, 4.0, 9.0, 16.0, 25.0]
-    with closing(Second(np.sqrt)) as second:
-        assert second.answers(questions) == [1.0, 2.0, 3.0, 4.0, 5.0]
-
-
-def test_a_gait_solved_beside_another_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    one, two = FlatSearch(PROBLEM), FlatSearch(PROBLEM)
-    monkeypatch.setattr(one.second, "start", lambda: False)
-    deadline = np.inf
-    found = [search.improve(search.begin(deadline), 8, deadline) for search in (one, two)]
-    two.second.close()
+def test_a_gait_solved_beside_another_is_the_same() -> None:
+    with Worker() as beside:
+        one, two = FlatSearch(PROBLEM), FlatSearch(PROBLEM, [beside])
+        deadline = np.inf
+        found = [search.improve(search.begin(deadline), 8, deadline) for search in (one, two)]
+        assert beside.process is not None
     assert one.asked == two.asked
     assert found[0].gait.steps == found[1].gait.steps
     assert found[0].cost == found[1].cost
