@@ -58,8 +58,8 @@ def plan(
 ) -> PlanResult:
     """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
 
-    The gap is what a bound beside the planning, in `worker`, proves with a fixed amount of work; with `prove_s`, it
-    goes on for up to so long.
+    The gap is what a bound beside the planning, in `worker`, proves of plans of as many steps with a fixed amount of
+    work; with `prove_s`, it goes on for up to so long.
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
@@ -75,7 +75,7 @@ def plan(
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
         result = _plan_anyhow(scenario, robot, problem, reach, ways, work, deadline)
     except InfeasibleError as none:
-        work.stop_bound()
+        worker.stop()
         reason, late = none, work.cut_short
         if method == "auto":
             reason = _cause(scenario, robot, problem, reach, ways, work, deadline, none)

@@ -69,7 +69,8 @@ class Planner:
         """A checked plan from the stance that `running`, a plan of this wall, takes next at or after `at_s`.
 
         `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
-        more, but still in the way. The horizon is what is left, or what the way takes if that is more. `timing` has
+        more, but still in the way. The horizon is the steps the running plan has left, or what the way takes if that is
+        more; from scratch it is what the scenario has left. `timing` has
         stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
         are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
         cost); where all that finds nothing `plan` is asked, which also says why.
@@ -103,6 +104,8 @@ class Planner:
             result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
+            left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
+            scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result.seconds = time.monotonic() - began
         return result

@@ -67,7 +67,7 @@ def without_waiting(problem: Problem, schedule: Schedule, start: Start) -> tuple
 def walk_without_waiting(problem: WalkProblem, knots: WalkKnots) -> tuple[WalkProblem, WalkKnots]:
     """The same steps over the knots in which something moves, near their solution."""
     gait = knots.gait
-    kept = moving_knots(gait.stance.all(axis=1), knots.body, problem.body, problem.dt_s)
+    kept = moving_knots(np.asarray(gait.stance.all(axis=1)), knots.body, problem.body, problem.dt_s)
     if len(kept) == gait.knots:
         return problem, knots
     place = {int(k): i for i, k in enumerate(kept)}

@@ -196,13 +196,12 @@ _KEYS = itertools.count()
 
 # What follows is the worker's own side.
 _KEPT: dict[int, Callable[..., Any]] = {}
-_parent: Connection | None = None
+_PARENT: list[Connection] = []
 
 
 def say(value: Any) -> None:
     """In a worker: have the parent hear a value before the function returns."""
-    assert _parent is not None
-    _parent.send((False, True, value))
+    _PARENT[0].send((False, True, value))
 
 
 def _answer(key: int, made_by: tuple[Callable[..., Any], tuple[Any, ...]] | None, question: tuple[Any, ...]) -> Any:
@@ -214,8 +213,7 @@ def _answer(key: int, made_by: tuple[Callable[..., Any], tuple[Any, ...]] | None
 
 def serve(link: Connection, modules: Sequence[str]) -> None:
     """Call what comes through the link, one after the other, until it is closed."""
-    global _parent  # noqa: PLW0603
-    _parent = link
+    _PARENT.append(link)
     calls: queue.SimpleQueue[tuple[Callable[..., Any], tuple[Any, ...]]] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(link, calls), daemon=True).start()
     for module in modules:

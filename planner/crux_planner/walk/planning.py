@@ -198,7 +198,8 @@ def _first_good(
             attempt = _finish(scenario, robot, walk, bound, some, work, deadline, method)
             if isinstance(attempt, PlanResult):
                 return attempt
-        failure = failure or attempt
+            refused = attempt
+        failure = failure or refused
     bound.stop()
     assert failure is not None
     return failure

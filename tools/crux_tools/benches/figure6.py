@@ -78,7 +78,7 @@ def trot_wall() -> str:
         "start": {"body": {"position_m": [0.0, 0.0, BODY_HEIGHT_M]}, "grasps": grasps["low"]},
         "goal": {"body": {"position_m": [BODY_ADVANCE_M, 0.0, BODY_HEIGHT_M]}, "grasps": grasps["high"]},
         "horizon": {"steps": 40, "dt_s": 2.0},
-        "planner": {"weights": {"body": BODY_WEIGHT}},
+        "planner": {"idle": "keep", "weights": {"body": BODY_WEIGHT}},
     }
     return yaml.safe_dump(scenario, sort_keys=False)
 

@@ -1,5 +1,7 @@
 """Start and goal pairs like the paper's ten: seeded draws, feasible by construction, as scenario YAML.
 
+Plans keep the paper's N steps (`planner.idle: keep`), so that J and gaps of different methods are of the same problem.
+
 `pair(task, seed)` is one scenario; the same seed draws the same one everywhere, so that tables made by different
 benches speak of the same pairs. Climbing is the four-hold scene with every hold moved and turned; walking is a walk of
 some length, direction and turn from feet that stand a little off their places, on the floor or on a slope.
@@ -22,12 +24,13 @@ WALK_DIRECTION_RAD = (-0.8, 0.8)  # off straight ahead
 WALK_TURN_DEG = (-6.0, 6.0)
 WALK_SLOPES_DEG = (0.0, 5.0, 10.0)
 WALK_SCATTER_M = 0.015
+KEEP = "planner: {idle: keep}\n"
 
 
 def pair(task: str, seed: int) -> str:
     """Scenario of one pair as YAML text; `task` is one of TASKS."""
     if task == "climbing":
-        return random_wall(seed, CLIMB_SLOPE_DEG, all_limbs=True)
+        return random_wall(seed, CLIMB_SLOPE_DEG, all_limbs=True) + KEEP
     if task == "walking":
         return walking_pair(seed)
     raise ValueError(f"task {task!r}: expected one of {', '.join(TASKS)}")
@@ -58,4 +61,4 @@ def walking_pair(seed: int) -> str:
         "goal": {"body": {"position_m": [*goal, BODY_HEIGHT_M], "rpy_deg": [0.0, 0.0, round(turn, 2)]}},
         "horizon": {"steps": 40, "dt_s": 0.08},
     }
-    return yaml.safe_dump(scenario, sort_keys=False)
+    return yaml.safe_dump(scenario, sort_keys=False) + KEEP
