@@ -66,6 +66,8 @@ static void obey(crux_gripper_node *node, const crux_gripper_inputs *inputs, boo
   } else if (node->latched) {
     // neither TRACK nor HOLD changes anything before REARM
   } else if (command->mode == (uint8_t)CRUX_MODE_TRACK) {
+    node->setpoint_before_m = node->setpoint_m;
+    node->force_limit_before_N = node->force_limit_N;
     node->state = (uint8_t)CRUX_STATE_TRACK;
     node->force_limit_N = command->force_limit_N;
   } else {
@@ -73,7 +75,12 @@ static void obey(crux_gripper_node *node, const crux_gripper_inputs *inputs, boo
   }
 }
 
-static void latch(crux_gripper_node *node, uint32_t silent_us) {
+/// `rival`: the command obeyed last may have been a second sender's; nothing of it stays that loosens the squeeze.
+static void latch(crux_gripper_node *node, uint32_t silent_us, bool rival) {
+  if (rival) {
+    node->setpoint_m = fminf(node->setpoint_m, node->setpoint_before_m);
+    node->force_limit_N = fmaxf(node->force_limit_N, node->force_limit_before_N);
+  }
   node->latched = true;
   node->link.counters.timeouts++;
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_COMMAND_TIMEOUT, true, silent_us);
@@ -143,8 +150,9 @@ void crux_gripper_node_tick(crux_gripper_node *node, float dt_s, const crux_grip
   if (node->guard.command_fresh) {
     obey(node, inputs, measured);
   }
+  const bool rival = crux_guard_has_rival(&node->guard);
   if (crux_guard_tick(&node->guard, dt_us) && (node->state == (uint8_t)CRUX_STATE_TRACK)) {
-    latch(node, node->guard.silent_us);
+    latch(node, node->guard.silent_us, rival);
   }
   if (node->state == (uint8_t)CRUX_STATE_TRACK) {
     track(node, dt_s, inputs->opening_m);

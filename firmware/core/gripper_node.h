@@ -41,6 +41,8 @@ typedef struct crux_gripper_node {
   crux_gripper_command taken;
   float setpoint_m;
   float force_limit_N;
+  float setpoint_before_m;     ///< the last TRACK command was obeyed
+  float force_limit_before_N;  ///< as above
   float last_opening_m;
   uint8_t state;
   bool latched;

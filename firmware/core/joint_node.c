@@ -71,6 +71,24 @@ static void rearm(crux_joint_node *node, const crux_joint_inputs *inputs, bool m
   }
 }
 
+static void remember(crux_joint_node *node) {
+  node->before = (crux_joint_law){.setpoint_rad = node->setpoint_rad,
+                                  .setpoint_rate_rad_s = node->setpoint_rate_rad_s,
+                                  .velocity_setpoint_rad_s = node->velocity_setpoint_rad_s,
+                                  .feedforward_Nm = node->feedforward_Nm,
+                                  .position_gain_Nm_rad = node->position_gain_Nm_rad,
+                                  .velocity_gain_Nms_rad = node->velocity_gain_Nms_rad};
+}
+
+static void undo(crux_joint_node *node) {
+  node->setpoint_rad = node->before.setpoint_rad;
+  node->setpoint_rate_rad_s = node->before.setpoint_rate_rad_s;
+  node->velocity_setpoint_rad_s = node->before.velocity_setpoint_rad_s;
+  node->feedforward_Nm = node->before.feedforward_Nm;
+  node->position_gain_Nm_rad = node->before.position_gain_Nm_rad;
+  node->velocity_gain_Nms_rad = node->before.velocity_gain_Nms_rad;
+}
+
 static void obey(crux_joint_node *node, const crux_joint_inputs *inputs, bool measured) {
   const crux_joint_command *command = &node->taken;
   if (command->mode == (uint8_t)CRUX_MODE_REARM) {
@@ -78,6 +96,7 @@ static void obey(crux_joint_node *node, const crux_joint_inputs *inputs, bool me
   } else if (command->mode == (uint8_t)CRUX_MODE_HOLD) {
     stop(node);
   } else if (!node->latched) {
+    remember(node);
     node->state = (uint8_t)CRUX_STATE_TRACK;
     node->feedforward_Nm = command->torque_Nm;
     node->position_gain_Nm_rad = command->position_gain_Nm_rad;
@@ -87,7 +106,11 @@ static void obey(crux_joint_node *node, const crux_joint_inputs *inputs, bool me
   }
 }
 
-static void latch(crux_joint_node *node, uint32_t silent_us) {
+/// `rival`: the command obeyed last may have been a second sender's; nothing of it stays.
+static void latch(crux_joint_node *node, uint32_t silent_us, bool rival) {
+  if (rival) {
+    undo(node);
+  }
   node->latched = true;
   node->link.counters.timeouts++;
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_COMMAND_TIMEOUT, true, silent_us);
@@ -186,8 +209,9 @@ void crux_joint_node_tick(crux_joint_node *node, float dt_s, const crux_joint_in
   if (node->guard.command_fresh) {
     obey(node, inputs, measured);
   }
+  const bool rival = crux_guard_has_rival(&node->guard);
   if (crux_guard_tick(&node->guard, dt_us) && (node->state == (uint8_t)CRUX_STATE_TRACK)) {
-    latch(node, node->guard.silent_us);
+    latch(node, node->guard.silent_us, rival);
   }
   if (node->state == (uint8_t)CRUX_STATE_TRACK) {
     track(node, dt_s);

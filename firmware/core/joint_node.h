@@ -30,6 +30,16 @@ typedef struct crux_joint_outputs {
   float torque_Nm;
 } crux_joint_outputs;
 
+/// What a joint follows: its setpoint and how stiffly.
+typedef struct crux_joint_law {
+  float setpoint_rad;
+  float setpoint_rate_rad_s;
+  float velocity_setpoint_rad_s;
+  float feedforward_Nm;
+  float position_gain_Nm_rad;
+  float velocity_gain_Nms_rad;
+} crux_joint_law;
+
 typedef struct crux_joint_node {
   crux_link link;
   crux_joint_parameters parameters;
@@ -42,6 +52,7 @@ typedef struct crux_joint_node {
   float feedforward_Nm;
   float position_gain_Nm_rad;
   float velocity_gain_Nms_rad;
+  crux_joint_law before;    ///< the last TRACK command was obeyed
   float last_position_rad;  ///< last finite measurement
   uint8_t state;
   bool latched;   ///< stopped by itself: waits for REARM

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "codec.h"
 
@@ -25,7 +26,7 @@ static uint32_t saturating_add(uint32_t value, uint32_t step, uint32_t limit) {
   return (step >= (limit - value)) ? limit : (value + step);
 }
 
-static uint8_t receive(crux_receiver *receiver, const crux_frame *frame, uint8_t length, uint8_t window) {
+static uint8_t receive(crux_guard *guard, crux_receiver *receiver, const crux_frame *frame, uint8_t length) {
   uint8_t cause = (uint8_t)CRUX_CAUSE_NONE;
   if (frame->length != length) {
     cause = (uint8_t)CRUX_CAUSE_INVALID_COMMAND;
@@ -34,17 +35,24 @@ static uint8_t receive(crux_receiver *receiver, const crux_frame *frame, uint8_t
     struct crux_e2e_receiver next = receiver->e2e;
     const enum crux_e2e_verdict verdict = crux_e2e_check(frame->id, frame->data, frame->length, &next);
     const uint8_t step = (uint8_t)(next.counter - receiver->e2e.counter);
+    const uint8_t behind = (uint8_t)(receiver->e2e.counter - next.counter);
+    const bool twice = (verdict == CRUX_E2E_REPEATED) && (memcmp(frame->data, receiver->last, length) == 0);
     if (verdict == CRUX_E2E_CORRUPT) {
       cause = (uint8_t)CRUX_CAUSE_E2E_CRC;
-    } else if (verdict == CRUX_E2E_REPEATED) {
+    } else if (twice) {
       cause = (uint8_t)CRUX_CAUSE_E2E_COUNTER;
-    } else if (receiver->e2e.seen && (step > window)) {
+    } else if (receiver->e2e.seen && ((step == 0U) || (step > guard->window))) {
       cause = (uint8_t)CRUX_CAUSE_E2E_COUNTER;
       receiver->whole = (uint8_t)saturating_add(receiver->whole, 1U, UINT8_MAX);
+      if (behind <= guard->window) {
+        guard->alone_us = 0U;
+        guard->command_fresh = false;
+      }
     } else {
       receiver->whole = (uint8_t)saturating_add(receiver->whole, 1U, UINT8_MAX);
       receiver->e2e = next;
       receiver->heard = true;
+      (void)memcpy(receiver->last, frame->data, length);
     }
   }
   return cause;
@@ -61,6 +69,7 @@ static void age(crux_receiver *receiver, uint32_t dt_us, uint32_t limit_us) {
 void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cycles) {
   *guard = (crux_guard){0};
   guard->limit_us = period_us * watchdog_cycles;
+  guard->alone_us = guard->limit_us;
   guard->window = (uint8_t)watchdog_cycles;
 }
 
@@ -71,7 +80,7 @@ static uint8_t steps(const struct crux_e2e_receiver *before, const crux_receiver
 
 uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame) {
   const struct crux_e2e_receiver before = guard->sync.e2e;
-  const uint8_t cause = receive(&guard->sync, frame, (uint8_t)CRUX_CAN_LENGTH_SYNC, guard->window);
+  const uint8_t cause = receive(guard, &guard->sync, frame, (uint8_t)CRUX_CAN_LENGTH_SYNC);
   if (cause == (uint8_t)CRUX_CAUSE_NONE) {
     struct crux_can_sync_t sync;
     (void)crux_can_sync_unpack(&sync, frame->data, frame->length);
@@ -79,7 +88,7 @@ uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame) {
     guard->answer_due = true;
     guard->by_broadcast = false;
     guard->take = guard->command_waiting && (guard->command.whole <= steps(&before, &guard->sync, guard->window)) &&
-                  !guard->broadcast.e2e.seen;
+                  !guard->broadcast.e2e.seen && !crux_guard_has_rival(guard);
     guard->command_fresh = guard->command_fresh || guard->take;
     guard->command_waiting = false;
     guard->command.whole = 0U;
@@ -89,7 +98,7 @@ uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame) {
 
 uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool sensible) {
   const struct crux_e2e_receiver before = guard->broadcast.e2e;
-  const uint8_t cause = receive(&guard->broadcast, frame, (uint8_t)CRUX_CAN_LENGTH_BROADCAST, guard->window);
+  const uint8_t cause = receive(guard, &guard->broadcast, frame, (uint8_t)CRUX_CAN_LENGTH_BROADCAST);
   if (cause == (uint8_t)CRUX_CAUSE_NONE) {
     struct crux_can_broadcast_header_t header;
     (void)crux_can_broadcast_header_unpack(&header, frame->data, frame->length);
@@ -97,7 +106,7 @@ uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool se
     guard->answer_due = true;
     guard->by_broadcast = true;
     guard->take = sensible && (guard->broadcast.whole <= steps(&before, &guard->broadcast, guard->window)) &&
-                  !guard->command.e2e.seen;
+                  !guard->command.e2e.seen && !crux_guard_has_rival(guard);
     guard->command_fresh = guard->command_fresh || guard->take;
     guard->broadcast.whole = 0U;
   }
@@ -105,17 +114,25 @@ uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool se
 }
 
 uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t length) {
-  return receive(&guard->command, frame, length, guard->window);
+  return receive(guard, &guard->command, frame, length);
 }
 
-bool crux_guard_is_commanded(const crux_guard *guard) { return guard->silent_us < guard->limit_us; }
+bool crux_guard_has_rival(const crux_guard *guard) { return guard->alone_us < guard->limit_us; }
+
+bool crux_guard_is_commanded(const crux_guard *guard) {
+  return (guard->silent_us < guard->limit_us) || crux_guard_has_rival(guard);
+}
 
 bool crux_guard_tick(crux_guard *guard, uint32_t dt_us) {
   bool tripped = false;
   age(&guard->sync, dt_us, guard->limit_us);
   age(&guard->command, dt_us, guard->limit_us);
   age(&guard->broadcast, dt_us, guard->limit_us);
-  if (guard->command_fresh) {
+  if (crux_guard_has_rival(guard)) {
+    tripped = guard->silent_us < guard->limit_us;
+    guard->silent_us = guard->limit_us;
+    guard->alone_us = saturating_add(guard->alone_us, dt_us, guard->limit_us);
+  } else if (guard->command_fresh) {
     guard->command_fresh = false;
     guard->silent_us = 0U;
   } else if (guard->silent_us < guard->limit_us) {

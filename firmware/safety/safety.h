@@ -17,7 +17,8 @@ typedef struct crux_receiver {
   struct crux_e2e_receiver e2e;
   uint32_t silent_us;
   bool heard;     ///< since the last tick
-  uint8_t whole;  ///< frames with a right CRC since the last valid Sync, repetitions left out; whoever sent them
+  uint8_t whole;  ///< frames with a right CRC since the last valid Sync, byte-equal ones left out; whoever sent them
+  uint8_t last[CRUX_FRAME_CAPACITY];  ///< the last one that counted
 } crux_receiver;
 
 /// Acceptance and watchdog of a node. A period is good when a valid Sync took over a valid command in it.
@@ -27,6 +28,7 @@ typedef struct crux_guard {
   crux_receiver broadcast;
   uint32_t limit_us;   ///< silence that trips the watchdog: watchdog cycles times the bus period
   uint32_t silent_us;  ///< since the last good period, saturated at limit_us
+  uint32_t alone_us;   ///< since a frame last showed a second sender, saturated at limit_us
   uint32_t cycle;      ///< of the last valid Sync; of a broadcast its low half
   uint8_t window;
   bool command_waiting;  ///< valid, waits for its Sync
@@ -63,7 +65,7 @@ void crux_guard_init(crux_guard *guard, uint32_t period_us, uint32_t watchdog_cy
 /// Judges a Sync and takes the waiting command over. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
 /// A host sends one command a Sync. Where more of them came, or broadcasts within the watchdog's time, somebody else
 /// sends too and nobody knows whose command waits: none is taken over, and if that lasts the watchdog holds the node
-/// where it is.
+/// where it is. Nor is one within the watchdog's time after a frame that shows a second sender.
 uint8_t crux_guard_sync(crux_guard *guard, const crux_frame *frame);
 
 /// Judges a command frame's length, CRC and counter. Returns the cause of rejection, CRUX_CAUSE_NONE when valid.
@@ -75,10 +77,16 @@ uint8_t crux_guard_command(crux_guard *guard, const crux_frame *frame, uint8_t l
 /// for single nodes within the watchdog's time, somebody else sends too: nothing is taken over.
 uint8_t crux_guard_broadcast(crux_guard *guard, const crux_frame *frame, bool sensible);
 
-/// Whether a host commands the node: a good period lies no longer back than the watchdog waits.
+/// Whether somebody commands the node: a good period, or a second sender, lies no longer back than the watchdog waits.
 bool crux_guard_is_commanded(const crux_guard *guard);
 
-/// Ends a control period. True in the one period in which the silence reaches the limit.
+/// Whether a second sender has shown within the watchdog's time: a whole frame came whose counter the last one that
+/// counted had reached already, by no more than the window, and it is not that one again. One sender's counter only
+/// grows, and what a bus delivers twice is the same to the byte.
+bool crux_guard_has_rival(const crux_guard *guard);
+
+/// Ends a control period. True in the one period in which the silence reaches the limit or, before that, a second
+/// sender shows: whose command was taken over last is unknown.
 bool crux_guard_tick(crux_guard *guard, uint32_t dt_us);
 
 /// Decode a command that passed the guard and judge its content: CRUX_CAUSE_INVALID_COMMAND when the mode is unknown,

@@ -257,5 +257,126 @@ TEST(Acceptance, TwoSyncsInAPeriodDoNotLetAStrangerIn) {
   EXPECT_FLOAT_EQ(joint.node.taken.position_rad, 0.4F);
 }
 
+constexpr JointCommand kRogue{.torque_Nm = -12.0F, .kp = 0.01F, .kd = 0.0F};
+constexpr GripperCommand kOpen{.opening_m = 0.066F, .force_limit_N = 0.02F};
+
+// A second sender `ahead` of the host's next counter, before or after the host's command, with its own Sync or without.
+struct SecondSender {
+  int ahead;
+  bool first;
+  bool syncs;
+};
+
+class AgainstASecondSender : public testing::TestWithParam<SecondSender> {};
+
+TEST_P(AgainstASecondSender, JointAndGripperHoldAndKeepWhatHeldThem) {
+  const SecondSender sender = GetParam();
+  Joint joint;
+  Gripper gripper(0.02F);
+  for (int cycle = 0; cycle < 200; ++cycle) {  // until the squeeze is there
+    joint.run({.torque_Nm = 3.0F});
+    gripper.run({.opening_m = 0.01F});
+  }
+  const float squeeze_N = gripper.tick();
+  const auto disturb = [&](auto& node, const auto& rogue, bool first) {
+    const auto counter = static_cast<std::uint8_t>(node.sync_counter + 1 + sender.ahead);  // the host's are alike
+    if (first == sender.first) {
+      node.hear(frame_of(rogue, counter));
+    }
+    if (first == sender.first && sender.syncs) {
+      node.hear(sync_frame(node.cycle + 1, counter));
+    }
+  };
+  const auto run = [&](auto& node, const auto& wanted, const auto& rogue) {
+    disturb(node, rogue, true);
+    node.command(wanted);
+    disturb(node, rogue, false);
+    node.sync();
+    return node.tick();
+  };
+  for (int cycle = 0; cycle < 1500; ++cycle) {
+    run(joint, JointCommand{.torque_Nm = 3.0F}, kRogue);
+    const float force_N = run(gripper, GripperCommand{.opening_m = 0.01F}, kOpen);
+    if (cycle > 0 || !sender.syncs) {  // its first command with a Sync of its own cannot be told from the host's
+      ASSERT_FLOAT_EQ(joint.node.position_gain_Nm_rad, 100.0F) << "cycle " << cycle;
+      ASSERT_FLOAT_EQ(joint.node.feedforward_Nm, 3.0F) << "cycle " << cycle;
+      ASSERT_GE(force_N, squeeze_N * 0.99F) << "cycle " << cycle;
+    }
+  }
+  EXPECT_EQ(joint.node.state, CRUX_STATE_HOLD);
+  EXPECT_TRUE(joint.node.latched);
+  EXPECT_TRUE(gripper.node.latched);
+  // It goes away: the host takes the nodes up again.
+  for (int cycle = 0; cycle < 3 * kWatchdogCycles; ++cycle) {
+    joint.run({.mode = CRUX_MODE_REARM});
+    gripper.run({.mode = CRUX_MODE_REARM});
+  }
+  joint.run({.torque_Nm = 1.0F});
+  gripper.run({.opening_m = 0.01F});
+  EXPECT_EQ(joint.node.state, CRUX_STATE_TRACK);
+  EXPECT_FLOAT_EQ(joint.node.feedforward_Nm, 1.0F);
+  EXPECT_EQ(gripper.node.state, CRUX_STATE_TRACK);
+}
+
+INSTANTIATE_TEST_SUITE_P(AllOrders, AgainstASecondSender,
+                         testing::Values(SecondSender{0, true, false}, SecondSender{1, true, false},
+                                         SecondSender{2, true, false}, SecondSender{4, true, false},
+                                         SecondSender{0, false, false}, SecondSender{1, false, false},
+                                         SecondSender{2, false, false}, SecondSender{0, true, true},
+                                         SecondSender{1, true, true}, SecondSender{2, true, true},
+                                         SecondSender{1, false, true}));
+
+TEST(Acceptance, ASecondSenderIsShutOutWhereTheHostsCommandsAreLost) {
+  Joint joint;
+  joint.run({.torque_Nm = 3.0F});
+  joint.hear(frame_of(kRogue, 2));
+  joint.command({.torque_Nm = 3.0F});
+  joint.sync();
+  joint.tick();
+  for (std::uint8_t counter = 3; counter < 3 + kWatchdogCycles - 1; ++counter) {
+    joint.hear(frame_of(kRogue, counter));
+    joint.sync();
+    joint.tick();
+    EXPECT_FLOAT_EQ(joint.node.position_gain_Nm_rad, 100.0F) << int{counter};
+  }
+  EXPECT_TRUE(joint.node.latched);
+}
+
+TEST(Acceptance, AFrameThatTheBusDeliversTwiceIsNoSecondSender) {
+  Joint joint;
+  for (std::uint8_t cycle = 1; cycle < 20; ++cycle) {
+    const crux_frame command = frame_of(JointCommand{.torque_Nm = 0.1F * cycle}, cycle);
+    const crux_frame sync = sync_frame(cycle, cycle);
+    for (const crux_frame& frame : {command, command, sync, sync, command}) {
+      joint.hear(frame);
+    }
+    joint.tick();
+    EXPECT_FLOAT_EQ(joint.node.feedforward_Nm, 0.1F * cycle);
+  }
+  EXPECT_FALSE(joint.node.latched);
+}
+
+TEST(Acceptance, TheHostAloneOnALossyBusIsNoSecondSender) {
+  for (unsigned lost = 0; lost < 1U << 8U; ++lost) {  // which of four commands and four Syncs
+    Joint joint;
+    joint.run({});
+    for (unsigned cycle = 0; cycle < 4; ++cycle) {
+      const JointCommand wanted{.torque_Nm = 1.0F + static_cast<float>(cycle)};
+      ++joint.command_counter;
+      ++joint.sync_counter;
+      const bool heard = ((lost >> cycle) & 1U) == 0;
+      if (heard) {
+        joint.hear(frame_of(wanted, joint.command_counter));
+      }
+      if (((lost >> (4 + cycle)) & 1U) == 0) {
+        joint.hear(sync_frame(cycle, joint.sync_counter));
+        EXPECT_TRUE(!heard || joint.node.guard.take) << lost;
+      }
+      joint.tick();
+    }
+    EXPECT_FALSE(joint.node.latched) << lost;
+  }
+}
+
 }  // namespace
 }  // namespace crux::firmware

@@ -211,6 +211,59 @@ TEST(Broadcast, OfTwoThatBroadcastNoneIsObeyed) {
   EXPECT_TRUE(joint.node.latched);
 }
 
+TEST(Broadcast, ASecondSenderOneAheadIsNotObeyedAndLeavesNothingBehind) {
+  for (const bool first : {true, false}) {
+    Joint joint;
+    Gripper gripper(0.02F);
+    std::uint8_t counter = 1;
+    const auto hear = [&](const Broadcast& all, int ahead) {
+      const auto number = static_cast<std::uint8_t>(counter + ahead);
+      broadcast(joint, all, number, number);
+      broadcast(gripper, all, number, number);
+    };
+    const Broadcast host{.joint = {.torque_Nm = 3.0F}, .gripper = {.opening_m = 0.01F}};
+    const Broadcast rogue{.joint = {.torque_Nm = -12.0F, .kp = 2.0F},
+                          .gripper = {.opening_m = 0.066F, .force_limit_N = 0.02F}};
+    for (; counter < 200; ++counter) {
+      hear(host, 0);
+      joint.tick();
+      gripper.tick();
+    }
+    const float squeeze_N = gripper.tick();
+    for (int cycle = 0; cycle < 300; ++cycle, ++counter) {
+      if (first) {
+        hear(rogue, 1);
+      }
+      hear(host, 0);
+      if (!first) {
+        hear(rogue, 1);
+      }
+      joint.tick();
+      gripper.tick();
+      if (cycle > 0) {  // the very first one after the host's own cannot be told from it
+        ASSERT_FLOAT_EQ(joint.node.position_gain_Nm_rad, 100.0F) << cycle;
+        ASSERT_FLOAT_EQ(joint.node.feedforward_Nm, 3.0F) << cycle;
+        ASSERT_GE(gripper.tick(0.0001F), squeeze_N * 0.99F) << cycle;
+      }
+    }
+    EXPECT_TRUE(joint.node.latched && gripper.node.latched);
+  }
+}
+
+TEST(Broadcast, AfterASecondSenderNoneIsObeyedForTheWatchdogsTime) {
+  Joint joint;
+  broadcast(joint, {}, 1, 1);
+  joint.tick();
+  broadcast(joint, {.joint = {.torque_Nm = 9.0F}}, 1, 1);
+  for (std::uint8_t i = 2; i < 2 + kWatchdogCycles; ++i) {
+    broadcast(joint, {}, i, i);
+    EXPECT_FALSE(joint.node.guard.take) << int{i};
+    joint.tick();
+  }
+  broadcast(joint, {}, 2 + kWatchdogCycles, 2 + kWatchdogCycles);
+  EXPECT_TRUE(joint.node.guard.take);
+}
+
 TEST(Broadcast, LostOnesAreNoStranger) {
   Joint joint;
   for (const std::uint8_t counter : {1, 2, 5, 10, 11}) {

@@ -99,6 +99,31 @@ TEST(Guard, AMeasurementMakesSenseWithinItsLimitsOnly) {
   }
 }
 
+TEST(Guard, ASecondSenderStopsTheNodeAtOnceAndForTheWatchdogsTime) {
+  // Counters the last good one is ahead of by no more than the window show a second sender, others are only stale.
+  for (const int behind : {0, 1, kWatchdogCycles, kWatchdogCycles + 1}) {
+    Guard guard;
+    for (int i = 0; i < 10; ++i) {
+      guard.good_period();
+    }
+    const bool shown = behind <= kWatchdogCycles;
+    const crux_frame other =
+        frame_of(JointCommand{.torque_Nm = 1.0F}, static_cast<std::uint8_t>(guard.counter - behind));
+    EXPECT_EQ(crux_guard_command(&guard.guard, &other, 16), CRUX_CAUSE_E2E_COUNTER);
+    EXPECT_EQ(crux_guard_has_rival(&guard.guard), shown);
+    EXPECT_EQ(crux_guard_tick(&guard.guard, kPeriod), shown) << behind;
+    EXPECT_EQ(crux_guard_is_commanded(&guard.guard), true) << "two command";
+    if (shown) {
+      EXPECT_FALSE(crux_guard_tick(&guard.guard, kLimit - kPeriod - 1)) << "tripped twice";
+      EXPECT_TRUE(crux_guard_has_rival(&guard.guard));
+      EXPECT_TRUE(crux_guard_is_commanded(&guard.guard));
+      EXPECT_FALSE(crux_guard_tick(&guard.guard, 1));
+      EXPECT_FALSE(crux_guard_has_rival(&guard.guard));
+      EXPECT_FALSE(crux_guard_is_commanded(&guard.guard));
+    }
+  }
+}
+
 TEST(Guard, SensorsThatReadNonsenseAreLostAndTheHoldStays) {
   Joint joint;
   joint.run({.position_rad = 0.0F, .torque_Nm = 3.0F});

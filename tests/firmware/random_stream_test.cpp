@@ -32,6 +32,7 @@ struct Line {
   bool heard = false;
   int step = kWatchdogCycles;  // of the last good counter
   int whole = 0;               // frames with a right CRC since the last good Sync, whoever sent them
+  crux_frame last{};           // the last good one
 
   bool lapsed() const { return silent_periods >= kWatchdogCycles; }
   std::uint8_t good(Traffic& traffic) {
@@ -42,9 +43,8 @@ struct Line {
     silent_periods = 0;
     return counter;
   }
-  std::uint8_t stale(Traffic& traffic) {
+  std::uint8_t stale(Traffic& traffic) const {
     const int off = traffic.chance(0.3) ? 0 : traffic.whole(kWatchdogCycles + 1, 255);
-    whole += (off > 0) ? 1 : 0;
     return static_cast<std::uint8_t>(counter + off);
   }
   void tick() {
@@ -77,14 +77,28 @@ struct Model {
   bool waiting = false;
   bool fresh = false;
   int silent_periods = kWatchdogCycles;
+  int rival_periods = 0;  // for which nothing is taken over
   bool tracking = false;
   bool latched = false;
   bool fault = false;
+  bool obeyed = false;  // in the last period, as TRACK
+  bool undone = false;  // in the last period: what was obeyed last
   Command pending{};
   Command taken{};
 
-  // Ends a period; true when the command taken over in it is carried out as TRACK.
+  // A whole frame out of sequence. Where one was there before it, and it is not the same, there are two senders.
+  void stale(Line& line, const crux_frame& frame) {
+    if (std::equal(frame.data, frame.data + frame.length, line.last.data)) {
+      return;
+    }
+    ++line.whole;
+    if (static_cast<std::uint8_t>(line.counter - frame.data[2]) <= kWatchdogCycles) {
+      rival_periods = kWatchdogCycles;
+      fresh = false;
+    }
+  }
   void tick(bool measured) {
+    obeyed = undone = false;
     if (!measured && !fault) {
       fault = true;
       latched = true;
@@ -103,12 +117,15 @@ struct Model {
       } else if (taken.mode == CRUX_MODE_HOLD) {
         tracking = false;
       } else if (!latched) {
-        tracking = true;
+        tracking = obeyed = true;
       }
-    } else if (++silent_periods == kWatchdogCycles && tracking) {
+    } else if (rival_periods > 0 || ++silent_periods == kWatchdogCycles) {
+      undone = tracking && rival_periods > 0;
+      latched = latched || tracking;
       tracking = false;
-      latched = true;
+      silent_periods = kWatchdogCycles;
     }
+    rival_periods = std::max(rival_periods - 1, 0);
     fresh = false;
     commands.tick();
     syncs.tick();
@@ -120,18 +137,22 @@ template <typename Node, typename Command>
 void send_one(Node& node, Model<Command>& model, Traffic& traffic, const Command& command, const Command& senseless) {
   const int kind = traffic.whole(0, 9);
   if (kind <= 4) {
-    node.hear(frame_of(command, model.commands.good(traffic)));
+    node.hear(model.commands.last = frame_of(command, model.commands.good(traffic)));
     model.pending = command;
     model.waiting = true;
   } else if (kind == 5) {
     node.hear(damaged(frame_of(command, static_cast<std::uint8_t>(model.commands.counter + 1)), traffic));
   } else if (kind == 6 && !model.commands.lapsed()) {
-    node.hear(frame_of(command, model.commands.stale(traffic)));
+    const crux_frame frame = frame_of(command, model.commands.stale(traffic));
+    node.hear(frame);
+    model.stale(model.commands, frame);
   } else if (kind == 7) {
     // whole and in sequence: it uses its counter up, but says nothing
-    node.hear(frame_of(senseless, model.commands.good(traffic)));
+    node.hear(model.commands.last = frame_of(senseless, model.commands.good(traffic)));
   } else if (kind == 8 && !model.syncs.lapsed()) {
-    node.hear(sync_frame(1, model.syncs.stale(traffic)));
+    const crux_frame frame = sync_frame(1, model.syncs.stale(traffic));
+    node.hear(frame);
+    model.stale(model.syncs, frame);
   } else {
     node.hear(noise(traffic));
   }
@@ -139,10 +160,10 @@ void send_one(Node& node, Model<Command>& model, Traffic& traffic, const Command
 
 template <typename Node, typename Command>
 void send_sync(Node& node, Model<Command>& model, Traffic& traffic) {
-  const crux_frame frame = sync_frame(++node.cycle, model.syncs.good(traffic));
-  node.hear(frame);
+  model.syncs.last = sync_frame(++node.cycle, model.syncs.good(traffic));
+  node.hear(model.syncs.last);
   // One command a Sync: of more, nobody knows which is the host's.
-  if (model.waiting && model.commands.whole <= model.syncs.step) {
+  if (model.waiting && model.commands.whole <= model.syncs.step && model.rival_periods == 0) {
     model.fresh = true;
     model.taken = model.pending;
   }
@@ -166,8 +187,10 @@ TEST(RandomStream, JointsKeepTheLawOfTheLastGoodCommand) {
   float feedforward_Nm = 0.0F;
   float fault_Nm = 0.0F;
   float seen_rad = 0.0F;
+  crux_joint_law remembered{};
   int frames = 0;
   int tracked = 0;
+  int undone = 0;
   int latched = 0;
   int faults = 0;
   for (int quiet = 0; frames < kFrames; --quiet) {
@@ -205,10 +228,18 @@ TEST(RandomStream, JointsKeepTheLawOfTheLastGoodCommand) {
     if (was_fault && !model.fault) {
       feedforward_Nm = fault_Nm;
     }
-    if (model.tracking) {
+    if (model.obeyed) {
+      remembered.setpoint_rad = before_rad;
+      remembered.feedforward_Nm = feedforward_Nm;
+      remembered.position_gain_Nm_rad = kp;
+      remembered.velocity_gain_Nms_rad = kd;
       kp = model.taken.kp;
       kd = model.taken.kd;
       feedforward_Nm = std::clamp(model.taken.torque_Nm, -10.0F, 10.0F);
+    } else if (model.undone) {
+      kp = remembered.position_gain_Nm_rad;
+      kd = remembered.velocity_gain_Nms_rad;
+      feedforward_Nm = remembered.feedforward_Nm;
     }
     const float law_Nm = kp * (joint.node.setpoint_rad - joint.inputs.position_rad) +
                          kd * (joint.node.velocity_setpoint_rad_s - joint.inputs.velocity_rad_s) + feedforward_Nm;
@@ -217,18 +248,21 @@ TEST(RandomStream, JointsKeepTheLawOfTheLastGoodCommand) {
     ASSERT_EQ(joint.node.state == CRUX_STATE_FAULT, model.fault) << "frame " << frames;
     ASSERT_EQ(joint.node.latched, model.latched) << "frame " << frames;
     if (!was_fault && !model.fault) {
-      ASSERT_LE(std::abs(joint.node.setpoint_rad - before_rad), limits.velocity_limit_rad_s * kDt * 1.001F);
+      const float from_rad = model.undone ? remembered.setpoint_rad : before_rad;
+      ASSERT_LE(std::abs(joint.node.setpoint_rad - from_rad), limits.velocity_limit_rad_s * kDt * 1.001F);
       ASSERT_GE(joint.node.setpoint_rad, limits.position_min_rad - 0.1F);
       ASSERT_LE(joint.node.setpoint_rad, limits.position_max_rad + 0.1F);
     }
     seen_rad = model.fault ? seen_rad : joint.inputs.position_rad;
     tracked += model.tracking ? 1 : 0;
+    undone += model.undone ? 1 : 0;
     latched += model.latched ? 1 : 0;
     faults += model.fault ? 1 : 0;
     take_all(joint.node.link);
   }
   // The traffic must have been everywhere for this to say something.
   EXPECT_GT(tracked, 1000);
+  EXPECT_GT(undone, 100);
   EXPECT_GT(latched, 1000);
   EXPECT_GT(faults, 100);
   EXPECT_GT(joint.node.link.counters.timeouts, 100U);
@@ -241,8 +275,11 @@ TEST(RandomStream, GrippersOpenOnlyWhenAGoodCommandAsks) {
   Model<GripperCommand> model;
   gripper.tick();  // takes the first measurement as its setpoint
   float force_limit_N = limits.force_limit_N;
+  float remembered_m = 0.0F;
+  float remembered_N = 0.0F;
   int frames = 0;
   int opened = 0;
+  int undone = 0;
   int latched = 0;
   for (int quiet = 0; frames < kFrames; --quiet) {
     const float before_m = gripper.node.setpoint_m;
@@ -273,29 +310,37 @@ TEST(RandomStream, GrippersOpenOnlyWhenAGoodCommandAsks) {
     gripper.inputs.speed_m_s = traffic.number(-0.02F, 0.02F, 0.001F);
     const float force_N = gripper.tick();
     model.tick(measured);
-    force_limit_N = model.tracking ? std::min(model.taken.force_limit_N, limits.force_limit_N) : force_limit_N;
+    if (model.obeyed) {
+      remembered_m = before_m;
+      remembered_N = force_limit_N;
+      force_limit_N = std::min(model.taken.force_limit_N, limits.force_limit_N);
+    } else if (model.undone) {
+      force_limit_N = std::max(force_limit_N, remembered_N);
+    }
+    const float from_m = model.undone ? std::min(remembered_m, before_m) : before_m;
     ASSERT_EQ(gripper.node.state == CRUX_STATE_TRACK, model.tracking) << "frame " << frames;
     ASSERT_EQ(gripper.node.latched, model.latched) << "frame " << frames;
     ASSERT_LE(std::abs(force_N), force_limit_N + 1e-3F);
-    const bool asked = model.tracking && model.taken.opening_m > before_m;
+    const bool asked = model.tracking && model.taken.opening_m > from_m;
     if (!model.tracking) {
       ASSERT_GE(force_N, 0.0F) << "frame " << frames;
     }
     if (!model.tracking && !was_fault && !model.fault) {
-      ASSERT_FLOAT_EQ(gripper.node.setpoint_m, before_m) << "frame " << frames;
-      const float law_N =
-          limits.stiffness_N_m * (opening_m - before_m) + limits.damping_Ns_m * gripper.inputs.speed_m_s;
+      ASSERT_FLOAT_EQ(gripper.node.setpoint_m, from_m) << "frame " << frames;
+      const float law_N = limits.stiffness_N_m * (opening_m - from_m) + limits.damping_Ns_m * gripper.inputs.speed_m_s;
       ASSERT_NEAR(force_N, std::clamp(law_N, 0.0F, force_limit_N), 0.05F) << "frame " << frames;
     }
-    if (gripper.node.setpoint_m > before_m + 1e-7F && !asked && !was_fault) {
+    if (gripper.node.setpoint_m > from_m + 1e-7F && !asked && !was_fault) {
       // Overpowered: the setpoint is dragged along, but the fingers squeeze with all that is allowed.
       ASSERT_NEAR(force_N, force_limit_N, std::abs(200.0F * gripper.inputs.speed_m_s) + 0.05F) << "frame " << frames;
     }
     opened += asked ? 1 : 0;
+    undone += model.undone ? 1 : 0;
     latched += model.latched ? 1 : 0;
     take_all(gripper.node.link);
   }
   EXPECT_GT(opened, 1000);
+  EXPECT_GT(undone, 100);
   EXPECT_GT(latched, 1000);
 }
 

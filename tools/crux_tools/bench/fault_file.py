@@ -23,7 +23,7 @@ MAX_FAULTS = 100
 MAX_TIME_S = 3600.0
 SHARE = 0.3  # of `loss`, unless told
 
-ON_ANY_BUS = ("cut", "loss", "crc", "stale", "forged", "second_master", "reset", "controller_off")
+ON_ANY_BUS = ("cut", "loss", "crc", "stale", "forged", "ahead", "second_master", "reset", "controller_off")
 ON_SOCKETCAN = ("bus_off", "error_passive", "unacknowledged", "queue_full", "interface_down")
 KINDS = ON_ANY_BUS + ON_SOCKETCAN
 

@@ -47,10 +47,15 @@ def forged(cycle: int) -> Iterator[Frame]:
     yield from _commands(random.Random(cycle).randrange(COUNTERS))
 
 
+def ahead(cycle: int) -> Iterator[Frame]:
+    """Commands of somebody who knows the host's counter, before the host's own."""
+    yield from _commands(cycle + 1)
+
+
 def second_master(cycle: int) -> Iterator[Frame]:
     """A second runtime that has started by itself: all its commands, and its own Sync."""
     yield from _commands(cycle + OTHER_COUNTER)
     yield can_codec.encode("Sync", {"Cycle": cycle}, (cycle + OTHER_COUNTER) % COUNTERS)
 
 
-SENDERS = {"crc": damaged, "stale": stale, "forged": forged, "second_master": second_master}
+SENDERS = {"crc": damaged, "stale": stale, "forged": forged, "ahead": ahead, "second_master": second_master}
