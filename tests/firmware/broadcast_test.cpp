@@ -250,6 +250,22 @@ TEST(Broadcast, ASecondSenderOneAheadIsNotObeyedAndLeavesNothingBehind) {
   }
 }
 
+TEST(Broadcast, ARearmThatTheHostHasNotSentLeavesTheNodeLatched) {
+  Joint joint;
+  broadcast(joint, {}, 1, 1);
+  for (int i = 0; i <= kWatchdogCycles; ++i) {
+    joint.tick();
+  }
+  broadcast(joint, {}, 2, 2);
+  joint.tick();
+  EXPECT_TRUE(joint.node.latched);
+  broadcast(joint, {.joint = {.mode = CRUX_MODE_REARM}}, 3, 3);
+  EXPECT_TRUE(joint.node.guard.take);
+  broadcast(joint, {}, 3, 3);  // the host's own, in the same period
+  joint.tick();
+  EXPECT_TRUE(joint.node.latched);
+}
+
 TEST(Broadcast, AfterASecondSenderNoneIsObeyedForTheWatchdogsTime) {
   Joint joint;
   broadcast(joint, {}, 1, 1);
