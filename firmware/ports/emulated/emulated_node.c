@@ -50,14 +50,18 @@ static double electrical_rad(const emulated_node *node, uint64_t time) {
 
 static uint32_t analogue(void *context, unsigned converter, unsigned channel) {
   const emulated_node *node = context;
-  const int phase = (int)converter - 1;
+  const unsigned phase = converter - 1U;
   switch (channel) {
     case SUPPLY_CHANNEL:
       return reading_of_supply(node->world.supply_V);
     case THERMISTOR_CHANNEL:
       return reading_of_temperature(node->temperature_degC);
-    default:
-      return reading_of_current(motor_phase_A(&node->motor, phase), (double)node->mounting.phase_zero_counts[phase]);
+    default: {
+      // The shunts lie under the lower switches.
+      const bool flows = stm32g4_lower_conducts(&node->chip, phase);
+      return reading_of_current(flows ? motor_phase_A(&node->motor, (int)phase) : 0.0,
+                                (double)node->mounting.phase_zero_counts[phase]);
+    }
   }
 }
 

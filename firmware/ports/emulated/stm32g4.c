@@ -332,6 +332,8 @@ static void reset(stm32g4 *chip) {
   (void)memset(chip->compare, 0, sizeof(chip->compare));
   (void)memset(chip->watchdog, 0, sizeof(chip->watchdog));
   chip->update_at = NEVER;
+  chip->repetitions = 0U;
+  chip->at_top = false;
   chip->crystal_at = NEVER;
   chip->watchdog_at = NEVER;
   chip->rcc[RCC_AHB1ENR] = 1U << 8U;

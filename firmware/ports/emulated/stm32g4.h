@@ -58,8 +58,10 @@ typedef struct stm32g4 {
   uint32_t spi1[64];
   stm32g4_adc adc[2];
   uint32_t adc_common[64];
-  uint32_t compare[3];  ///< of TIM1, acting
-  uint64_t update_at;   ///< of TIM1
+  uint32_t compare[3];   ///< of TIM1, acting
+  uint64_t update_at;    ///< of TIM1
+  uint32_t repetitions;  ///< of TIM1: what its repetition counter was loaded with
+  bool at_top;           ///< the counter of TIM1 at its last update
   uint32_t bit_rate;
   uint32_t data_bit_rate;
 } stm32g4;
@@ -76,6 +78,9 @@ void stm32g4_power_off(stm32g4 *chip);
 
 /// Something came to a CAN controller: interrupt lines and the next event are looked at anew.
 void stm32g4_settle(stm32g4 *chip);
+
+/// Whether the lower switch of phase 0..2 conducts where the last update of TIM1 fell.
+bool stm32g4_lower_conducts(const stm32g4 *chip, unsigned phase);
 
 /// Level that the image drives a pin of port A to.
 bool stm32g4_pin(const stm32g4 *chip, unsigned pin);

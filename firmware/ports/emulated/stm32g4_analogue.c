@@ -52,11 +52,22 @@ static void convert_injected(stm32g4 *chip) {
   }
 }
 
+static bool is_centred(const stm32g4 *chip) { return (chip->timer1[TIM_CR1] & TIM_CR1_CMS) != 0U; }
+
+/// Until the next update: overflows, or turning points, as many as the repetition counter held at the last one (RM0440
+/// 29.3: it is reloaded from RCR at an update, by UG too, and then only).
 static uint64_t update_period(const stm32g4 *chip) {
   const uint32_t *timer = chip->timer1;
   const uint64_t reload = timer[TIM_ARR] & 0xFFFFU;
-  const uint64_t counts = (timer[TIM_CR1] & TIM_CR1_CMS) != 0U ? reload : reload + 1U;
-  return counts * ((timer[TIM_PSC] & 0xFFFFU) + 1U) * ((timer[TIM_RCR] & 0xFFFFU) + 1U);
+  const uint64_t counts = is_centred(chip) ? reload : reload + 1U;
+  return counts * ((timer[TIM_PSC] & 0xFFFFU) + 1U) * (chip->repetitions + 1U);
+}
+
+static void reload_repetitions(stm32g4 *chip) { chip->repetitions = chip->timer1[TIM_RCR] & 0xFFFFU; }
+
+/// The counter starts at 0, upwards: it turns at the top first, then at the bottom.
+static void turn(stm32g4 *chip) {
+  chip->at_top = !is_centred(chip) || (chip->at_top == ((chip->repetitions % 2U) != 0U));
 }
 
 /// Nobody needs to hear of the PWM periods of a timer that triggers nothing.
@@ -81,12 +92,24 @@ void stm32g4_update_timer(stm32g4 *chip) {
   for (unsigned i = 0U; i < 3U; i++) {
     chip->compare[i] = chip->timer1[TIM_CCR1 + i];
   }
+  turn(chip);
   convert_injected(chip);
+  reload_repetitions(chip);
   chip->update_at += update_period(chip);
+}
+
+bool stm32g4_lower_conducts(const stm32g4 *chip, unsigned phase) {
+  const uint32_t *timer = chip->timer1;
+  const uint32_t count = chip->at_top ? (timer[TIM_ARR] & 0xFFFFU) : 0U;
+  return ((timer[TIM_BDTR] & TIM_BDTR_MOE) == 0U) || (count >= chip->compare[phase]);  // PWM mode 1
 }
 
 void stm32g4_write_timer1(stm32g4 *chip, uint32_t word, uint32_t value) {
   chip->timer1[word] = value;
+  if ((word == TIM_EGR) && ((value & 1U) != 0U)) {
+    chip->at_top = false;  // back to 0
+    reload_repetitions(chip);
+  }
   if ((word == TIM_CR1) || (word == TIM_CR2) || (word == TIM_ARR)) {
     if (!triggers(chip)) {
       chip->update_at = NEVER;

@@ -1,6 +1,7 @@
 /// Board of a node: one STM32G474 with a 24 MHz crystal, a three-phase bridge with its gate driver, two magnetic
 /// encoders AS5047P on one SPI, and the pins below. Values of the board, not of a robot.
-///   PA0, PA1          currents of phases a and b by amplifiers of 0.1 V/A about 1.65 V (ADC1 input 1, ADC2 input 2)
+///   PA0, PA1          currents of phases a and b, shunts under their lower switches, by amplifiers of 0.1 V/A about
+///                     1.65 V (ADC1 input 1, ADC2 input 2)
 ///   PA2, PA3          supply over 11, winding's thermistor (ADC1 inputs 3, 4)
 ///   PA4, PA15         selects of the motor's encoder and of the coarse one behind gear or screw
 ///   PA5, PA6, PA7     SPI1 clock, in, out

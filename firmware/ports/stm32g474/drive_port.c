@@ -94,7 +94,6 @@ bool drive_port_read_encoders(uint32_t *motor_raw, uint32_t *coarse_raw) {
 
 static void set_up_timer(void) {
   TIM1_ARR = PWM_TOP;
-  TIM1_RCR = 1UL;  // one update in two turning points
   TIM1_CCMR1 = TIM_CCMR1_OC1PE | TIM_CCMR1_OC1M_PWM1 | TIM_CCMR1_OC2PE | TIM_CCMR1_OC2M_PWM1;
   TIM1_CCMR2 = TIM_CCMR2_OC3PE | TIM_CCMR2_OC3M_PWM1;
   TIM1_CCER = TIM_CCER_CC1E | TIM_CCER_CC1NE | TIM_CCER_CC2E | TIM_CCER_CC2NE | TIM_CCER_CC3E | TIM_CCER_CC3NE;
@@ -150,6 +149,10 @@ void drive_port_start(crux_drive *drive, const calibration *zeros) {
   ADC_CR(ADC1) = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
   NVIC_ISER0 = BIT(IRQ_ADC1_2);
   TIM1_CR1 = TIM_CR1_CMS_BOTH | TIM_CR1_CEN;
+  // One update in two turning points: at the overflow, where all lower switches conduct. What is written here, on the
+  // way up, is loaded at the first overflow; written before the launch it puts the update at the underflow (RM0440
+  // 29.3), where none of them does.
+  TIM1_RCR = 1UL;
   start_slow_conversion();
 }
 

@@ -1,8 +1,9 @@
 /// The drive's hardware: timer, ADCs and encoders, and the interrupt in which the currents are controlled.
 ///
-/// Timer 1 counts up and down at 20 kHz. Its update event loads the duties, starts both ADCs' conversions of the phase
-/// currents (in the middle of the lower switches' pulses), and their end starts the interrupt; the duties it computes
-/// act from the next update on, for a whole period. The interrupt never waits for the encoder: a frame that started at
+/// Timer 1 counts up and down at 20 kHz; an upper switch is on below its duty's count (PWM mode 1). The update event, at
+/// the overflow, loads the duties and starts both ADCs' conversions of the phase currents: in the middle of the lower
+/// switches' pulses, for the shunts lie under these. Their end starts the interrupt; the duties it computes act from
+/// the next update on, for a whole period. The interrupt never waits for the encoder: a frame that started at
 /// the end of one interrupt is read at the start of the next, and carries the angle latched at the start of the former.
 #ifndef CRUX_STM32G474_DRIVE_PORT_H
 #define CRUX_STM32G474_DRIVE_PORT_H
