@@ -11,18 +11,11 @@ from pathlib import Path
 
 from crux_contracts import node_parameters, node_services
 
-from . import can_c, cdr_cpp, parameters_c, python_side, ros2msg, services_c, tables_cpp
+from . import can_c, cdr_cpp, parameters_c, python_side, ros2msg, services_c, tables_cpp, write_changed
 from .lcm_types import LcmSyntaxError, Struct, parse_files
 from .tables import TableError, read_channels, read_faults
 
 MSGS = Path(__file__).resolve().parents[1]
-
-
-def _write(path: Path, text: str) -> None:
-    if path.is_file() and path.read_text(encoding="utf-8") == text:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
 
 
 def _run_lcm_gen(files: list[Path], out: Path) -> None:
@@ -36,40 +29,40 @@ def _run_lcm_gen(files: list[Path], out: Path) -> None:
             check=True,
         )  # fmt: skip
         for generated in Path(scratch).rglob("*_t.*"):
-            _write(out / generated.relative_to(scratch), generated.read_text(encoding="utf-8"))
+            write_changed(out / generated.relative_to(scratch), generated.read_text(encoding="utf-8"))
         init = Path(scratch) / "python/crux_msgs/__init__.py"
-        _write(out / "python/crux_msgs/__init__.py", init.read_text(encoding="utf-8"))
+        write_changed(out / "python/crux_msgs/__init__.py", init.read_text(encoding="utf-8"))
 
 
 def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     channels = read_channels(MSGS / "channels.yaml", structs)
     faults = read_faults(MSGS / "faults.yaml", structs["robot_state_t"])
     cpp = out / "cpp/crux_msgs"
-    _write(cpp / "cdr.hpp", cdr_cpp.header(structs))
-    _write(out / "cpp/cdr.cpp", cdr_cpp.source(structs))
-    _write(cpp / "channels.hpp", tables_cpp.channels_header(channels, structs))
-    _write(cpp / "faults.hpp", tables_cpp.faults_header(faults))
-    _write(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
+    write_changed(cpp / "cdr.hpp", cdr_cpp.header(structs))
+    write_changed(out / "cpp/cdr.cpp", cdr_cpp.source(structs))
+    write_changed(cpp / "channels.hpp", tables_cpp.channels_header(channels, structs))
+    write_changed(cpp / "faults.hpp", tables_cpp.faults_header(faults))
+    write_changed(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
     python = out / "python/crux_msgs"
-    _write(python / "__init__.pyi", python_side.stub(structs))
-    _write(python / "py.typed", "")
-    _write(python / "channel_names.py", python_side.channel_names_module(channels))
-    _write(python / "tables.py", python_side.tables_module(structs, channels, faults))
+    write_changed(python / "__init__.pyi", python_side.stub(structs))
+    write_changed(python / "py.typed", "")
+    write_changed(python / "channel_names.py", python_side.channel_names_module(channels))
+    write_changed(python / "tables.py", python_side.tables_module(structs, channels, faults))
     for struct in structs.values():
-        _write(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))
+        write_changed(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))
 
 
 def _write_can(out: Path) -> None:
     database = can_c.load(MSGS / "can/crux.dbc")
     kinds = can_c.collapse(database)
     header, source = can_c.codec(kinds)
-    _write(out / "c/crux_can.h", header)
-    _write(out / "c/crux_can.c", source)
-    _write(out / "c/crux_can_ids.h", can_c.identifiers(kinds, database))
+    write_changed(out / "c/crux_can.h", header)
+    write_changed(out / "c/crux_can.c", source)
+    write_changed(out / "c/crux_can_ids.h", can_c.identifiers(kinds, database))
     parameters = node_parameters.table()
-    _write(out / "c/crux_parameters.h", parameters_c.header(parameters))
-    _write(out / "c/crux_parameters.c", parameters_c.source(parameters))
-    _write(out / "c/crux_services.h", services_c.header(node_services.numbers()))
+    write_changed(out / "c/crux_parameters.h", parameters_c.header(parameters))
+    write_changed(out / "c/crux_parameters.c", parameters_c.source(parameters))
+    write_changed(out / "c/crux_services.h", services_c.header(node_services.numbers()))
 
 
 def main() -> int:

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "app/cycle_loop.hpp"
+#include "app/open_log.hpp"
 #include "app/options.hpp"
 #include "app/realtime.hpp"
 #include "lcm/operator_server.hpp"
@@ -68,17 +69,6 @@ class Worker {
   std::atomic<bool> ended_{false};
   std::thread thread_;
 };
-
-std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
-  if (options.log.empty()) return nullptr;
-  auto log = std::make_unique<McapLog>(options.log);
-  log->write_metadata("crux", {{"version", CRUX_VERSION},
-                               {"robot", robot.name},
-                               {"robot_sha256", robot.sha256},
-                               {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"}});
-  log->flush();
-  return log;
-}
 
 void print_report(const CycleReport& report, const CycleLoop& loop) {
   const auto line = [](const char* what, std::uint64_t n) {
@@ -143,9 +133,10 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   try {
-    const Options options = parse_options({argv + 1, static_cast<std::size_t>(std::max(argc - 1, 0))});
+    Options options = parse_options({argv + 1, static_cast<std::size_t>(std::max(argc - 1, 0))});
+    for (int i = 0; i < argc; ++i) options.command_line += (i > 0 ? " " : "") + std::string(argv[i]);
     if (options.help) return std::fputs(usage(), stdout), kDone;
-    if (options.version) return std::puts("crux-runtime " CRUX_VERSION), kDone;
+    if (options.version) return std::printf("crux-runtime %s\n", version().c_str()), kDone;
     return run(options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "crux-runtime: %s\n", error.what());

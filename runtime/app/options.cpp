@@ -42,6 +42,13 @@ std::chrono::nanoseconds parse_guard_time(const std::string& value) {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds));
 }
 
+void add_tag(Options& options, const std::string& value) {
+  const std::size_t equals = value.find('=');
+  if (equals == 0 || equals == std::string::npos)
+    throw OptionError("--tag '" + value + "': right is KEY=VALUE, for example --tag seed=7");
+  options.tags.emplace_back(value.substr(0, equals), value.substr(equals + 1));
+}
+
 void complete_buses(Options& options) {
   const auto missing = std::ranges::find(options.buses, std::string());
   if (missing == options.buses.end()) return;
@@ -68,8 +75,12 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    constexpr std::array<std::string_view, 8> kNames = {"--robot", "--bus", "--bus-base", "--commands",
-                                                        "--pace",  "--lcm", "--log",      "--guard-time"};
+    if (name == "--overwrite") {
+      options.overwrite = true;
+      continue;
+    }
+    constexpr std::array<std::string_view, 9> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
+                                                        "--lcm",   "--log", "--guard-time", "--tag"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -81,6 +92,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--pace") options.cycle.pace = parse_pace(value);
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
+    if (name == "--tag") add_tag(options, value);
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
   complete_buses(options);
@@ -100,8 +112,11 @@ usage: crux-runtime [options]
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
-  --log FILE        every cycle as MCAP                                (none)
-  --version         prints the version
+  --log FILE        every cycle as MCAP; where FILE is there already,
+                    it stays and the log is FILE with a number behind  (none)
+  --overwrite       replace the log that is there already
+  --tag KEY=VALUE   something the log is to say of itself; may be repeated
+  --version         prints version and commit
   --help            prints this
 
 SIGINT and SIGTERM: the robot is told to hold, the log is finished, exit 0.

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/hash.hpp"
+#include "core/robot_meaning.hpp"
 #include "core/yaml_reader.hpp"
 
 namespace crux {
@@ -236,11 +237,11 @@ RobotDescription read_robot(const std::string& yaml_path) {
 
   RobotDescription robot;
   robot.name = file.text("name");
-  using namespace std::string_literals;
-  robot.sha256 = sha256_hex("crux-robot-1\0"s + yaml_bytes + "\0"s + urdf_bytes);
   read_parameters(file, robot);
 
   const UrdfReader urdf(urdf_path, urdf_bytes);
+  robot.sha256 = sha256_hex(robot_meaning(root, urdf_bytes));
+  robot.files = {{{"robot.yaml", yaml_bytes}, {file.text("urdf"), urdf_bytes}}};
   const std::string body_link = file.text("body_link");
   urdf.read_body(body_link, robot);
   const YamlReader limb = file.section("limb");

@@ -5,6 +5,7 @@
 #include <array>
 #include <kdl/chain.hpp>
 #include <string>
+#include <utility>
 
 #include "core/geometry.hpp"
 #include "core/result.hpp"
@@ -118,7 +119,8 @@ struct SupervisorParameters {
 
 struct RobotDescription {
   std::string name;
-  std::string sha256;  ///< robot_hash(): over the bytes of both files
+  std::string sha256;                                        ///< of what both files mean
+  std::array<std::pair<std::string, std::string>, 2> files;  ///< robot.yaml and the URDF: name and bytes
   PerLimb<LimbDescription> limbs;
   double body_mass_kg = 0.0;
   Vector3 body_com_B_m = Vector3::Zero();

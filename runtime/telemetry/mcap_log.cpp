@@ -91,6 +91,11 @@ void McapLog::write_metadata(const std::string& name, const Metadata& metadata) 
   checked(mcap_c_write_metadata(writer_.get(), name.c_str(), keys.data(), values.data(), keys.size()));
 }
 
+void McapLog::attach(const std::string& name, const std::string& media_type, const std::string& bytes) {
+  checked(mcap_c_attach(writer_.get(), name.c_str(), media_type.c_str(),
+                        reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()));
+}
+
 void McapLog::flush() { checked(mcap_c_flush(writer_.get())); }
 
 void McapLog::close() {

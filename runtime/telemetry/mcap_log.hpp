@@ -41,6 +41,9 @@ class McapLog {
   /// @throws LogError as all below
   void write_metadata(const std::string& name, const Metadata& metadata);
 
+  /// A file of its own inside the log.
+  void attach(const std::string& name, const std::string& media_type, const std::string& bytes);
+
   /// Makes what was written so far safe from a kill of this program.
   void flush();
 

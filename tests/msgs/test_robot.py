@@ -1,16 +1,20 @@
 from __future__ import annotations
 
-import hashlib
 import shutil
+import struct
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pinocchio
 import pytest
 from crux_contracts.robot import ROBOTS, RobotError, load_robot, robot_hash, robot_names
-from crux_contracts.yaml_document import DocumentError
+from crux_contracts.robot_meaning import robot_meaning
+from crux_contracts.urdf import parse_xml
+from crux_contracts.yaml_document import DocumentError, parse_mapping
 
 SCALER = ROBOTS / "scaler"
+GOLDEN = ROBOTS.parent / "golden" / "robot_meaning"
 
 
 @pytest.fixture
@@ -32,12 +36,28 @@ def test_scaler_is_found_by_name_and_by_folder() -> None:
     assert load_robot("scaler").hash == load_robot(SCALER).hash
 
 
-def test_the_hash_is_over_the_bytes_of_both_files(folder: Path) -> None:
-    yaml_bytes, urdf_bytes = (SCALER / "robot.yaml").read_bytes(), (SCALER / "scaler.urdf").read_bytes()
-    expected = hashlib.sha256(b"crux-robot-1\0" + yaml_bytes + b"\0" + urdf_bytes).hexdigest()
-    assert robot_hash(folder) == expected
-    spoil(folder, "scaler.urdf", 'mass value="2.8"', 'mass value="2.9"')
-    assert robot_hash(folder) != expected
+def test_the_meaning_is_the_golden_one() -> None:
+    yaml = parse_mapping((GOLDEN / "robot.yaml").read_bytes(), "robot.yaml")
+    urdf = parse_xml((GOLDEN / "made-up.urdf").read_bytes(), "made-up.urdf")
+    assert robot_meaning(yaml, urdf) == (GOLDEN / "meaning.txt").read_text()
+
+
+def test_the_hash_is_of_what_the_files_say_not_of_how(folder: Path) -> None:
+    before = robot_hash(folder)
+    spoil(folder, "robot.yaml", "  rate_Hz: 500\n", "\n    # cycles a second\n  rate_Hz: 5.0e+2\n")
+    spoil(folder, "scaler.urdf", '<mass value="2.8"/>', "<!-- weighed -->\n\n<mass   value='+2.800'></mass>")
+    assert robot_hash(folder) == before
+    spoil(folder, "scaler.urdf", "+2.800", "2.8000000000000003")
+    assert robot_hash(folder) != before
+
+
+@pytest.mark.parametrize("number", [-1.0, 0.1 + 0.2, 1e308, 5e-324, 123456789012345678.0])
+def test_a_number_is_the_same_in_any_form(number: float) -> None:
+    forms = {repr(number), f"{number:.17e}", f"{number:+.20E}"}
+    meanings = {robot_meaning(parse_mapping(f"x: {form}".encode(), ""), ET.Element("robot")) for form in forms}
+    assert len(forms) == 3
+    assert len(meanings) == 1
+    assert struct.pack(">d", number).hex() in meanings.pop()
 
 
 def test_masses_and_geometry_agree_with_pinocchio() -> None:

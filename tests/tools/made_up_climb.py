@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from crux_contracts.robot import load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
 from crux_msgs.tables import CHANNELS, SCHEMAS
 from mcap.writer import CompressionType
@@ -86,6 +87,7 @@ def made_up_plan() -> plan_t:
     plan.format = plan.FORMAT
     plan.scenario_name, plan.scenario_yaml, plan.robot_name = SCENARIO_NAME, SCENARIO_YAML, "scaler"
     plan.plan_id, plan.method, plan.dt_s = "ab" * 32, "made up", DT_S
+    plan.robot_sha256 = load_robot("scaler").hash
     plan.gravity_w_m_s2 = GRAVITY
     plan.patch_k_m, plan.max_normal_n = 0.0134, 60.0
     plan.spine_shear_n, plan.spine_twist_nm = 5.0, 0.05
@@ -126,14 +128,20 @@ class Story:
     whole_file: bool = False  # has a summary without an orderly end, as after each of the runtime's flushes
 
 
-def write_log(path: Path, story: Story | None = None, finish: bool = True) -> int:
-    """Writes the log; returns the number of control cycles. finish=False leaves it as a killed runtime does."""
+def write_log(path: Path, story: Story | None = None, finish: bool = True, attached: bool = True) -> int:
+    """Writes the log, with the robot description `attached` or not; returns the number of control cycles.
+
+    finish=False leaves it as a killed runtime does.
+    """
     story = story or Story()
-    plan = made_up_plan()
+    plan, robot = made_up_plan(), load_robot("scaler")
     with path.open("wb") as file:
         # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
         writer = Writer(file, chunk_size=200_000, compression=CompressionType.LZ4)
-        writer.add_metadata("crux", {"version": "0", "robot": "scaler", "pace": story.pace, **story.metadata})
+        said = {"version": "0", "robot": "scaler", "robot_sha256": robot.hash, "pace": story.pace, **story.metadata}
+        writer.add_metadata("crux", said)
+        for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
+            writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
         schemas = {
             topic: writer.register_msgdef(*SCHEMAS[type_]) for _, type_, _, _, logged, topic in CHANNELS if logged
         }

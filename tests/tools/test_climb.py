@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import plan_t
 from crux_tools.errors import WorkFailed
 from crux_tools.replay import recompute
@@ -70,6 +72,10 @@ def test_a_limb_moves_to_its_next_hold(tmp_path: Path, monkeypatch: pytest.Monke
     assert result["missed_cycles"] == 0
     assert result["real_time_factor"] > 0
     assert result["log"] == str(log)
+    said = read_log(log).metadata
+    assert said["seed"] == "0"
+    assert said["crux_commit"] == said["commit"]
+    assert "climb" in said["crux_command_line"]
     phases = read_log(log).references["phase"]
     assert set(np.unique(phases[:, 0])) == set(range(8))  # LF went through every phase of a swing
     assert set(np.unique(phases[:, 1:])) == {0}
@@ -77,8 +83,18 @@ def test_a_limb_moves_to_its_next_hold(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The runtime's core gives the log's outputs again to the bit, and others where it is given others."""
-    same = recompute.recompute(log)
+    """The runtime's core gives the log's outputs again to the bit, and others where it is given others.
+
+    It takes the log's own robot description: what has become of the one on this machine does not matter.
+    """
+    robots = log.with_name("robots")
+    shutil.copytree(ROBOTS, robots)
+    description = robots / "scaler" / "robot.yaml"
+    description.write_text(description.read_text().replace("body_gain_1_s: 1.0", "body_gain_1_s: 1.1"))
+    with monkeypatch.context() as patch:
+        patch.setattr("crux_contracts.robot.ROBOTS", robots)
+        assert load_robot("scaler").hash != read_log(log).metadata["robot_sha256"]
+        same = recompute.recompute(log)
     assert same.ok
     assert same.cycles == len(read_log(log).time_s)
     told = read_payloads(log, {"/plan", "/control_input", "/control_output", "/robot_state"})

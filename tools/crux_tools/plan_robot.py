@@ -8,8 +8,7 @@ from crux_contracts.robot import Robot, load_robot, robot_names
 from crux_msgs import plan_t
 
 from crux_tools.errors import UsageError
-
-SHOWN = 12  # digits of a hash that tell it from another
+from crux_tools.telemetry.description import SHOWN
 
 
 def robot_named(name: str) -> Robot:
@@ -27,6 +26,6 @@ def robot_of_plan(plan: plan_t, path: Path) -> Robot:
     if plan.robot_sha256 != robot.hash:
         raise UsageError(
             f"{path}: robot_sha256: {plan.robot_sha256[:SHOWN]}…: {robot.name} in {robot.folder} has "
-            f"{robot.hash[:SHOWN]}…; the robot was changed after planning: plan it again"
+            f"{robot.hash[:SHOWN]}…; made with another robot description, or by an older crux: plan it again"
         )
     return robot

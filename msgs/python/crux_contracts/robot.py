@@ -1,6 +1,6 @@
 """A robot description: a folder with robot.yaml and the URDF it names, read into typed values.
 
-`robot_hash` is the SHA-256 (hex) of b"crux-robot-1\\0" + the bytes of robot.yaml + b"\\0" + the bytes of the URDF.
+`robot_hash` is the SHA-256 (hex) of what both files mean (robot_meaning.py), not of their bytes.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from . import LIMB_NAMES, robot_sections
 from .motor_checks import check_motors
 from .reading import Checker
+from .robot_meaning import robot_meaning
 from .robot_sections import SECTIONS, Interval, PerJoint
-from .urdf import Joint, Urdf, UrdfError, parse_urdf
+from .urdf import Joint, Urdf, UrdfError, parse_urdf, parse_xml
 from .yaml_document import DocumentError, Node, Problem, parse_mapping, read_bytes
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 JOINTS = 6
-HASH_PREFIX = b"crux-robot-1\0"
 MAX_NUMBER = 1e9
 
 # Joint axes the closed-form kinematics stand on: yaw, pitch, pitch, then a spherical wrist pitch, roll, yaw.
@@ -140,9 +140,8 @@ def load_robot(name_or_folder: str | Path) -> Robot:
 
 def _load(folder: Path) -> Robot:
     yaml_path = folder / "robot.yaml"
-    yaml_bytes = read_bytes(yaml_path)
     reader = _Reader(str(yaml_path))
-    root = parse_mapping(yaml_bytes, str(yaml_path))
+    root = parse_mapping(read_bytes(yaml_path), str(yaml_path))
     check = reader.check
     keys = check.members(root, ["version", "name", "urdf", "body_link", "limbs", "limb", *SECTIONS])
     if "version" in keys:
@@ -156,8 +155,8 @@ def _load(folder: Path) -> Robot:
     check.finish(RobotError)
 
     urdf_path = folder / texts["urdf"]
-    urdf_bytes = read_bytes(urdf_path)
-    urdf = parse_urdf(urdf_bytes, str(urdf_path))
+    xml = parse_xml(read_bytes(urdf_path), str(urdf_path))
+    urdf = parse_urdf(xml, str(urdf_path))
     if texts["body_link"] not in urdf.links:
         raise UrdfError(str(urdf_path), [Problem("", texts["body_link"], "has no such link (body_link of robot.yaml)")])
     built = tuple(
@@ -171,7 +170,7 @@ def _load(folder: Path) -> Robot:
         urdf=urdf,
         body_link=texts["body_link"],
         limbs=typing.cast(tuple[Limb, Limb, Limb, Limb], built),
-        hash=hashlib.sha256(HASH_PREFIX + yaml_bytes + b"\0" + urdf_bytes).hexdigest(),
+        hash=hashlib.sha256(robot_meaning(root, xml).encode()).hexdigest(),
         **sections,
     )
     check_motors(robot, str(yaml_path), RobotError)

@@ -154,8 +154,8 @@ class _Reader:
         )
 
 
-def parse_urdf(data: bytes, path: str) -> Urdf:
-    """Reads a URDF. Raises UrdfError naming link or joint, value and what would be right."""
+def parse_xml(data: bytes, path: str) -> ET.Element:
+    """The <robot> of a URDF. Raises UrdfError where the bytes are no such XML."""
     reader = _Reader(path)
     if len(data) > MAX_BYTES:
         raise reader.fail("", f"{len(data)} bytes", f"expected at most {MAX_BYTES} bytes")
@@ -167,6 +167,12 @@ def parse_urdf(data: bytes, path: str) -> Urdf:
         raise reader.fail("", "", f"is not XML: {error}") from None
     if root.tag != "robot":
         raise reader.fail("", f"<{root.tag}>", "expected a <robot>")
+    return root
+
+
+def parse_urdf(root: ET.Element, path: str) -> Urdf:
+    """Reads a URDF's <robot>. Raises UrdfError naming link or joint, value and what would be right."""
+    reader = _Reader(path)
     links = [reader.link(element) for element in root.findall("link")]
     joints = [reader.joint(element) for element in root.findall("joint")]
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):

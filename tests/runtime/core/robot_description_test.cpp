@@ -4,7 +4,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "core/hash.hpp"
+#include "core/robot_meaning.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -47,11 +47,25 @@ class RobotFiles : public testing::Test {
   std::string yaml_, urdf_;
 };
 
-TEST_F(RobotFiles, UnchangedAreReadWithTheHashOfTheirBytes) {
-  using namespace std::string_literals;
-  const Result<RobotDescription> loaded = load();
-  ASSERT_TRUE(loaded) << loaded.reason();
-  EXPECT_EQ(loaded.value().sha256, sha256_hex("crux-robot-1\0"s + yaml_ + "\0"s + urdf_));
+TEST(RobotMeaning, IsTheGoldenOne) {
+  const std::filesystem::path golden = std::filesystem::path(CRUX_GOLDEN) / "robot_meaning";
+  EXPECT_EQ(robot_meaning(YAML::LoadFile(golden / "robot.yaml"), text_of(golden / "made-up.urdf")),
+            text_of(golden / "meaning.txt"));
+}
+
+TEST_F(RobotFiles, TheHashIsOfWhatTheySayNotOfHow) {
+  const std::string before = load().value().sha256;
+  replace(yaml_, "  rate_Hz: 500\n", "\n    # cycles a second\n  rate_Hz: 5.0e+2\n");
+  replace(urdf_, "<mass value=\"2.8\"/>", "<!-- weighed -->\n\n<mass   value='+2.800'></mass>");
+  EXPECT_EQ(load().value().sha256, before);
+  replace(urdf_, "+2.800", "2.8000000000000003");
+  EXPECT_NE(load().value().sha256, before);
+}
+
+TEST_F(RobotFiles, AreKept) {
+  const auto files = load().value().files;
+  EXPECT_EQ(files[0], std::pair(std::string("robot.yaml"), yaml_));
+  EXPECT_EQ(files[1], std::pair(std::string("scaler.urdf"), urdf_));
 }
 
 TEST(RobotDescription, HandCarriesTheFingers) {

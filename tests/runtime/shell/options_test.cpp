@@ -39,10 +39,18 @@ TEST(Options, EveryOptionIsRead) {
   EXPECT_EQ(options.cycle.guard_time, std::chrono::milliseconds(250));
   EXPECT_EQ(options.lcm_url, "udpm://239.1.1.1:1?ttl=0");
   EXPECT_EQ(options.log, "l.mcap");
+  EXPECT_FALSE(options.overwrite);
   for (int l = 0; l < 4; ++l) EXPECT_EQ(options.buses[l], "socketcan:can" + std::to_string(l));
 }
 
+TEST(Options, TagsAndOverwriteAreRead) {
+  const Options options = parse({"--overwrite", "--tag", "seed=7", "--tag", "why=a=b"});
+  EXPECT_TRUE(options.overwrite);
+  EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}}));
+}
+
 TEST(Options, MistakesAreNamed) {
+  EXPECT_NE(error_of({"--tag", "seed"}).find("KEY=VALUE"), std::string::npos);
   EXPECT_NE(error_of({"--speed", "2"}).find("--speed"), std::string::npos);
   EXPECT_NE(error_of({"--pace"}).find("--pace needs a value"), std::string::npos);
   EXPECT_EQ(parse({"--commands", "broadcast"}).cycle.commands, CommandFrames::kBroadcast);

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import signal
+import socket
+import subprocess
+import time
 from collections import defaultdict
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from crux_contracts import can_codec
 from crux_msgs import command_t
+from crux_tools.paths import built
+from crux_tools.telemetry import read_channels
 from fake_nodes import GRIPPER, JOINTS, LIMBS, FakeNodes, finger_force_N, joint_position_rad
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from own_runtime import Runtime, Starter, rerun_info
+from own_runtime import ROBOT, Runtime, Starter, rerun_info
 from rosbags.highlevel import AnyReader
 
 CYCLES = 120
@@ -23,7 +29,7 @@ PERIOD_NS = 2_000_000
 
 def run_cycles(start: Starter) -> tuple[Runtime, FakeNodes, str]:
     """A run in which the nodes answer CYCLES cycles and are then silent, ended by SHUTDOWN."""
-    runtime = start("--guard-time", "30")
+    runtime = start("--guard-time", "30", "--tag", "seed=7", "--tag", "why=a = b")
     with FakeNodes(runtime.ports.bus_urls(), CYCLES) as nodes:
         assert nodes.done.wait(30)
         runtime.link.send(command_t.SHUTDOWN)
@@ -120,8 +126,8 @@ def test_metadata_names_robot_pace_and_end(finished: Finished) -> None:
     from crux_contracts.robot import load_robot
 
     with finished[0].open("rb") as file:
-        metadata, end = make_reader(file).iter_metadata()
-    assert (metadata.name, end.name) == ("crux", "crux_end")
+        metadata, tags, end = make_reader(file).iter_metadata()
+    assert (metadata.name, tags.name, end.name) == ("crux", "crux_tags", "crux_end")
     assert end.metadata == {
         "cycles": str(CYCLES + 1),  # the last one was not answered and is not in the log
         "unanswered": "0",
@@ -131,6 +137,59 @@ def test_metadata_names_robot_pace_and_end(finished: Finished) -> None:
     assert metadata.metadata["robot_sha256"] == load_robot("scaler").hash
     assert metadata.metadata["pace"] == "bus"
     assert metadata.metadata["version"]
+    assert tags.metadata == {"seed": "7", "why": "a = b"}
+
+
+def test_metadata_tells_when_where_and_by_what(finished: Finished) -> None:
+    from crux_commit import COMMIT
+
+    said = read_channels(finished[0]).metadata
+    start = datetime.fromisoformat(said["started_utc"])
+    since_s = datetime.now(UTC) - start
+    assert timedelta(0) < since_s < timedelta(hours=1)
+    monotonic_ns = start.timestamp() * 1e9 - int(said["utc_minus_monotonic_ns"])
+    assert monotonic_ns == pytest.approx(time.monotonic_ns() - since_s.total_seconds() * 1e9, abs=1e6)
+    assert said["host"] == socket.gethostname()
+    assert said["commit"] == COMMIT
+    assert "--pace bus" in said["command_line"]
+
+
+def test_the_robot_description_is_attached(finished: Finished) -> None:
+    with finished[0].open("rb") as file:
+        attached = {attachment.name: attachment.data for attachment in make_reader(file).iter_attachments()}
+    assert attached == {name: (ROBOT / name).read_bytes() for name in ("robot.yaml", "scaler.urdf")}
+
+
+def test_a_log_that_is_there_stays(start: Starter, tmp_path: Path) -> None:
+    log, second, third = (tmp_path / name for name in ("climb.mcap", "climb-2.mcap", "climb-3.mcap"))
+    log.write_text("evidence")
+    for free in (second, third):
+        runtime = start("--log", str(log))
+        runtime.process.send_signal(signal.SIGTERM)
+        status, stderr = runtime.end()
+        assert status == 0
+        assert stderr == f"crux-runtime: {log} is there already and stays as it is; this log is {free}\n"
+        assert read_channels(free).metadata["robot"] == "scaler"
+    assert log.read_text() == "evidence"
+
+
+def test_a_log_is_replaced_where_told_so(start: Starter, tmp_path: Path) -> None:
+    log = tmp_path / "climb.mcap"
+    log.write_text("evidence")
+    runtime = start("--log", str(log), "--overwrite")
+    runtime.process.send_signal(signal.SIGTERM)
+    assert runtime.end() == (0, "")
+    assert read_channels(log).metadata["robot"] == "scaler"
+    assert [path.name for path in tmp_path.glob("climb*")] == ["climb.mcap"]
+
+
+@pytest.mark.parametrize("more", [(), ("--overwrite",)])
+def test_what_is_no_file_is_no_log(more: tuple[str, ...], tmp_path: Path) -> None:
+    for wrong in (tmp_path, Path("/dev/full")):
+        command = [str(built("runtime/app/crux-runtime")), "--robot", str(ROBOT), "--log", str(wrong), *more]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+        assert ended.returncode == 2
+        assert ended.stderr == f"crux-runtime: log {wrong}: is no file that a log can be written to\n"
 
 
 def test_log_opens_in_other_readers(finished: Finished) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -131,6 +133,13 @@ def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
     return "; ".join(parts)
 
 
+def _tags(options: ClimbOptions) -> dict[str, str]:
+    """What the runtime cannot know of the run, for its log."""
+    from crux_commit import COMMIT
+
+    return {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+
+
 def _shut_down(runtime: RuntimeProcess, link: OperatorLink, realtime_loop: Loop | None) -> None:
     """SHUTDOWN; in real time the nodes answer until the runtime is gone, or it would log a fault."""
     end_s = time.monotonic() + STOP_TIMEOUT_S
@@ -166,8 +175,9 @@ def climb(
         on_udp = options.bus == "udp"
         buses = ports.bus_urls() if on_udp else [f"socketcan:{interface}" for interface in INTERFACES]
         guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
+        pace, commands = PACES[options.pace], options.commands
         runtime = stack.enter_context(
-            RuntimeProcess(robot.folder, buses, PACES[options.pace], ports.lcm_url, log, guard_s, options.commands)
+            RuntimeProcess(robot.folder, buses, pace, ports.lcm_url, log, guard_s, commands, _tags(options))
         )
         link = stack.enter_context(OperatorLink(ports.lcm_url))
         runtime.await_answer(link)

@@ -38,13 +38,18 @@ class RuntimeProcess:
         log: Path,
         guard_s: float = GUARD_TIME_S,
         commands: str = "each",
+        tags: dict[str, str] | None = None,
     ) -> None:
-        """`guard_s`: how long the runtime waits for the nodes in lockstep; `commands`: each or broadcast."""
+        """`guard_s`: how long the runtime waits for the nodes in lockstep; `commands`: each or broadcast.
+
+        A log that is there already is replaced. `tags`: what the log is to say of itself.
+        """
         self._arguments = [
             *("setpriv", "--pdeathsig", "TERM"),  # it ends with the simulation, however that ends
             str(built(BINARY)),
-            *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log)),
+            *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log), "--overwrite"),
             *("--guard-time", str(guard_s), "--commands", commands),
+            *(word for key, value in (tags or {}).items() for word in ("--tag", f"{key}={value}")),
             *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__

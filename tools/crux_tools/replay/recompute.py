@@ -1,7 +1,7 @@
 """A log's cycles computed again by the runtime's own control core, from what it was given, and compared bit by bit.
 
-The core is a function of plans and inputs alone (crux-recompute runs it without clock, bus or LCM). So the first
-difference is where another build of the runtime, or another robot description, decides otherwise.
+The core is a function of robot description, plans and inputs alone, all of which the log has (crux-recompute runs it
+without clock, bus or LCM). So the first difference is where another build of the runtime decides otherwise.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from crux_contracts.robot import load_robot, robot_names
-
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import progress
 from crux_tools.paths import built
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.reader import Payloads, read_payloads
 
 BINARY = "runtime/app/crux-recompute"
@@ -69,14 +68,18 @@ def recompute(path: Path) -> Comparison:
     missing = [topic for topic in (INPUT, *OUTPUTS) if not log.payloads.get(topic)]
     if missing:
         raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
-    robot = _robot_folder(path, log.metadata)
+    if not log.attachments and (differs := difference(log.metadata, {})):
+        raise UsageError(f"{path}: {differs}")
     given, cycles, missing_cycle = _given(log)
-    with tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
+    described = robot_of(log.metadata.get("robot", ""), log.attachments)
+    with described as robot, tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
         for topic, payload in given:
             records.write(_RECORD.pack(KIND[topic], len(payload)))
             records.write(payload)
         records.seek(0)
-        with subprocess.Popen([built(BINARY), robot], stdin=records, stdout=subprocess.PIPE, stderr=errors) as core:
+        with subprocess.Popen(
+            [built(BINARY), robot.folder], stdin=records, stdout=subprocess.PIPE, stderr=errors
+        ) as core:
             assert core.stdout is not None
             try:
                 return _compare(log, _messages(core.stdout), cycles, missing_cycle)
@@ -86,19 +89,6 @@ def recompute(path: Path) -> Comparison:
                 raise WorkFailed(f"{path}: {errors.read().decode(errors='replace').strip()}") from error
             finally:
                 core.kill()
-
-
-def _robot_folder(path: Path, metadata: dict[str, str]) -> Path:
-    """Of the robot that the log was written with."""
-    name = metadata.get("robot", "")
-    if name not in robot_names():
-        raise UsageError(f"{path}: robot: {name!r}: expected one of {', '.join(robot_names())}")
-    robot = load_robot(name)
-    if metadata.get("robot_sha256") != robot.hash:
-        raise UsageError(
-            f"{path}: robot_sha256: the description of {name} has changed since, so other numbers come out"
-        )
-    return Path(robot.folder)
 
 
 def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | None]:

@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 import viser
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot import load_robot
 
 from crux_tools.bench.robot_model import build_model
 from crux_tools.report.pictures import place_measured
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, name_of
 
 FORCE_SCALE_M_PER_N = 0.004
@@ -43,7 +43,8 @@ class ReplayScene:
 
     def __init__(self, server: viser.ViserServer, log: Telemetry) -> None:
         self._log = log
-        self._robot = build_model(load_robot(log.plan.robot_name), log.plan)
+        with robot_of(log.plan.robot_name, log.robot_files) as described:
+            self._robot = build_model(described, log.plan)
         self._data = mujoco.MjData(self._robot.model)
         self._scene = server.scene
         up = -np.array(log.plan.gravity_w_m_s2)

@@ -10,13 +10,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from crux_contracts.robot import load_robot
 from PIL import Image
 
 from crux_tools.bench.robot_model import RobotModel, build_model
 from crux_tools.bench.start_pose import RobotPose, take_pose
 from crux_tools.report.renderer import Renderer
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.description import robot_of
 
 # Seen from the body, frame W: from the lower right, off the wall.
 EYE_W_M = np.array([-0.86, -0.56, 1.00])
@@ -107,15 +107,19 @@ def place_measured(robot: RobotModel, data: mujoco.MjData, log: Telemetry, row: 
 
 
 @contextmanager
-def open_stage(plan: Any, size_px: tuple[int, int]) -> Iterator[Stage]:
-    """A stage with the robot and wall of `plan`. Raises NoGraphicsError where nothing can be rendered."""
+def open_stage(plan: Any, size_px: tuple[int, int], robot_files: dict[str, bytes]) -> Iterator[Stage]:
+    """A stage with the wall of `plan` and its robot, as `robot_files` of a log describe it where there are some.
+
+    Raises NoGraphicsError where nothing can be rendered.
+    """
     width, height = (SUPERSAMPLING * side for side in size_px)
 
     def prepare(spec: mujoco.MjSpec) -> None:
         add_scenery(spec)
         spec.visual.global_.fovy = FIELD_OF_VIEW_DEG
 
-    robot = build_model(load_robot(plan.robot_name), plan, prepare)
+    with robot_of(plan.robot_name, robot_files) as described:
+        robot = build_model(described, plan, prepare)
     renderer = Renderer(robot.model, width, height)
     try:
         yield Stage(robot, renderer, size_px)

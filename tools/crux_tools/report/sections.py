@@ -19,6 +19,7 @@ from crux_tools.report.plan_series import PlanSeries, Swing, plan_series
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.description import difference
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
@@ -44,10 +45,10 @@ def _title(swing: Swing) -> str:
     return f"{LIMB_NAMES[swing.limb]} from {swing.from_hold or '?'} to {swing.to_hold or '?'}"
 
 
-def _pictures(plan: Any, take: Callable[[Stage], list[Picture]]) -> Section:
+def _pictures(plan: Any, robot_files: dict[str, bytes], take: Callable[[Stage], list[Picture]]) -> Section:
     section = Section("pictures", "Pictures")
     try:
-        with open_stage(plan, PICTURE_PX) as stage:
+        with open_stage(plan, PICTURE_PX, robot_files) as stage:
             section.pictures = take(stage)
     except NoGraphicsError as error:
         section.notes.append(f"No pictures: this machine has no OpenGL to render them with ({error}).")
@@ -67,7 +68,7 @@ def _plan_pictures(plan: Any, series: PlanSeries) -> Section:
             shots.append(stage.picture(caption))
         return shots
 
-    return _pictures(plan, take)
+    return _pictures(plan, {}, take)
 
 
 def _swing_rows(log: Telemetry, series: PlanSeries) -> list[tuple[int, str]]:
@@ -95,7 +96,7 @@ def _log_pictures(log: Telemetry, series: PlanSeries) -> Section:
             shots.append(stage.picture(caption))
         return shots
 
-    return _pictures(log.plan, take)
+    return _pictures(log.plan, log.robot_files, take)
 
 
 def _scenario(plan: Any) -> Section:
@@ -107,6 +108,7 @@ def plan_sections(plan: Any) -> list[Section]:
     series = plan_series(plan)
     margins, smallest = figures.planned_margins(plan, series)
     forces, moments = figures.planned_wrenches(series)
+    other_robot = difference({"robot": plan.robot_name, "robot_sha256": plan.robot_sha256}, {})
     swings = series.swings()
     advance = series.body_position_m[-1] - series.body_position_m[0]
     table = [
@@ -121,7 +123,7 @@ def plan_sections(plan: Any) -> list[Section]:
         (f"smallest margin of a finger {PLANNED}", f"{smallest:.2f} N"),
     ]
     return [
-        Section("summary", "Summary", rows=table),
+        Section("summary", "Summary", notes=[other_robot] if other_robot else [], rows=table),
         _plan_pictures(plan, series),
         Section("gait", "Gait", "Dark: stance, with the hold's name. Light: in the air.", plots=[figures.gait(series)]),
         Section(

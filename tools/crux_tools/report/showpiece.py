@@ -31,7 +31,7 @@ def showpiece(plan: Any, log: Telemetry | None) -> bytes:
     if plan is None:
         raise WorkFailed("no picture: no plan was accepted in this log, so there is no wall to show")
     try:
-        with open_stage(plan, SIZE_PX) as stage:
+        with open_stage(plan, SIZE_PX, log.robot_files if log is not None else {}) as stage:
             if log is not None:
                 stage.show_cycle(log, _middle_row(log))
             else:

@@ -21,14 +21,15 @@ from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_ros2.decoder import DecoderFactory
 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.description import difference
 
 MAGIC = b"\x89MCAP0\r\n"
-METADATA = "crux"
+METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it says itself
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
@@ -55,6 +56,7 @@ class _Raw:
     payloads: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
     times_ns: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
     metadata: dict[str, str] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
     end: dict[str, str] | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -67,6 +69,7 @@ class Payloads:
     times_ns: dict[str, list[int]]
     definitions: dict[str, str]
     metadata: dict[str, str]
+    attachments: dict[str, bytes]
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ class Channels:
     tables: dict[str, np.ndarray]
     messages: dict[str, list[Any]]
     times_ns: dict[str, np.ndarray]
-    metadata: dict[str, str]  # what the writer says of itself: version, robot, robot_sha256, pace
+    metadata: dict[str, str]  # what the writer says of itself: version, commit, robot, pace, started_utc, host …
+    attachments: dict[str, bytes]  # of a log: robot.yaml and the URDF; of a plan: scenario.yaml
     end: dict[str, str] | None  # what the runtime counted over its run; None: it did not end in order
     notes: list[str]
 
@@ -103,6 +107,7 @@ class Telemetry:
     acknowledgements: list[Any]
     commands: list[Any]
     metadata: dict[str, str]
+    robot_files: dict[str, bytes]  # the robot description, empty in logs of earlier runtimes; see description.py
     end: dict[str, str] | None  # cycles, unanswered, missed_deadlines, dropped_records; None: killed, or still running
     notes: list[str]
 
@@ -166,8 +171,10 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                 elif isinstance(record, Message) and wanted(raw.channels[record.channel_id].topic):
                     raw.payloads[record.channel_id].append(record.data)
                     raw.times_ns[record.channel_id].append(record.log_time)
-                elif isinstance(record, Metadata) and record.name == METADATA:
-                    raw.metadata.update(record.metadata)
+                elif isinstance(record, Metadata) and record.name in METADATA:
+                    raw.metadata = record.metadata | raw.metadata
+                elif isinstance(record, Attachment):
+                    raw.attachments[record.name] = record.data
                 elif isinstance(record, Metadata) and record.name == END_METADATA:
                     raw.end = dict(record.metadata)
                 elif isinstance(record, Header) and record.profile != "ros2":
@@ -201,7 +208,7 @@ def _decode(raw: _Raw, path: Path) -> Channels:
             what = " ".join(str(error).split())[:120]
             raise LogError(f"{path}: channel {channel.topic} does not fit its own definition: {what}") from error
         times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
-    return Channels(tables, messages, times_ns, raw.metadata, raw.end, list(dict.fromkeys(raw.notes)))
+    return Channels(tables, messages, times_ns, raw.metadata, raw.attachments, raw.end, list(dict.fromkeys(raw.notes)))
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
@@ -219,7 +226,7 @@ def read_payloads(path: Path, topics: set[str]) -> Payloads:
     definitions = {name: raw.schemas[raw.channels[number].schema_id].data.decode() for number, name in names.items()}
     payloads = {name: raw.payloads[number] for number, name in names.items()}
     times_ns = {name: raw.times_ns[number] for number, name in names.items()}
-    return Payloads(payloads, times_ns, definitions, raw.metadata)
+    return Payloads(payloads, times_ns, definitions, raw.metadata, raw.attachments)
 
 
 def _opened(path: Path, topics: set[str] | None) -> _Raw:
@@ -283,6 +290,8 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         notes.append("the log was not closed (cut off, or its runtime killed or still writing): read as far as it goes")
     elif int(channels.end.get("dropped_records", "0")):
         notes.append(f"{channels.end['dropped_records']} cycles are missing: the log's queue was full")
+    other_robot = difference(channels.metadata, channels.attachments)
+    notes += [other_robot] if other_robot else []
     plans = channels.messages.get("/plan", [])
     return Telemetry(
         path=path,
@@ -300,6 +309,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         acknowledgements=channels.messages.get("/acknowledgement", []),
         commands=channels.messages.get("/command", []),
         metadata=channels.metadata,
+        robot_files=channels.attachments,
         end=channels.end,
         notes=notes,
     )

@@ -1,0 +1,34 @@
+"""Writes the commit that is built, for C++ (crux_msgs/commit.hpp) and Python (crux_commit.py). Run by every build."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+from pathlib import Path
+
+from . import write_changed
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+DESCRIBE = ("git", "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty")
+
+
+def commit() -> str:
+    """Twelve digits, with -dirty where a tracked file differs; `unknown` outside a git repository."""
+    try:
+        return subprocess.run(DESCRIBE, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder to write into (build/gen)")
+    out = parser.parse_args().out
+    name = commit()
+    constant = f'namespace crux_msgs {{\ninline constexpr const char* kCommit = "{name}";\n}}  // namespace crux_msgs\n'
+    write_changed(out / "cpp/crux_msgs/commit.hpp", f"#pragma once\n\n{constant}")
+    write_changed(out / "python/crux_commit.py", f'COMMIT: str = "{name}"\n')
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+#include "app/open_log.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+#include <filesystem>
+
+#include "crux_msgs/commit.hpp"
+
+namespace crux {
+namespace {
+
+constexpr int kMostNames = 100'000;
+constexpr const char* kMediaYaml = "application/yaml";
+constexpr const char* kMediaUrdf = "application/xml";
+
+/// Creates an empty file; false when there is one already.
+bool create_new(const std::string& path) {
+  const int file = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (file >= 0) close(file);
+  if (file < 0 && errno != EEXIST) throw LogError("log " + path + ": cannot be created: " + std::strerror(errno));
+  return file >= 0;
+}
+
+/// `wanted`, or with a number behind it the first name that is free; the file is there then, empty.
+std::string free_name(const std::string& wanted) {
+  if (create_new(wanted)) return wanted;
+  const std::filesystem::path path(wanted);
+  for (int n = 2; n < kMostNames; ++n) {
+    std::filesystem::path numbered = path;
+    numbered.replace_filename(path.stem().string() + "-" + std::to_string(n) + path.extension().string());
+    if (!create_new(numbered)) continue;
+    std::fprintf(stderr, "crux-runtime: %s is there already and stays as it is; this log is %s\n", wanted.c_str(),
+                 numbered.c_str());
+    return numbered;
+  }
+  throw LogError("log " + wanted + ": is there already, and so are all names with a number behind it");
+}
+
+std::int64_t now_ns(clockid_t clock) {
+  timespec now{};
+  clock_gettime(clock, &now);
+  return std::int64_t{now.tv_sec} * std::nano::den + now.tv_nsec;
+}
+
+/// ISO 8601, with microseconds.
+std::string utc_text(std::int64_t time_ns) {
+  const std::time_t seconds = time_ns / std::nano::den;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  std::array<char, 20> date{};
+  std::strftime(date.data(), date.size(), "%FT%T", &utc);
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%s.%06lldZ", date.data(),
+                static_cast<long long>(time_ns % std::nano::den / 1000));
+  return text.data();
+}
+
+std::string host() {
+  std::array<char, 256> name{};
+  return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
+}
+
+}  // namespace
+
+std::string version() { return std::string(CRUX_VERSION " (commit ") + crux_msgs::kCommit + ")"; }
+
+std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
+  if (options.log.empty()) return nullptr;
+  if (std::filesystem::exists(options.log) && !std::filesystem::is_regular_file(options.log))
+    throw LogError("log " + options.log + ": is no file that a log can be written to");
+  auto log = std::make_unique<McapLog>(options.overwrite ? options.log : free_name(options.log));
+  const std::int64_t utc_ns = now_ns(CLOCK_REALTIME);
+  log->write_metadata("crux", {{"version", CRUX_VERSION},
+                               {"commit", crux_msgs::kCommit},
+                               {"robot", robot.name},
+                               {"robot_sha256", robot.sha256},
+                               {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"},
+                               {"started_utc", utc_text(utc_ns)},
+                               {"utc_minus_monotonic_ns", std::to_string(utc_ns - now_ns(CLOCK_MONOTONIC))},
+                               {"host", host()},
+                               {"command_line", options.command_line}});
+  if (!options.tags.empty()) log->write_metadata("crux_tags", options.tags);
+  log->attach(robot.files[0].first, kMediaYaml, robot.files[0].second);
+  log->attach(robot.files[1].first, kMediaUrdf, robot.files[1].second);
+  log->flush();
+  return log;
+}
+
+}  // namespace crux
