@@ -64,9 +64,18 @@ class Starter:
         process.communicate()
 
 
-def rerun_info(log: Path) -> str:
-    """What rerun finds in a log; fails when it cannot open it."""
+def _rerun(*words: str | Path) -> str:
     rerun = Path(sys.executable).with_name("rerun")
-    info = subprocess.run([str(rerun), "mcap", "info", str(log)], capture_output=True, text=True, check=False)
-    assert info.returncode == 0, info.stderr
-    return info.stdout + info.stderr
+    done = subprocess.run([rerun, "mcap", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def rerun_info(log: Path) -> str:
+    """What rerun finds in a log that was closed; fails when it cannot open it."""
+    return _rerun("info", log)
+
+
+def rerun_recovered(log: Path) -> str:
+    """What rerun finds in a log without a summary, which it makes itself; fails when it cannot."""
+    return _rerun("convert", "--recover", log, "-o", log.with_suffix(".rrd"))

@@ -17,7 +17,7 @@ from fake_nodes import FakeNodes
 from hand_plan import standing_plan
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from own_runtime import Runtime, Starter, rerun_info
+from own_runtime import Runtime, Starter, rerun_recovered
 from rosbags.highlevel import AnyReader
 
 _transfers = itertools.count(1)
@@ -232,4 +232,4 @@ def test_the_log_of_a_killed_runtime_opens_everywhere(start: Starter, plan: plan
     with AnyReader([runtime.log]) as reader:
         connections = [c for c in reader.connections if c.topic == "/control_output"]
         assert len(list(reader.messages(connections))) == len(cycles)
-    assert "/limb_telemetry" in rerun_info(runtime.log)
+    assert "/limb_telemetry" in rerun_recovered(runtime.log)
