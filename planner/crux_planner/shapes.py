@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 from crux_contracts.robot import Robot
+from crux_contracts.urdf import link_shapes
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ def limb_shape(robot: Robot) -> LimbShape:
             float(cylinder.get("radius", "0"))
             for limb in robot.limbs
             for joint in limb.joints[joints]
-            for cylinder in links[joint.child].iter("cylinder")
+            for shape in link_shapes(links[joint.child])
+            for cylinder in shape.iter("cylinder")
         ]
         return max(found, default=0.0)
 
@@ -48,7 +50,7 @@ def palm_shape(robot: Robot) -> PalmShape | None:
     links = {link.get("name"): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
     found = []
     for limb in robot.limbs:
-        boxes = list(links[limb.gripper_link].iter("box"))
+        boxes = [box for shape in link_shapes(links[limb.gripper_link]) for box in shape.iter("box")]
         if not boxes:
             return None
         found.append([float(edge) for edge in boxes[0].get("size", "").split()])

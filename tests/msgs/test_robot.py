@@ -202,6 +202,20 @@ def test_the_motors_bear_what_climbs_ask_of_the_joints() -> None:
             '<axis xyz="0 1 0"/>',
             r"joint LF_joint2: revolute about .*: expected revolute",
         ),
+        (
+            "scaler.urdf",
+            '<cylinder radius="0.02" length="0.15"/>',
+            '<mesh filename="package://a/upper.stl"/>',
+            r"link LF_link2: <mesh> package://a/upper\.stl: expected box, sphere, cylinder, capsule: what collides is",
+        ),
+        ("scaler.urdf", '<cylinder radius="0.02" length="0.15"/>', "", r"link LF_link2: expected box, sphere"),
+        ("scaler.urdf", '<box size="0.30 0.22 0.06"/>', '<box size="0.3 0.2"/>', r'link base: size="0\.3 0\.2"'),
+        (
+            "scaler.urdf",
+            'cylinder radius="0.02"',
+            'cylinder radius="0"',
+            r'link LF_link2: radius="0": expected lengths',
+        ),
         ("scaler.urdf", '<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>', r"joint LF_joint2: axis 0 0 0"),
         (
             "scaler.urdf",

@@ -1,4 +1,4 @@
-"""The part of URDF that crux reads: links with inertia, joints with origin, axis and limits."""
+"""The part of URDF that crux reads: links with inertia and simple shapes, joints with origin, axis and limits."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from .yaml_document import DocumentError, Problem
 
 Vector = tuple[float, float, float]
 MAX_BYTES = 4_000_000
+SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}}
+SHAPES["capsule"] = SHAPES["cylinder"]
 
 
 class UrdfError(DocumentError):
@@ -67,6 +69,11 @@ class Urdf:
         return chain[::-1]
 
 
+def link_shapes(link: ET.Element) -> list[ET.Element]:
+    """What of a <link> collides: every <collision>, or every <visual> where there is none."""
+    return link.findall("collision") or link.findall("visual")
+
+
 class _Reader:
     def __init__(self, path: str) -> None:
         self.path = path
@@ -101,6 +108,7 @@ class _Reader:
     def link(self, element: ET.Element) -> Link:
         name = self.name(element, "name", "link")
         key = f"link {name}"
+        self.check_shapes(element, key)
         inertial = element.find("inertial")
         if inertial is None:
             return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
@@ -112,6 +120,22 @@ class _Reader:
             self.numbers(tensor, axis, 1, "0", key)[0] for axis in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         )
         return Link(name, mass, self.vector(inertial.find("origin"), "xyz", "0 0 0", key), (xx, xy, xz, yy, yz, zz))
+
+    def check_shapes(self, link: ET.Element, key: str) -> None:
+        for shape in link_shapes(link):
+            geometry = shape.find("geometry")
+            solid = geometry[0] if geometry is not None and len(geometry) else None
+            sizes = None if solid is None else SHAPES.get(solid.tag)
+            if solid is None or sizes is None:
+                found = "" if solid is None else f"<{solid.tag}> {solid.get('filename', '')}".strip()
+                cure = (
+                    f"expected {', '.join(SHAPES)}: what collides is a link's <collision>, its <visual> if it has none"
+                )
+                raise self.fail(key, found, cure)
+            for attribute, count in sizes.items():
+                values = self.numbers(solid, attribute, count, None, key)
+                if min(values) <= 0:
+                    raise self.fail(key, f'{attribute}="{solid.get(attribute)}"', "expected lengths above 0")
 
     def joint(self, element: ET.Element) -> Joint:
         name = self.name(element, "name", "joint")

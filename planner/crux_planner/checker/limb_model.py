@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from crux_contracts.robot import Robot
+from crux_contracts.urdf import link_shapes
 
 from crux_planner.checker.geometry import Array, cross, rotation_from_rpy, turned
 
@@ -309,7 +310,7 @@ def _read_link(element: ElementTree.Element) -> Link:
             inertia = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
     capsules: list[Capsule] = []
     boxes: list[Box] = []
-    for shape in element.findall("collision") or element.findall("visual"):
+    for shape in link_shapes(element):
         centre, rotation = _origin(shape.find("origin"))
         geometry = shape.find("geometry")
         solid = None if geometry is None or len(geometry) == 0 else geometry[0]

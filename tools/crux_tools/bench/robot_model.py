@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Limb, Robot
+from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
 from crux_tools.bench.wall import Face, add_wall
@@ -80,15 +81,19 @@ def finger_joints(robot: Robot) -> list[str]:
 
 
 def urdf_spec(robot: Robot) -> mujoco.MjSpec:
-    """The URDF as an editable MuJoCo model that keeps its pictures (visual geoms) and its fixed joints."""
+    """The URDF as an editable MuJoCo model of its shapes, those that collide, with its fixed joints."""
     tree = ET.parse(robot.urdf_path).getroot()
+    for link in tree.iter("link"):
+        shapes = link_shapes(link)
+        for picture in [visual for visual in link.findall("visual") if visual not in shapes]:
+            link.remove(picture)
     extension = ET.SubElement(tree, "mujoco")
     ET.SubElement(extension, "compiler", discardvisual="false", fusestatic="false")
     return mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
 
 
-def _use_visuals_as_collision_shapes(spec: mujoco.MjSpec) -> None:
-    """Links collide with holds and wall in their visual shape; cylinders as the capsules inside them."""
+def _let_shapes_collide(spec: mujoco.MjSpec) -> None:
+    """With holds and wall; cylinders as the capsules inside them."""
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE
@@ -175,7 +180,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     spec.modelname = robot.name
     set_solver_options(spec, robot.can.dt_s)
     spec.option.gravity = plan.gravity_w_m_s2
-    _use_visuals_as_collision_shapes(spec)
+    _let_shapes_collide(spec)
     spec.body(robot.body_link).add_freejoint(name="root")
     _add_servos(spec, robot)
     _add_grippers(spec, robot)
