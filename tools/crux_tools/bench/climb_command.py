@@ -11,7 +11,8 @@ from crux_tools.output import add_json_option, note, print_json, progress
 
 _DESCRIPTION = """Runs a plan in the hardware-in-the-loop simulation: starts the runtime as its own process, 24 joint
 and 4 gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the
-plan, climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other."""
+plan, climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other. Exit status
+0: the goal is reached without slip or fall, and the log is complete; tools/README.md says what these mean."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
@@ -112,7 +113,7 @@ def _write_report(result: Any, log: Path, page: Path) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when the robot reached the goal without slip or fall, 1 otherwise."""
+    """Exit status 0 when the robot reached the goal without slip or fall and the log is complete, 1 otherwise."""
     from crux_contracts.output_file import look_at_outputs
     from crux_contracts.plan_file import read_plan
 

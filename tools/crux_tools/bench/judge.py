@@ -1,12 +1,4 @@
-"""Judges a climb on what happened in physics, and on nothing the runtime says of itself but whether it climbs.
-
-A slip: a pad that moved more than 5 mm along its face while loaded, counted from the pose in which the load began.
-On point feet: more than 10 mm along the wall, for a foot that comes down late or early rubs a little.
-A fall: the body more than 100 mm off where the plan wants it, or a pad off its hold (point feet: a foot off the wall)
-for more than 0.1 s while the plan has the limb in stance under its whole load. At which point of the plan the robot is,
-reference_clock tells from the fingers that leave and touch.
-Goal: the plan is complete, and at the end of a rest of half a second the body is within the scenario's tolerance of the
-goal pose.
+"""Judges a climb on what happened in physics. What a slip, a fall and the goal are stands in tools/README.md.
 
 The verdict needs no log. The log adds how well the runtime's own references were tracked, in the cycles that are in it.
 """
@@ -29,7 +21,7 @@ from crux_tools.bench.robot_model import RobotModel
 from crux_tools.bench.start_pose import rotation_from_rpy
 
 SLIP_M = 0.005
-WALK_SLIP_M = 0.010  # of a point foot
+WALK_SLIP_M = 0.010  # of a point foot: one that comes down late or early rubs a little
 FALL_M = 0.100
 LOST_HOLD_S = 0.1  # without contact in stance; shorter is chatter of one pad
 UNLOADED_SHARE = 0.4  # of the contact force: below it a loaded pad counts as unloaded again
