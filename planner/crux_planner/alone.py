@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FORCE_THRESHOLD_N",
+    "METHODS_HERE",
     "POSITION_THRESHOLD_M",
     "Alone",
     "climb_alone",
@@ -28,6 +29,12 @@ __all__ = [
 ]
 
 LIMIT_S = 300.0
+METHODS_HERE = """what the paper's methods are here:
+  two_block    on climbs it begins with auto's own search, and its MIP block has (8b), which the paper
+               leaves to the NLP; on walks it has no MIP, but auto's search over gaits
+  multi_block  has no MIP: a shortest path a limb on climbs, a limb's steps all looked at on walks
+  benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
+  all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
 
 
 @dataclass(frozen=True)

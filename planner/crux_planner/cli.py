@@ -28,13 +28,14 @@ def add_plan_parser(subparsers: Any) -> None:
     """Add `plan` to the subcommands of crux."""
     from crux_contracts.scenario import METHODS
 
+    from crux_planner.alone import METHODS_HERE
     from crux_planner.work import TIME_LIMIT_S
 
     parser = subparsers.add_parser(
         "plan",
         help="plan a climb for a scenario",
         description="Plan a climb, check it independently and write it; a plan that fails the check is not written.",
-        epilog=EPILOG,
+        epilog=f"{METHODS_HERE}\n\n{EPILOG}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a scenario file (YAML)")

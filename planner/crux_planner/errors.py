@@ -51,10 +51,10 @@ class InfeasibleError(Exception):
 
 
 class HorizonError(InfeasibleError):
-    """The horizon has too few steps; `needed` would do, or are at least needed."""
+    """The horizon has too few steps; at least `needed` are needed, as far as is known."""
 
     def __init__(self, text: str, needed: int) -> None:
-        super().__init__("horizon", f"horizon.steps: {text}; allow at least {needed}")
+        super().__init__("horizon", f"horizon.steps: {text}")
         self.needed = needed
 
 

@@ -50,8 +50,8 @@ def wall_and_plan(seed: int) -> tuple[Scenario, Any]:
                 faces = [limb.finger1_face, limb.finger1_face ^ 1]
                 needed = demand(limb, even.patch_k_m)[1] / USED
                 friction[limb.hold, faces] = np.maximum(friction[limb.hold, faces], needed)
-    for part, faces in zip(wall["holds"], friction, strict=True):
-        part["friction"] = dict(zip(("+x", "-x", "+y", "-y", "top"), map(float, faces), strict=True))
+    for part, of_faces in zip(wall["holds"], friction, strict=True):
+        part["friction"] = dict(zip(("+x", "-x", "+y", "-y", "top"), map(float, of_faces), strict=True))
     read = scenario(wall)
     plan = plan_header(read, ROBOT, even.cost)
     for name in ("patch_k_m", "max_normal_n", "spine_shear_n", "spine_twist_nm", "knots", "n_knots"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import crux_planner
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_planner.build import build_problem
+from crux_planner.errors import HorizonError, InfeasibleError
 from crux_planner.search.aim import aimed
 from crux_planner.search.stances import Reach
 from walls import hold, scenario, two_rows
@@ -27,6 +29,11 @@ def turned_goal(degrees: float) -> dict[str, Any]:
         "grasps": {limb: {"hold": f"{limb}-high", "faces": "x"} for limb in ("LF", "RR")},
     }
     return wall
+
+
+def turned_goal_in(steps: int) -> dict[str, Any]:
+    """The same with a horizon."""
+    return {**turned_goal(20.0), "horizon": {"steps": steps, "dt_s": 2.0}}
 
 
 def test_the_body_turns_to_the_goals_heading(robot: Robot) -> None:
@@ -50,12 +57,28 @@ def test_a_search_that_chooses_headings_sees_the_whole_boxes_at_the_start(robot:
         assert beyond[:, :2].max() == pytest.approx(-problem.reach_reserve_m, abs=1e-9)
 
 
-def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
-    wall = two_rows()
-    goal = wall["goal"]["body"]
-    goal.update(tolerance_m=0.004, tolerance_deg=0.5)
+def hold_beyond_reach(steps: int) -> dict[str, Any]:
+    """LF's goal hold is in reach near its end only."""
+    wall = two_rows(steps=steps)
+    wall["goal"]["body"].update(tolerance_m=0.004, tolerance_deg=0.5)
     wall["holds"][4] = hold("LF-high", 0.29, 0.447, size_m=[0.06, 0.1, 0.06])
-    result = crux_planner.plan(scenario(wall), robot)
+    return wall
+
+
+@pytest.mark.parametrize(("wall", "short"), [(hold_beyond_reach, 20), (turned_goal_in, 18)], ids=["aside", "turned"])
+def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
+    robot: Robot, wall: Callable[[int], dict[str, Any]], short: int
+) -> None:
+    """Not the reach of a level body, which is what the search before that lacks; and as many steps as named do."""
+    with pytest.raises(InfeasibleError, match=rf"horizon\.steps: .* {short} steps of 2 s, but one in \d+") as error:
+        crux_planner.plan(scenario(wall(short)), robot)
+    assert error.value.constraint == "horizon"
+    assert isinstance(error.value, HorizonError)
+    assert crux_planner.plan(scenario(wall(error.value.needed)), robot).check.ok
+
+
+def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
+    result = crux_planner.plan(scenario(hold_beyond_reach(40)), robot)
     assert result.check.ok
     aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
     assert 0.02 < aside <= 0.03

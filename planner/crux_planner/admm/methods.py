@@ -76,7 +76,7 @@ class Decided:
 
 
 def decide_two_block(task: Task) -> Decided:
-    """Equation (19)."""
+    """Equation (19), but for a contact block that begins with the search of `auto` and has (8b) in its MIP."""
     scales = Scales()
     contacts = ContactBlock(task.problem, task.balance, task.reach, task.ways, moments=task.moments, scales=scales)
     motion = MotionBlock(task.problem, scales=scales)
@@ -93,7 +93,7 @@ def decide_two_block(task: Task) -> Decided:
 
 
 def decide_multi_block(task: Task) -> Decided:
-    """P3: one MIP a limb in parallel processes, one NLP."""
+    """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
     stages = Stages(task.problem, task.reach, task.ways)
     with crew(len(LIMBS) - 1, LimbBlocks.__module__, log=task.report) as workers:
         blocks = Team(workers, LimbBlocks, stages, task.balance)

@@ -65,7 +65,7 @@ def lay_out(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float)
     if spare < 0:
         needed = problem.steps - spare
         text = f"the climb needs {needed} steps of {problem.dt_s:g} s, the horizon has {problem.steps}"
-        raise HorizonError(text, needed)
+        raise HorizonError(f"{text}; allow at least {needed}", needed)
     while spare > 0:
         shortest = int(np.argmin(stances))
         if stances[shortest] < LONGEST_STANCE or not len(swings):

@@ -56,7 +56,7 @@ class WalkDecided:
 
 
 def decide_two_block(task: WalkTask) -> WalkDecided:
-    """Equation (19)."""
+    """Equation (19), but for a contact block that is the search of `auto` and no MIP."""
     contacts = WalkContacts(task.problem, SCALES, moments=task.moments, workers=task.workers)
     run = two_block(
         contacts,
@@ -71,7 +71,7 @@ def decide_two_block(task: WalkTask) -> WalkDecided:
 
 
 def decide_multi_block(task: WalkTask) -> WalkDecided:
-    """P3: one MIP a limb in parallel processes, one NLP."""
+    """P3: one contact block a limb in parallel processes, which looks at all its steps, and one NLP."""
     with crew(len(LIMBS) - 1, FootBlocks.__module__, log=task.report) as workers:
         feet = Team(workers, FootBlocks, task.problem)
         run = multi_block(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts.output_file import look_at_folder
+from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import whole
 from crux_tools.benches.cold_process import crux_json
@@ -111,5 +112,6 @@ def run(options: argparse.Namespace) -> int:
         print_json({"ok": ok, "count": options.count, "pairs": [pair.to_json() for pair in found]})
     else:
         _print_table(found)
+        note(f"gap: to a bound proven {FOR_ITS_REACH}")
         note(f"auto no worse than two_block on {sum(pair.ok for pair in found)} of {len(found)} pairs")
     return 0 if ok else 1

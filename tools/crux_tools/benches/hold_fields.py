@@ -1,4 +1,4 @@
-"""`crux bench fields`: random hold fields, each one solved, proven infeasible, or undecided."""
+"""`crux bench fields`: random hold fields, each one solved, proven infeasible for the planner's reach, or undecided."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crux_contracts.output_file import look_at_folder
+from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import positive, whole
 from crux_tools.benches.cold_process import crux_json
@@ -99,6 +100,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         note(
             f"{decided} of {options.count} decided within {options.limit:g} s each: {counts[SOLVED]} solved and "
-            f"checked, {counts[PROVEN]} proven infeasible; {counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
+            f"checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; {counts[UNDECIDED]} undecided, "
+            f"{counts[WRONG]} wrong"
         )
     return 0 if ok else 1

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.output_file import look_at_folder
+from crux_planner.alone import METHODS_HERE
+from crux_planner.errors import FOR_ITS_REACH
 from scipy import stats
 
 from crux_tools.arguments import positive, whole
@@ -167,9 +169,10 @@ def _show(rows: list[Row], file: Path) -> None:
     from rich.console import Console
 
     table = _table(rows)
-    Console(stderr=True, width=_WIDTH).print(table)
     with file.open("w", encoding="utf-8") as out:
-        Console(file=out, width=_WIDTH).print(table)
+        for console in (Console(stderr=True, width=_WIDTH), Console(file=out, width=_WIDTH)):
+            console.print(table)
+            console.print(f"gap: to a bound proven {FOR_ITS_REACH}\n{METHODS_HERE}", markup=False, highlight=False)
     for row in rows:
         if row.remark:
             note(f"{row.task}, {NAMES[row.method]}: {row.remark}")
@@ -193,6 +196,7 @@ def run(options: argparse.Namespace) -> int:
     result = {
         "ok": ok,
         "time_limit_s": options.time_limit,
+        "methods": METHODS_HERE,
         "rows": [asdict(row) | {"paper": PAPER.get((row.task, row.method))} for row in rows],
         "runs": [asdict(one) for one in runs],
     }
