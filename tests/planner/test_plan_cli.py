@@ -32,6 +32,7 @@ def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.
     assert said["method"] == "auto"
     assert said["check"]["ok"] is True
     assert {"seconds", "cost", "gap", "iterations", "gait"} <= said.keys()
+    assert said["scope"].startswith("for the reach it plans with")
     assert {"position_m", "force_N"} == said["residuals"].keys()
     assert read_plan(output).plan_id == said["plan_id"]
     assert [path.name for path in output.parent.iterdir()] == ["plan.mcap"]
@@ -51,6 +52,62 @@ def test_a_failure_writes_nothing(
     assert message in errors
     assert json.loads(out)["ok"] is False
     assert output.read_bytes() == b"an older plan"
+
+
+def far_goal() -> dict[str, Any]:
+    return {**two_rows(), "goal": {"body": {"position_m": [1.0, 0.0, 0.185]}}}
+
+
+@pytest.mark.parametrize(
+    ("wall", "limit", "verdict", "said"),
+    [
+        (two_rows(), "0.001", "undecided", {"proven": False, "undecided": True, "scope": None}),
+        (
+            far_goal(),
+            "60",
+            "proven infeasible for the reach it plans with",
+            {"proven": True, "undecided": False, "scope": "for the reach it plans with"},
+        ),
+        (
+            {**two_rows(), "horizon": {"steps": 6, "dt_s": 2.0}},
+            "60",
+            "infeasible",
+            {"proven": False, "undecided": False},
+        ),
+    ],
+    ids=["time limit", "proof", "none found"],
+)
+def test_the_verdict_says_what_is_known(
+    wall: dict[str, Any],
+    limit: str,
+    verdict: str,
+    said: dict[str, Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path, output = write(tmp_path, wall)
+    assert crux_plan(path, "-o", str(output), "--time-limit", limit, "--json") == 1
+    out, errors = capsys.readouterr()
+    assert said.items() <= json.loads(out).items()
+    assert f"wall.yaml: {verdict} (" in errors
+
+
+def test_what_is_proven_of_the_cost_is_said_for_the_reach_it_plans_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wall, output = write(tmp_path, two_rows())
+    assert crux_plan(wall, "-o", str(output)) == 0
+    proven = [line for line in capsys.readouterr().out.splitlines() if "proven" in line]
+    assert len(proven) == 1
+    assert proven[0].startswith("proven for the reach it plans with, ")
+
+
+def test_help_says_what_the_papers_methods_are_here(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        crux_plan("--help")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "two_block on climbs it begins with auto's own search, and its MIP block has (8b)" in said
+    assert "multi_block has no MIP" in said
 
 
 def test_a_missing_scenario_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

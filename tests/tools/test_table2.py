@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from crux_planner.alone import METHODS_HERE
 from crux_tools.benches import table2
 from crux_tools.benches.cold_process import measured
 from crux_tools.cli import main
@@ -24,7 +25,10 @@ def test_one_pair_is_timed_checked_and_kept(tmp_path: Path, capsys: pytest.Captu
     assert 0.3 < row["mean_s"] < 60.0
     assert 50.0 < row["peak_MB"] < 2000.0
     assert json.loads((tmp_path / "table2.json").read_text())["ok"]
-    assert "auto" in (tmp_path / "table2.txt").read_text()
+    table = (tmp_path / "table2.txt").read_text()
+    assert "auto" in table
+    assert "gap: to a bound proven for the reach it plans with" in table
+    assert METHODS_HERE in table
 
 
 def test_the_interval_is_students() -> None:

@@ -20,6 +20,7 @@ from crux_tools.errors import WorkFailed
 from crux_tools.paths import SCENARIOS
 
 _POLL_S = 0.02
+HANGING = 10.0  # times its limit of computing: a process that takes so long by the wall clock is ended
 
 
 def crux_json(*words: str, limit_s: float | None = None) -> tuple[dict[str, Any], float]:

@@ -12,7 +12,7 @@ from crux_contracts.output_file import look_at_folder
 from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import positive, whole
-from crux_tools.benches.cold_process import crux_json
+from crux_tools.benches.cold_process import HANGING, crux_json
 from crux_tools.benches.random_fields import random_field
 from crux_tools.output import note, print_json, progress
 
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=LIMIT_S,
         metavar="S",
-        help="seconds a field may take, start of the process included (default: %(default)s)",
+        help="seconds of computing that a field may take, start of the process included (default: %(default)s)",
     )
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-fields"), metavar="DIR", help="for scenarios and plans"
@@ -67,7 +67,7 @@ def decide_one(seed: int, limit_s: float, folder: Path) -> FieldResult:
     scenario.write_text(random_field(seed), encoding="utf-8")
     plan.unlink(missing_ok=True)
     words = ("plan", str(scenario), "-o", str(plan), "--time-limit", f"{limit_s - RESERVE_S:g}")
-    planned, seconds = crux_json(*words, limit_s=limit_s)
+    planned, seconds = crux_json(*words, limit_s=HANGING * limit_s)
     why = str(planned.get("error", "")).removeprefix(f"{scenario}: ")
     if planned.get("ok"):
         checked, _ = crux_json("check", str(plan))
@@ -99,8 +99,8 @@ def run(options: argparse.Namespace) -> int:
         print_json({"ok": ok, "count": options.count, "decided": decided, **shares, "fields": fields})
     else:
         note(
-            f"{decided} of {options.count} decided within {options.limit:g} s each: {counts[SOLVED]} solved and "
-            f"checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; {counts[UNDECIDED]} undecided, "
-            f"{counts[WRONG]} wrong"
+            f"{decided} of {options.count} decided within {options.limit:g} s of computing each: "
+            f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; "
+            f"{counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
         )
     return 0 if ok else 1

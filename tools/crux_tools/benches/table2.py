@@ -20,12 +20,12 @@ from crux_planner.errors import FOR_ITS_REACH
 from scipy import stats
 
 from crux_tools.arguments import positive, whole
-from crux_tools.benches.cold_process import crux_json, measured
+from crux_tools.benches.cold_process import HANGING, crux_json, measured
 from crux_tools.benches.pairs import TASKS, pair
 from crux_tools.output import note, print_json, progress
 
 CONFIDENCE = 0.99
-GRACE_S = 10.0  # beyond the time limit that a method is given, before its process is ended
+GRACE_S = 10.0  # beyond the time limit that P2a is given, before its process is ended
 _WIDTH = 120  # characters of the table
 PAPER_FORM = "paper_form"
 METHODS = ("auto", "two_block", "multi_block", "benchmark", PAPER_FORM)
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=whole(0), default=1, metavar="N", help="of the first pair (default: %(default)s)"
     )
     parser.add_argument(
-        "--time-limit", type=positive, default=30.0, metavar="S", help="of a run (default: %(default)g)"
+        "--time-limit", type=positive, default=30.0, metavar="S", help="of computing, for a run (default: %(default)g)"
     )
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="TASK", help=", ".join(TASKS))
     parser.add_argument(
@@ -106,7 +106,7 @@ def run_one(task: str, seed: int, method: str, limit_s: float, folder: Path) -> 
         ok = bool(done.result.get("ok"))
     else:
         words = ("plan", str(scenario), "-o", str(plan), "--method", method, *allowed)
-        done = measured("crux_tools.cli", *words, limit_s=limit_s + GRACE_S)
+        done = measured("crux_tools.cli", *words, limit_s=HANGING * limit_s)
         ok = bool(done.result.get("ok")) and bool(crux_json("check", str(plan))[0].get("ok"))
     said = done.result
     remark = str(said.get("remark") or said.get("error") or "")
