@@ -180,7 +180,7 @@ def _show(result: PlanResult, output: Path) -> None:
             f"{100 * (1 - result.gap):.0f} % of that"
         )
     if margin is not None:
-        print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N")
+        print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N with the plan's squeeze")
 
 
 @contextmanager

@@ -93,7 +93,8 @@ def show(title: str, report: CheckReport) -> None:
     if report.largest_torque is not None:
         console.print(_torque_line(report.largest_torque), soft_wrap=True)
     if report.friction_margin_N is not None:
-        console.print(f"least margin of the limit surface {round(report.friction_margin_N, 2) + 0.0:.2f} N")
+        margin_N = round(report.friction_margin_N, 2) + 0.0
+        console.print(f"least margin of the limit surface {margin_N:.2f} N with the plan's squeeze")
     if report.tumble_margin_m is not None:
         console.print(f"least tumble stability margin {report.tumble_margin_m:.3f} m")
     console.print(f"checked in {report.seconds:.2f} s")
@@ -122,11 +123,11 @@ def _table(title: str, entries: list[Violation]) -> Any:
 
 
 def _joint_table(loads: list[JointLoad]) -> Any:
-    """Torques by limb and joint beside the joint's limits: peak against effort, rms against continuous."""
+    """Torques by limb and joint beside the joint's limits: peak against effort, rms against the advised mean."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    title = "joint torque, peak/rms in N m against effort/continuous limit, and peak speed in rad/s"
+    title = "joint torque, peak/rms in N m against effort/advised mean load, and peak speed in rad/s"
     table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("limb")
     limbs = list(dict.fromkeys(load.limb for load in loads))
@@ -153,6 +154,6 @@ def _torque_line(peak: PeakTorque) -> str:
 
 
 def _warn(load: JointLoad) -> str:
-    """The rms torque, marked where it is above what the joint carries continuously."""
+    """The rms torque, marked where it is above the mean load that makers of such servos advise."""
     text = f"{load.rms_torque_Nm:.1f}"
     return f"[yellow]{text}[/]" if load.rms_torque_Nm > load.continuous_limit_Nm else text

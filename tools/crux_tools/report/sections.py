@@ -116,7 +116,7 @@ def plan_sections(plan: Any) -> list[Section]:
         ("robot", plan.robot_name),
         ("plan", plan.plan_id),
         ("method", plan.method),
-        ("cost", f"{plan.cost:.6g}"),
+        ("cost J", f"{plan.cost:.6g}; its force terms are {PLANNED}"),
         ("knots", f"{len(series.time_s)}, every {series.dt_s:g} s, {series.time_s[-1]:g} s in all"),
         ("body moves", f"{1e3 * np.linalg.norm(advance):.0f} mm"),
         ("swings", ", ".join(map(_title, swings)) or "none"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crux_tools.bench.judge import angle_between, goal_pose, rotations_from_quaternions
+from crux_tools.plan_robot import SHOWN
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.summary import FaultNote, Summary
 
@@ -30,7 +31,8 @@ FACTS = (
 
 def facts(log: Telemetry) -> list[tuple[str, str]]:
     """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing."""
-    return [(what, " ".join(log.metadata.get(key, "") for key in keys).strip() or NOT_RECORDED) for what, keys in FACTS]
+    told = {key: value[:SHOWN] if key.endswith("sha256") else value for key, value in log.metadata.items()}
+    return [(what, " ".join(told.get(key, "") for key in keys).strip() or NOT_RECORDED) for what, keys in FACTS]
 
 
 def _faults(faults: list[FaultNote]) -> str:
