@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,7 @@ def test_words_for_people(good: Path, bad: Path, capsys: pytest.CaptureFixture[s
     assert crux_check(str(good)) == 0
     text = capsys.readouterr().out
     assert "passes" in text
+    assert re.search(r"^least margin of the limit surface \d+\.\d\d N with the plan's squeeze$", text, re.MULTILINE)
     assert "true centre of mass" in text
     assert "gives way" not in text
     assert crux_check(str(bad)) == 1

@@ -190,7 +190,8 @@ TEST(GraspForce, AMomentAcrossTheFingersIsShearOnTheArmBetweenThePads) {
   bare.grasp_force_reserve_N = bare.min_grasp_force_N = 0.0;
   // 1 Nm at 25 mm half width: 20 N of shear a pad.
   const Contact contact = {2.0, 0.0134, 60.0, 0.025};
-  EXPECT_NEAR(required_grasp_force_N({Vector3::Zero(), Vector3::UnitZ()}, Vector3::UnitX(), contact, bare), 10.0, 1e-12);
+  EXPECT_NEAR(required_grasp_force_N({Vector3::Zero(), Vector3::UnitZ()}, Vector3::UnitX(), contact, bare), 10.0,
+              1e-12);
 }
 
 TEST(GraspForce, StaysBetweenItsBounds) {
