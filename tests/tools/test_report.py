@@ -19,6 +19,7 @@ from crux_tools.bench.loop import Ending, Outcome
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
+from crux_tools.report.margins import planned_margin_n
 from made_up_climb import (
     CYCLE_S,
     DT_S,
@@ -104,6 +105,8 @@ def test_a_plans_page(plan_path: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert result["ok"] is True
     assert result["file"] == str(output)
     assert "body moves50 mm" in page.words
+    least = float(np.nanmin(planned_margin_n(made_up_plan())))
+    assert _told(page, "smallest margin of a finger with the plan's squeeze").startswith(f"{least:.2f} N")
     assert "LF from a to e" in page.words
 
 
@@ -133,9 +136,9 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     log = tmp_path / "climb.mcap"
     recorded = {
         "started_utc": "2026-11-22T04:33:54Z", "host": "wall", "commit": "997d69b", "seed": "7",
-        "command_line": "crux climb p.mcap",
+        "crux_command_line": "crux climb p.mcap",
     }  # fmt: skip
-    write_log(log, Story(metadata=recorded))
+    write_log(log, Story(metadata={"command_line": "crux-runtime --pace bus", **recorded}))
     verdict = Verdict(
         reached_goal=False, fell=True, fall_reason="limb LF lost its hold in stance at 3.2 s", slips=2,
         largest_slip_m=0.0066, body_max_m=0.2, body_rms_m=0.1, finger_max_m=0.2, force_rms_n=3.0, goal_error_m=0.045,

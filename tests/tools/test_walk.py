@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import plan
 from crux_tools.bench.judge import pad_travel
+from crux_tools.report.command import write_report
 from crux_tools.telemetry.reader import read_log
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
@@ -38,6 +40,13 @@ def test_the_flat_walk_reaches_its_goal(tmp_path: Path) -> None:
     force_n = climb.limbs["force_reference_w_n"][climb.state["plan_time_s"] > 0]
     along, normal = np.hypot(force_n[..., 0], force_n[..., 1]), force_n[..., 2]
     assert np.all(along < 0.25 * normal + 0.1)
+
+    # Its report: a foot bears no moment, and feet do not squeeze.
+    page = tmp_path / "walk.html"
+    write_report(log, page)
+    least = re.search(r"smallest margin of a foot</th><td>(\S+) N", page.read_text(encoding="utf-8"))
+    assert least is not None
+    assert -2.0 < float(least[1]) < 10.0
 
 
 @pytest.mark.parametrize(("axis", "slid"), [(0, 0.02), (1, 0.02), (2, 0.0)])

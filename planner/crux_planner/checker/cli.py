@@ -42,6 +42,7 @@ def add_check_parser(subparsers: Any) -> None:
 
 def run_check(args: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    from crux_contracts.interpolation import is_walk
     from crux_contracts.plan_file import PlanFileError, read_plan
     from crux_contracts.robot import load_robot, robot_names
 
@@ -60,7 +61,7 @@ def run_check(args: argparse.Namespace) -> int:
         print(json.dumps(report.to_json()))
     else:
         title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {plan.n_knots} knots of {plan.dt_s:g} s"
-        show(title, report)
+        show(title, report, on_feet=is_walk(plan))
     return OK if report.ok else VIOLATED
 
 
@@ -71,8 +72,8 @@ def _unreadable(args: argparse.Namespace, message: str) -> int:
     return UNREADABLE
 
 
-def show(title: str, report: CheckReport) -> None:
-    """Print a report for people, on standard output."""
+def show(title: str, report: CheckReport, *, on_feet: bool) -> None:
+    """Print a report for people, on standard output; feet do not squeeze."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -94,7 +95,8 @@ def show(title: str, report: CheckReport) -> None:
         console.print(_torque_line(report.largest_torque), soft_wrap=True)
     if report.friction_margin_N is not None:
         margin_N = round(report.friction_margin_N, 2) + 0.0
-        console.print(f"least margin of the limit surface {margin_N:.2f} N with the plan's squeeze")
+        squeeze = "" if on_feet else " with the plan's squeeze"
+        console.print(f"least margin of the limit surface {margin_N:.2f} N{squeeze}")
     if report.tumble_margin_m is not None:
         console.print(f"least tumble stability margin {report.tumble_margin_m:.3f} m")
     console.print(f"checked in {report.seconds:.2f} s")

@@ -4,7 +4,7 @@ For a plan the fingers' wrenches are known. A log holds the wrench of the grippe
 two fingers' shares follow from them: one actuator drives both, so the squeeze is the mean of the two normal forces and
 the wrench's part along the opening axis their difference; the fingers share tangential force and twist equally (4);
 what is left of the moment, across the opening axis, is a couple of tangential forces on the arm between the pads.
-A foot on the wall itself stands on both pads alike.
+A foot on the wall itself stands on both pads alike, and bears no moment (msgs/PLAN.md).
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ def measured_margin_n(log: Telemetry, filter_s: float) -> np.ndarray:
     whole = _gripper_wrenches(log, filter_s, rotation)
     force, moment = split_between_fingers(*whole, axis, log.inputs["finger_opening_m"], log.inputs["finger_force_n"])
     on_wall = series.on_wall[knot][..., None, None]
-    halves = [np.stack([part, part], axis=2) / 2 for part in whole]
-    force, moment = np.where(on_wall, halves[0], force), np.where(on_wall, halves[1], moment)
+    force = np.where(on_wall, np.stack([whole[0], whole[0]], axis=2) / 2, force)
+    moment = np.where(on_wall, 0.0, moment)  # two pads beside each other bear what a point does not
     outward = _outward(axis, series.on_wall[knot])
     margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
     return np.where((in_full_stance(log) & series.stance[knot])[..., None], margin, np.nan)

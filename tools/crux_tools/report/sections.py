@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot, load_robot
 
 from crux_tools.bench.start_pose import RobotPose
@@ -29,16 +30,21 @@ if TYPE_CHECKING:
 PICTURE_PX = (640, 460)
 _MARGIN = (
     "Newtons of tangential force a finger could still take: μ·f_z less what shear and twist demand of the limit "
-    "surface, after the micro-spines' share. Below zero it slips. "
+    "surface, after the micro-spines' share. Below zero it slips."
 )
 _PLANNED = (
-    f"Here {PLANNED}, which J counts too; the robot does not press so: it works out its own squeeze from the load, and "
-    "the page of a climb has the margins with that."
+    f" Here {PLANNED}, which J counts too; the robot does not press so: it works out its own squeeze from the load, "
+    "and the page of a climb has the margins with that."
 )
 _APPLIED = (
-    f"Here {APPLIED}: from the measured wrench and squeeze of every cycle in full stance, drawn as the least and "
+    f" Here {APPLIED}: from the measured wrench and squeeze of every cycle in full stance, drawn as the least and "
     "largest of each interval. The plan's own margins, with the plan's squeeze, are on the page of the plan."
 )
+
+
+def _smallest(walks: bool, squeeze: str) -> str:
+    """Feet do not squeeze."""
+    return "smallest margin of a foot" if walks else f"smallest margin of a finger {squeeze}"
 
 
 def _title(swing: Swing) -> str:
@@ -109,18 +115,18 @@ def plan_sections(plan: Any) -> list[Section]:
     margins, smallest = figures.planned_margins(plan, series)
     forces, moments = figures.planned_wrenches(series)
     other_robot = difference({"robot": plan.robot_name, "robot_sha256": plan.robot_sha256}, {})
-    swings = series.swings()
+    swings, walks = series.swings(), is_walk(plan)
     advance = series.body_position_m[-1] - series.body_position_m[0]
     table = [
         ("scenario", plan.scenario_name),
         ("robot", plan.robot_name),
         ("plan", plan.plan_id),
         ("method", plan.method),
-        ("cost J", f"{plan.cost:.6g}; its force terms are {PLANNED}"),
+        ("cost J", f"{plan.cost:.6g}{'' if walks else f'; its force terms are {PLANNED}'}"),
         ("knots", f"{len(series.time_s)}, every {series.dt_s:g} s, {series.time_s[-1]:g} s in all"),
         ("body moves", f"{1e3 * np.linalg.norm(advance):.0f} mm"),
         ("swings", ", ".join(map(_title, swings)) or "none"),
-        (f"smallest margin of a finger {PLANNED}", f"{smallest:.2f} N"),
+        (_smallest(walks, PLANNED), f"{smallest:.2f} N"),
     ]
     return [
         Section("summary", "Summary", notes=[other_robot] if other_robot else [], rows=table),
@@ -132,7 +138,7 @@ def plan_sections(plan: Any) -> list[Section]:
             "On the robot at the gripper's centre, world frame.",
             plots=[forces, moments],
         ),
-        Section("margins", "Limit-surface margins", _MARGIN + _PLANNED, plots=[margins]),
+        Section("margins", "Limit-surface margins", _MARGIN + ("" if walks else _PLANNED), plots=[margins]),
         _scenario(plan),
     ]
 
@@ -169,8 +175,10 @@ def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = 
     margins = []
     if robot is not None:
         plot, smallest = figures.measured_margins(log, robot.control.force_filter_s)
-        rows = [(f"smallest margin of a finger {APPLIED}", f"{smallest:.2f} N")]
-        margins = [Section("margins", "Limit-surface margins", _MARGIN + _APPLIED, rows=rows, plots=[plot])]
+        walks = is_walk(log.plan)
+        text = _MARGIN + ("" if walks else _APPLIED)
+        rows = [(_smallest(walks, APPLIED), f"{smallest:.2f} N")]
+        margins = [Section("margins", "Limit-surface margins", text, rows=rows, plots=[plot])]
     sections = [
         Section("verdict", "Verdict", verdict=sentence(log, summary, smallest, result), rows=facts(log)),
         Section("summary", "Summary", notes=list(summary.notes), rows=summary_rows(summary)),

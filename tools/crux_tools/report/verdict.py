@@ -6,6 +6,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
+from crux_contracts.interpolation import is_walk
 
 from crux_tools.bench.judge import angle_between, goal_pose, rotations_from_quaternions
 from crux_tools.plan_robot import SHOWN
@@ -31,7 +32,9 @@ FACTS = (
 
 def facts(log: Telemetry) -> list[tuple[str, str]]:
     """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing."""
+    # crux climb's own command stands before that of the runtime it starts.
     told = {key: value[:SHOWN] if key.endswith("sha256") else value for key, value in log.metadata.items()}
+    told["command_line"] = told.get("crux_command_line", told.get("command_line", ""))
     return [(what, " ".join(told.get(key, "") for key in keys).strip() or NOT_RECORDED) for what, keys in FACTS]
 
 
@@ -69,7 +72,8 @@ def sentence(log: Telemetry, summary: Summary, least_margin_N: float, result: Cl
     """The verdict: with `result` that of the judge, who sees physics, else what the log alone can tell."""
     if log.plan is None:
         return f"Not climbed: no plan was accepted, {_faults(summary.faults)}."
-    margin = f"least margin {least_margin_N:.2f} N {APPLIED}" if np.isfinite(least_margin_N) else "never in full stance"
+    whose = "" if is_walk(log.plan) else f" {APPLIED}"
+    margin = f"least margin {least_margin_N:.2f} N{whose}" if np.isfinite(least_margin_N) else "never in full stance"
     if result is not None:
         head = "Climbed" if result.ok else "Failed"
         return f"{head}: {', '.join([*_judged(result, log), _faults(summary.faults), margin])}."
