@@ -57,12 +57,12 @@ test-python: build can-kernel
 	$(BIN)/python -m pytest -m alone
 	$(BIN)/python -m pytest -m "not alone" -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
-lint: build ## ruff, mypy, clang-format, clang-tidy
+lint: build ## ruff, mypy, clang-format, clang-tidy (files that passed before are known by content)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FILES)
-	printf "%s\n" $(TIDY_FILES) | xargs -P $(JOBS) -n 1 clang-tidy --quiet -p build/cmake
+	$(BIN)/python tools/setup/tidy.py build/cmake $(JOBS) $(TIDY_FILES)
 
 format: setup ## bring Python, C and C++ into the project's form
 	$(BIN)/ruff check --fix-only -q
