@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_planner.errors import InfeasibleError
 from crux_tools.cli import COMMANDS, main
+from crux_tools.paths import ROOT, built
 from hand_plan import standing_plan
 
 HEAVY = ("casadi", "mujoco", "matplotlib", "scipy", "lcm")
@@ -30,6 +32,23 @@ def test_help_lists_every_command_and_teaches_a_first_climb() -> None:
     for name in COMMANDS:
         assert name in done.stdout
     assert "crux climb out/plan.mcap" in done.stdout
+
+
+def test_version_is_that_of_the_project_with_the_commit_and_the_runtime_says_the_same() -> None:
+    done = crux("--version")
+    assert done.returncode == 0
+    (version,) = re.findall(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert re.fullmatch(rf"crux {version} \(commit ([0-9a-f]{{12}}(-dirty)?|unknown.*)\)\n", done.stdout)
+    runtime = subprocess.run(
+        [built("runtime/app/crux-runtime"), "--version"], capture_output=True, text=True, check=True
+    )
+    assert runtime.stdout.split()[:2] == ["crux-runtime", version]
+
+
+def test_the_changelog_has_a_dated_section_of_this_version() -> None:
+    (version,) = re.findall(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    sections = re.findall(r"^## \[(.+)\] - (\d{4}-\d\d-\d\d)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert sections[0][0] == version
 
 
 @pytest.mark.parametrize("name", ["climb", "upload", "start", "hold", "resume", "clear-fault", "status", "bench"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+import tomllib
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
+from crux_tools.paths import ROOT
 
 DONE, FAILED, USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -54,6 +56,19 @@ EPILOG = """a first climb:
 exit status: 0 done, 1 the work failed (infeasible, unsafe, fell, differs), 2 the input or the usage is wrong"""
 
 
+class _Version(argparse.Action):
+    """--version: of the sources, and the commit that was built; read only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        try:
+            commit = str(importlib.import_module("crux_commit").COMMIT)
+        except ModuleNotFoundError:
+            commit = "unknown, not built yet"
+        print(f"crux {project['version']} (commit {commit})")
+        parser.exit()
+
+
 def _parser(chosen: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="crux",
@@ -61,6 +76,7 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and the commit that was built")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
         if name == chosen:
