@@ -163,6 +163,8 @@ def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> i
 
 
 def _show(result: PlanResult, output: Path) -> None:
+    from crux_contracts.interpolation import is_walk
+
     seconds = result.steps * result.plan.dt_s
     print(
         f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}, "

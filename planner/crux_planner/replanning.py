@@ -69,8 +69,8 @@ class Planner:
         """A checked plan from the stance that `running`, a plan of this wall, takes next at or after `at_s`.
 
         `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
-        more, but still in the way. The horizon is the steps the running plan has left, or what the way takes if that is
-        more; from scratch it is what the scenario has left. `timing` has
+        more, but still in the way. The plan takes the steps the running one has left, or what the way takes if that is
+        more; ways are searched within what the scenario's horizon has left. `timing` has
         stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
         are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
         cost); where all that finds nothing `plan` is asked, which also says why.
@@ -89,9 +89,11 @@ class Planner:
         result = None
         if tail is not None and tail.open_to(problem):
             result = self._along(scenario, problem, tail, work, deadline)
+        most = max(problem.steps, self.scenario.horizon.steps - first)
         if result is None:
-            result = self._anew(scenario, problem, tail, work, deadline)
+            result = self._anew(scenario, problem, most, tail, work, deadline)
         if result is None:
+            scenario = rewritten(scenario, steps=most)
             found = plan_turning(
                 scenario,
                 self.robot,
@@ -104,8 +106,6 @@ class Planner:
             result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
-            left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
-            scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result.seconds = time.monotonic() - began
         return result
@@ -118,13 +118,14 @@ class Planner:
         return self._finish(scenario, replace(problem, steps=begun.steps), begun.schedule, begun.start, work, deadline)
 
     def _anew(
-        self, scenario: Scenario, problem: Problem, tail: Tail | None, work: Work, deadline: float
+        self, scenario: Scenario, problem: Problem, most: int, tail: Tail | None, work: Work, deadline: float
     ) -> PlanResult | None:
-        """The quickest moves to where the running plan's are known to lead on, or to the goal."""
+        """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
+        wide = replace(problem, steps=most)
         known = None if tail is None else tail.known(problem)
         with work.part("contacts", 0.1):
             moves, _ = search(
-                problem, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline, known=known
+                wide, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline, known=known
             )
         for spare in SPARE_KNOTS if moves is not None else ():
             with work.part("body", 0.3):

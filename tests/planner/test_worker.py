@@ -123,7 +123,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
 
 
 def test_a_plan_goes_on_without_its_bound(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker.sys, "executable", "/bin/false")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
     said: list[str] = []
     result = crux_planner.plan(scenario(two_rows()), robot, log=said.append)
     assert result.ok

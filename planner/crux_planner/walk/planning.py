@@ -178,9 +178,7 @@ def _first_good(
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
-    fails or the scenario keeps them.
-    """
+    """The first of the walks found that is exact and passes the check, or why none is."""
     failure: InfeasibleError | None = None
     bound = Beside(worker, np.inf)
     for _ in range(ATTEMPTS):
@@ -191,15 +189,10 @@ def _first_good(
             return failure or none
         if knots is None:
             break
-        shorter = (problem, knots) if scenario.planner.idle == "keep" else walk_without_waiting(problem, knots)
-        for walk, some in (shorter, (problem, knots)) if shorter[0] is not problem else (shorter,):
-            bounded = replace(asked, care=problem.care, steps=walk.steps)
-            bound.start((walk.steps, problem.care), lower_bound, bounded)
-            attempt = _finish(scenario, robot, walk, bound, some, work, deadline, method)
-            if isinstance(attempt, PlanResult):
-                return attempt
-            refused = attempt
-        failure = failure or refused
+        attempt = _finish(scenario, robot, problem, asked, bound, knots, work, deadline, method)
+        if isinstance(attempt, PlanResult):
+            return attempt
+        failure = failure or attempt
     bound.stop()
     assert failure is not None
     return failure
@@ -209,13 +202,39 @@ def _finish(
     scenario: Scenario,
     robot: Robot,
     problem: WalkProblem,
+    asked: WalkProblem,
     bound: Beside,
     knots: WalkKnots,
     work: Work,
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    """The exact problem and the check for a gait, whatever found it."""
+    """The exact problem and the check for a gait, whatever found it: without its waits, unless that fails or the
+    scenario keeps them.
+    """
+    if scenario.planner.idle != "keep":
+        shorter, moving = walk_without_waiting(problem, knots)
+        if shorter.steps < problem.steps:
+            attempt = _finish_as_it_is(scenario, robot, shorter, asked, bound, moving, work, deadline, method)
+            if isinstance(attempt, PlanResult):
+                return attempt
+            work.log(f"refused without its waits: {attempt}")
+    return _finish_as_it_is(scenario, robot, problem, asked, bound, knots, work, deadline, method)
+
+
+def _finish_as_it_is(
+    scenario: Scenario,
+    robot: Robot,
+    problem: WalkProblem,
+    asked: WalkProblem,
+    bound: Beside,
+    knots: WalkKnots,
+    work: Work,
+    deadline: float,
+    method: str,
+) -> PlanResult | InfeasibleError:
+    bounded = replace(asked, care=problem.care, steps=problem.steps)
+    bound.start((bounded.steps, bounded.care), lower_bound, bounded)
     gait = knots.gait
     for _ in range(1 + CUTS):
         with work.part("nlp", 0.5):
