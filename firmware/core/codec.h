@@ -21,7 +21,9 @@ enum {
   CRUX_CAUSE_INVALID_COMMAND = CRUX_CAN_JOINT_EMERGENCY_CAUSE_INVALID_COMMAND_CHOICE,
   CRUX_CAUSE_RESTARTED = CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE,
   CRUX_CAUSE_SENSOR = CRUX_CAN_JOINT_EMERGENCY_CAUSE_SENSOR_CHOICE,
-  CRUX_CAUSE_COUNT = CRUX_CAUSE_SENSOR + 1
+  CRUX_CAUSE_DRIVER = CRUX_CAN_JOINT_EMERGENCY_CAUSE_DRIVER_CHOICE,
+  CRUX_CAUSE_THERMOMETER = CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE,
+  CRUX_CAUSE_COUNT = CRUX_CAUSE_THERMOMETER + 1
 };
 enum {
   CRUX_MODE_HOLD = CRUX_CAN_JOINT_COMMAND_MODE_HOLD_CHOICE,
@@ -44,7 +46,7 @@ enum {
 #define CRUX_FT_OVERLOAD 0x01U
 #define CRUX_FT_NOT_READY 0x02U
 
-/// Nearest whole degree a signed byte can hold; not a number becomes its lowest value.
+/// Nearest whole degree a signed byte can hold; not a number becomes its lowest value, which says "not known".
 int8_t crux_whole_degrees(float temperature_degC);
 
 #endif

@@ -140,6 +140,7 @@ static void report_conditions(crux_gripper_node *node, const crux_gripper_inputs
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_POSITION_LIMIT, tracking && node->taken.opening_clamped,
                       crux_float_bits(node->taken.asked_opening_m));
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
+  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
   crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
 }
 

@@ -19,14 +19,15 @@
 #include "safety.h"
 
 typedef struct crux_gripper_inputs {
-  float opening_m;  ///< pad face to gripper centre; not finite: the sensor is lost
-  float speed_m_s;  ///< of the opening; as above
-  float force_N;    ///< squeeze a finger, for the status
-  float temperature_degC;
+  float opening_m;         ///< pad face to gripper centre; not finite: the sensor is lost
+  float speed_m_s;         ///< of the opening; as above
+  float force_N;           ///< squeeze a finger, for the status
+  float temperature_degC;  ///< of the winding; not finite: the thermometer is lost
   float wrench[6];    ///< fx fy fz [N] mx my mz [Nm], of the world on the gripper about its centre, gripper frame, raw
   bool wrench_valid;  ///< the F/T sensor has a sample
   bool wrench_overloaded;  ///< by its own word
   bool bus_off;
+  bool driver_fault;  ///< the gate driver stopped the bridge, or has just now
 } crux_gripper_inputs;
 
 typedef struct crux_gripper_outputs {

@@ -199,6 +199,7 @@ static void report_conditions(crux_joint_node *node, const crux_joint_inputs *in
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_VELOCITY_LIMIT, tracking && node->taken.velocity_clamped,
                       crux_float_bits(node->taken.asked_velocity_rad_s));
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
+  crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
   crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
 }
 

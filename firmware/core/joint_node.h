@@ -19,11 +19,12 @@
 #include "safety.h"
 
 typedef struct crux_joint_inputs {
-  float position_rad;    ///< not finite: the encoder is lost
-  float velocity_rad_s;  ///< as above
-  float torque_Nm;       ///< of the motor, for the status
-  float temperature_degC;
-  bool bus_off;  ///< the CAN controller has left the bus
+  float position_rad;      ///< not finite: the encoder is lost
+  float velocity_rad_s;    ///< as above
+  float torque_Nm;         ///< of the motor, for the status
+  float temperature_degC;  ///< of the winding; not finite: the thermometer is lost
+  bool bus_off;            ///< the CAN controller has left the bus
+  bool driver_fault;       ///< the gate driver stopped the bridge, or has just now
 } crux_joint_inputs;
 
 typedef struct crux_joint_outputs {

@@ -10,12 +10,8 @@
 int8_t crux_whole_degrees(float temperature_degC) {
   const float rounded = roundf(temperature_degC);
   int8_t result = (int8_t)INT8_MIN;
-  if (rounded >= (float)INT8_MAX) {
-    result = (int8_t)INT8_MAX;
-  } else if (rounded > (float)INT8_MIN) {
-    result = (int8_t)rounded;
-  } else {
-    // below the range, or not a number: an open thermometer reads cold
+  if (isfinite(temperature_degC) != 0) {
+    result = (int8_t)crux_clamp(rounded, (float)INT8_MIN + 1.0F, (float)INT8_MAX);
   }
   return result;
 }
@@ -84,7 +80,7 @@ void crux_link_event(crux_link *link, uint8_t cause, uint32_t detail) {
 }
 
 void crux_link_condition(crux_link *link, uint8_t cause, bool active, uint32_t detail) {
-  const uint8_t bit = (uint8_t)(1U << (cause - 1U));
+  const uint8_t bit = (uint8_t)CRUX_CAN_FAULT_BIT(cause);
   if (active && ((link->faults & bit) == 0U)) {
     crux_link_event(link, cause, detail);
   }
@@ -125,11 +121,11 @@ bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_fra
 }
 
 void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC) {
-  const bool was_hot = (link->faults & (1U << (CRUX_CAUSE_OVER_TEMPERATURE - 1U))) != 0U;
+  const bool was_hot = (link->faults & CRUX_CAN_FAULT_BIT((uint32_t)CRUX_CAUSE_OVER_TEMPERATURE)) != 0U;
   const float threshold_degC = was_hot ? (limit_degC - TEMPERATURE_HYSTERESIS_K) : limit_degC;
-  // Written so that a lost thermometer (not a number) counts as hot.
-  const bool hot = !(temperature_degC < threshold_degC);
-  crux_link_condition(link, (uint8_t)CRUX_CAUSE_OVER_TEMPERATURE, hot, crux_float_bits(temperature_degC));
+  crux_link_condition(link, (uint8_t)CRUX_CAUSE_OVER_TEMPERATURE, temperature_degC >= threshold_degC,
+                      crux_float_bits(temperature_degC));
+  crux_link_condition(link, (uint8_t)CRUX_CAUSE_THERMOMETER, isfinite(temperature_degC) == 0, 0U);
 }
 
 void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, uint32_t parameter_hash) {

@@ -80,7 +80,7 @@ bool crux_link_hear_sync(crux_link *link, crux_guard *guard, const crux_frame *f
 /// The same of a broadcast; `content`: how its command for this node was judged. True when that is taken over.
 bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_frame *frame, uint8_t content);
 
-/// Over the limit, until 5 K below it.
+/// Over the limit, until 5 K below it; or not known, for a thermometer that is open or shorted says nothing.
 void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC);
 
 /// Pops the oldest frame of the transmit queue; false when it is empty.

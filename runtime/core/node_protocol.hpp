@@ -22,14 +22,15 @@ enum class NodeState : std::int8_t {
 };
 
 /// Bit of a status' Faults that stands for an emergency cause.
-constexpr int fault_bit(int cause) { return 1 << (cause - 1); }
+constexpr int fault_bit(unsigned cause) { return static_cast<int>(CRUX_CAN_FAULT_BIT(cause)); }
 
 /// The watchdog latched a hold; REARM clears it.
 inline constexpr int kFaultCommandTimeout = fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_COMMAND_TIMEOUT_CHOICE);
 /// What makes a node unfit to go on. (Clamped commands are the node's protection, not a defect of it.)
 inline constexpr int kFaultsUnfit = fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_OVER_TEMPERATURE_CHOICE) |
                                     fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_BUS_OFF_CHOICE) |
-                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_SENSOR_CHOICE);
+                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_DRIVER_CHOICE) |
+                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE);
 
 // ForceTorque.Status
 inline constexpr int kFtOverload = 1;

@@ -31,6 +31,10 @@ const char* cause_name(std::uint8_t cause) {
       return "invalid command";
     case CRUX_CAN_JOINT_EMERGENCY_CAUSE_SENSOR_CHOICE:
       return "sensor lost";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_DRIVER_CHOICE:
+      return "the gate driver stopped the bridge";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE:
+      return "the winding's thermometer is open or shorted";
     default:
       return "unknown cause";
   }

@@ -125,7 +125,39 @@ TEST(JointNode, TemperatureIsReportedWithHysteresisAndNeverCutsTorque) {
   EXPECT_EQ(faults_at(80.0F), 0x20);
   EXPECT_EQ(faults_at(76.0F), 0x20);
   EXPECT_EQ(faults_at(74.0F), 0);
-  EXPECT_EQ(faults_at(kNaN), 0x20) << "a lost thermometer counts as hot";
+  EXPECT_EQ(faults_at(81.0F), 0x20);
+  EXPECT_EQ(faults_at(kNaN), 0x04) << "a lost thermometer is one, neither hot nor cold";
+  EXPECT_EQ(faults_at(25.0F), 0);
+  int lost = 0;
+  for (const auto& [id, frame] : take_all(joint.node.link)) {
+    crux_can_joint_emergency_t raw{};
+    crux_can_joint_emergency_unpack(&raw, frame.data, frame.length);
+    lost += (id == 0x080 + kJoint && raw.cause == CRUX_CAUSE_THERMOMETER) ? 1 : 0;
+  }
+  EXPECT_EQ(lost, 1);
+}
+
+TEST(JointNode, ABridgeThatItsDriverStoppedIsAFaultBitAndTheNodeGoesOn) {
+  Joint joint;
+  joint.run({.torque_Nm = 2.0F});
+  joint.inputs.driver_fault = true;
+  EXPECT_NEAR(joint.run({.torque_Nm = 2.0F}), 2.0F, 1e-4F);
+  EXPECT_EQ(joint.node.link.faults, 0x02);
+  EXPECT_EQ(joint.node.state, CRUX_STATE_TRACK);
+  joint.inputs.driver_fault = false;
+  joint.run({.torque_Nm = 2.0F});
+  EXPECT_EQ(joint.node.link.faults, 0);
+  Gripper gripper;
+  gripper.inputs.driver_fault = true;
+  gripper.inputs.temperature_degC = kNaN;
+  gripper.run({});
+  EXPECT_EQ(gripper.node.link.faults, 0x06);
+}
+
+TEST(JointNode, AnUnknownTemperatureIsToldFromAllOthers) {
+  for (const auto& [degC, told] : {std::pair{kNaN, -128}, {-300.0F, -127}, {-127.6F, -127}, {126.7F, 127}}) {
+    EXPECT_EQ(crux_whole_degrees(degC), told);
+  }
 }
 
 TEST(JointNode, BusOffIsAFaultBitWhileItLasts) {
@@ -144,7 +176,8 @@ TEST(JointNode, AnswersEverySyncOnce) {
                   .velocity_rad_s = -1.5F,
                   .torque_Nm = 2.0625F,
                   .temperature_degC = 41.4F,
-                  .bus_off = false};
+                  .bus_off = false,
+                  .driver_fault = false};
   joint.run({});
   take_all(joint.node.link);
   joint.cycle = 0x12344;
@@ -168,8 +201,12 @@ TEST(JointNode, AnswersEverySyncOnce) {
 TEST(JointNode, StatusSaturatesAndStaysFinite) {
   Joint joint;
   joint.run({});
-  joint.inputs = {
-      .position_rad = kNaN, .velocity_rad_s = 1e9F, .torque_Nm = -1e9F, .temperature_degC = 1e9F, .bus_off = false};
+  joint.inputs = {.position_rad = kNaN,
+                  .velocity_rad_s = 1e9F,
+                  .torque_Nm = -1e9F,
+                  .temperature_degC = 1e9F,
+                  .bus_off = false,
+                  .driver_fault = false};
   crux_joint_node_publish(&joint.node, &joint.inputs);
   const auto frames = take_all(joint.node.link);
   const crux_frame frame = frames.find(0x180 + kJoint)->second;

@@ -186,8 +186,12 @@ inline std::multimap<std::uint16_t, crux_frame> take_all(crux_link& link) {
 // A joint node, its host's counters and what its sensors read.
 struct Joint {
   crux_joint_node node{};
-  crux_joint_inputs inputs{
-      .position_rad = 0.0F, .velocity_rad_s = 0.0F, .torque_Nm = 0.0F, .temperature_degC = 25.0F, .bus_off = false};
+  crux_joint_inputs inputs{.position_rad = 0.0F,
+                           .velocity_rad_s = 0.0F,
+                           .torque_Nm = 0.0F,
+                           .temperature_degC = 25.0F,
+                           .bus_off = false,
+                           .driver_fault = false};
   std::uint8_t command_counter = 0;
   std::uint8_t sync_counter = 0;
   std::uint32_t cycle = 0;
@@ -221,7 +225,8 @@ struct Gripper {
                              .wrench = {},
                              .wrench_valid = true,
                              .wrench_overloaded = false,
-                             .bus_off = false};
+                             .bus_off = false,
+                             .driver_fault = false};
   std::uint8_t command_counter = 0;
   std::uint8_t sync_counter = 0;
   std::uint32_t cycle = 0;

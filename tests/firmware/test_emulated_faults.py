@@ -15,7 +15,9 @@ from host import TRACK, Host, host
 
 LF = 0
 NODE = 2
-FAULT_STATE = 4
+TRACK_STATE, FAULT_STATE = 2, 4
+DRIVER, THERMOMETER = (11, 1 << 1), (12, 1 << 2)  # cause, bit of Faults
+OPEN_DEG_C, SHORTED_DEG_C = -200.0, 5000.0  # where the thermistor is as good as that
 GRIPPER_COMMAND = {"Mode": TRACK, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 20.0}
 COMMAND = {"Mode": TRACK, "Position_rad": 0.25, "Kp_Nm_rad": 40.0, "Kd_Nms_rad": 1.0, "Torque_Nm": 2.0}
 UNDEFINED = struct.pack("<H", 0xDE00)  # udf #0
@@ -105,3 +107,57 @@ def test_an_encoder_that_never_answers_lets_the_field_stand(robot: Robot, tmp_pa
         assert emulated.fault == ""
         # The rotor was never seen: it may stand anywhere in the field.
         assert_field_stands(robot, bus, None)
+
+
+@pytest.mark.parametrize("for_s", [0.1, 0.0005])
+def test_a_fault_of_the_gate_driver_is_told_and_the_torque_comes_back(robot: Robot, for_s: float) -> None:
+    with board(robot, LF, NODE) as emulated, host(robot) as bus:
+        bus.nodes.replace(LF, NODE, emulated.port)
+        bus.plant.joint_position_rad[:] = 0.25
+        for cycle in range(50):
+            torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
+        assert torque[NODE - 1] == pytest.approx(2.0, abs=0.05)
+        bus.heard(LF)
+        emulated.break_driver(True)
+        if for_s < 0.001:
+            emulated.break_driver(False)  # too short for anybody to see the line itself
+        faults = []
+        for cycle in range(50, 100):
+            torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
+            heard = bus.heard(LF)
+            faults += [row["Cause"] for row in heard["JointEmergency", NODE]]
+            status = heard["JointStatus", NODE][-1]
+        assert faults == [DRIVER[0]]
+        assert status["Faults"] == DRIVER[1]
+        assert status["State"] == TRACK_STATE
+        assert torque[NODE - 1] == pytest.approx(2.0 if for_s < 0.001 else 0.0, abs=0.05)
+        emulated.break_driver(False)
+        for cycle in range(100, 160):
+            torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
+            status = bus.heard(LF)["JointStatus", NODE][-1]
+        assert torque[NODE - 1] == pytest.approx(2.0, abs=0.05)
+        assert status["Faults"] == 0
+
+
+@pytest.mark.parametrize("degC", [OPEN_DEG_C, SHORTED_DEG_C])
+def test_a_thermistor_that_is_open_or_shorted_is_a_fault_and_no_cold_motor(robot: Robot, degC: float) -> None:
+    with board(robot, LF, NODE) as emulated, host(robot) as bus:
+        bus.nodes.replace(LF, NODE, emulated.port)
+        bus.plant.joint_position_rad[:] = 0.25
+        for now_degC, temperature, faults, told in (
+            (25.0, 25, 0, []),
+            (degC, -128, THERMOMETER[1], [THERMOMETER[0]]),
+            (-20.0, -20, 0, []),
+        ):
+            bus.nodes.set_temperature(LF, NODE, now_degC)
+            bus.run(0, COMMAND, GRIPPER_COMMAND)
+            bus.heard(LF)
+            causes = []
+            for cycle in range(1, 6):
+                bus.run(cycle, COMMAND, GRIPPER_COMMAND)
+                heard = bus.heard(LF)
+                causes += [row["Cause"] for row in heard["JointEmergency", NODE]]
+            status = heard["JointStatus", NODE][-1]
+            assert status["Temperature_degC"] == pytest.approx(temperature, abs=1)
+            assert status["Faults"] == faults
+            assert set(told) >= set(causes)

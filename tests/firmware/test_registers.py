@@ -107,6 +107,7 @@ FIELDS = [
     ("TIM_CR2_OIS2N", "TIM1.cr2", "oisn[1]", 1),
     ("TIM_CR2_OIS3N", "TIM1.cr2", "oisn[2]", 1),
     ("TIM_CR2_MMS2_UPDATE", "TIM1.cr2", "mms2", "update"),
+    ("TIM_SR_BIF", "TIM1.sr", "bif[0]", 1),
     ("TIM_EGR_UG", "TIM1.egr", "ug", 1),
     ("TIM_CCMR1_OC1PE", "TIM1.ccmr_output[0]", "ocpe[0]", 1),
     ("TIM_CCMR1_OC1M_PWM1", "TIM1.ccmr_output[0]", "ocm[0]", "pwm_mode1"),

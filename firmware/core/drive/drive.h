@@ -26,6 +26,7 @@ typedef struct crux_drive_inputs {
   float phase_a_A;
   float phase_b_A;
   float supply_V;
+  bool bridge_off;  ///< the gate driver has stopped it: the duties do not act
 } crux_drive_inputs;
 
 /// How the port samples.

@@ -65,6 +65,8 @@ void crux_emulated_disturb(emulated_node *node, int on) { node->port.disturb(nod
 
 void crux_emulated_break_encoder(emulated_node *node, int on) { node->encoder_broken = on != 0; }
 
+void crux_emulated_break_driver(emulated_node *node, int on) { stm32g4_break(&node->chip, on != 0); }
+
 uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset) {
   return fdcan_model_read(&node->chip.can[0], offset);
 }

@@ -57,6 +57,9 @@ CRUX_API void crux_emulated_disturb(emulated_node *node, int on);
 /// While on, the motor's encoder does not answer.
 CRUX_API void crux_emulated_break_encoder(emulated_node *node, int on);
 
+/// While on, the gate driver reports a fault: it pulls the timer's break input.
+CRUX_API void crux_emulated_break_driver(emulated_node *node, int on);
+
 /// A register of FDCAN1, by its offset.
 CRUX_API uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset);
 

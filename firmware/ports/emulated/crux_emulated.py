@@ -132,6 +132,7 @@ def _load(path: Path) -> ctypes.CDLL:
         "flood": (None, [handle, ctypes.c_uint16, ctypes.c_char_p, integer, integer]),
         "disturb": (None, [handle, integer]),
         "break_encoder": (None, [handle, integer]),
+        "break_driver": (None, [handle, integer]),
         "cut_power": (None, [handle, ctypes.c_uint32, integer]),
         "record": (integer, [handle]),
         "recorded": (ctypes.c_uint32, [handle]),
@@ -223,6 +224,10 @@ class Board:
     def break_encoder(self, on: bool) -> None:
         """While on, the motor's encoder does not answer."""
         self._library.crux_emulated_break_encoder(self._handle, int(on))
+
+    def break_driver(self, on: bool) -> None:
+        """While on, the gate driver reports a fault."""
+        self._library.crux_emulated_break_driver(self._handle, int(on))
 
     def can_register(self, offset: int) -> int:
         """Of FDCAN1."""

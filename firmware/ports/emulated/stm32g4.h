@@ -61,7 +61,8 @@ typedef struct stm32g4 {
   uint32_t compare[3];   ///< of TIM1, acting
   uint64_t update_at;    ///< of TIM1
   uint32_t repetitions;  ///< of TIM1: what its repetition counter was loaded with
-  bool at_top;           ///< the counter of TIM1 at its last update
+  bool break_pulled;
+  bool at_top;  ///< the counter of TIM1 at its last update
   uint32_t bit_rate;
   uint32_t data_bit_rate;
 } stm32g4;
@@ -78,6 +79,10 @@ void stm32g4_power_off(stm32g4 *chip);
 
 /// Something came to a CAN controller: interrupt lines and the next event are looked at anew.
 void stm32g4_settle(stm32g4 *chip);
+
+/// The gate driver pulls the timer's break input, or lets it go: the outputs are off, all lower switches on, as long as
+/// it pulls, and with AOE come back at the next update.
+void stm32g4_break(stm32g4 *chip, bool pulled);
 
 /// Whether the lower switch of phase 0..2 conducts where the last update of TIM1 fell.
 bool stm32g4_lower_conducts(const stm32g4 *chip, unsigned phase);

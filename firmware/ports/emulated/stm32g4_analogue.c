@@ -27,6 +27,9 @@ enum {
 
 #define TIM_CR1_CEN (1U << 0U)
 #define TIM_CR1_CMS (3U << 5U)
+#define TIM_SR_BIF (1U << 7U)
+#define TIM_BDTR_BKE (1U << 12U)
+#define TIM_BDTR_AOE (1U << 14U)
 #define TIM_BDTR_MOE (1U << 15U)
 #define TIM_CR2_MMS2_UPDATE 2U
 #define ADC_ADRDY (1U << 0U)
@@ -86,12 +89,26 @@ static double duty(const stm32g4 *chip, unsigned channel) {
   return on ? ((share < 1.0) ? share : 1.0) : 0.0;
 }
 
+static void break_outputs(stm32g4 *chip) {
+  if (chip->break_pulled && ((chip->timer1[TIM_BDTR] & TIM_BDTR_BKE) != 0U)) {
+    chip->timer1[TIM_BDTR] &= ~TIM_BDTR_MOE;
+    chip->timer1[TIM_SR] |= TIM_SR_BIF;
+  }
+}
+
+void stm32g4_break(stm32g4 *chip, bool pulled) {
+  chip->break_pulled = pulled;
+  break_outputs(chip);
+}
+
 void stm32g4_update_timer(stm32g4 *chip) {
   const double duties[3] = {duty(chip, 0U), duty(chip, 1U), duty(chip, 2U)};
   chip->board.pwm_period(chip->board.context, chip->update_at, duties);
   for (unsigned i = 0U; i < 3U; i++) {
     chip->compare[i] = chip->timer1[TIM_CCR1 + i];
   }
+  chip->timer1[TIM_BDTR] |= ((chip->timer1[TIM_BDTR] & TIM_BDTR_AOE) != 0U) ? TIM_BDTR_MOE : 0U;
+  break_outputs(chip);
   turn(chip);
   convert_injected(chip);
   reload_repetitions(chip);
@@ -105,7 +122,8 @@ bool stm32g4_lower_conducts(const stm32g4 *chip, unsigned phase) {
 }
 
 void stm32g4_write_timer1(stm32g4 *chip, uint32_t word, uint32_t value) {
-  chip->timer1[word] = value;
+  chip->timer1[word] = (word == TIM_SR) ? (chip->timer1[word] & value) : value;
+  break_outputs(chip);
   if ((word == TIM_EGR) && ((value & 1U) != 0U)) {
     chip->at_top = false;  // back to 0
     reload_repetitions(chip);

@@ -6,6 +6,7 @@
 #include "board.h"
 #include "drive/as5047p.h"
 #include "registers.h"
+#include "safety.h"
 
 #define PWM_HZ 20000UL
 #define PWM_TOP (BOARD_CORE_HZ / (2UL * PWM_HZ))  ///< counted up and down
@@ -28,6 +29,12 @@
 #define THERMISTOR_B_K 3435.0F
 #define THERMISTOR_NOMINAL_K 298.15F
 #define CELSIUS_K 273.15F
+// No winding is that cold or hot: an open thermistor reads -100 degC, a shorted one less still.
+#define COLDEST_DEG_C (-55.0F)
+#define HOTTEST_DEG_C 250.0F
+
+/// A fault of the gate driver is told so long at least, that a short one shows in a status.
+#define DRIVER_FAULT_TICKS (BOARD_TICK_HZ / 10UL)
 
 #define ENCODER_SETTLE_CYCLES 60U  ///< more than the 350 ns between the select's edges and the clock
 #define ENCODER_TRIES 600U         ///< more than the 10 ms the sensor needs after power-up: a try takes 22 us
@@ -51,6 +58,7 @@ static uint32_t periods_seen;
 static uint32_t still_ticks;  ///< without a period since the tick before
 static bool was_behind;       ///< at the last tick
 static bool supply_is_next;
+static uint32_t driver_fault_ticks;  ///< for which a fault of the gate driver is told yet
 
 void drive_port_on_sample(void);
 
@@ -171,6 +179,7 @@ void drive_port_on_sample(void) {
   inputs.encoder_valid = crux_as5047p_valid(answer);
   inputs.encoder_raw = crux_as5047p_angle(answer);
   inputs.supply_V = supply_V;
+  inputs.bridge_off = (TIM1_BDTR & TIM_BDTR_MOE) == 0U;
   crux_drive_step(drive, &inputs);
   select_encoder(BOARD_PIN_MOTOR_ENCODER);
   TIM1_CCR1 = compare(drive->outputs.duty[0]);
@@ -184,7 +193,20 @@ void drive_port_on_sample(void) {
 static float thermistor_degC(float counts) {
   const float share = counts / ADC_COUNTS;
   const float inverse_K = (1.0F / THERMISTOR_NOMINAL_K) + (logf(share / (1.0F - share)) / THERMISTOR_B_K);
-  return (1.0F / inverse_K) - CELSIUS_K;
+  const float degC = (1.0F / inverse_K) - CELSIUS_K;
+  return crux_makes_sense(degC, COLDEST_DEG_C, HOTTEST_DEG_C) ? degC : NAN;
+}
+
+/// The timer keeps a break in mind until it is asked, and as long as the driver pulls the line.
+static void look_at_driver(void) {
+  if ((TIM1_SR & TIM_SR_BIF) != 0U) {
+    TIM1_SR = ~TIM_SR_BIF;
+    driver_fault_ticks = DRIVER_FAULT_TICKS;
+  } else if (driver_fault_ticks > 0U) {
+    driver_fault_ticks--;
+  } else {
+    // none
+  }
 }
 
 bool drive_port_tick(void) {
@@ -199,6 +221,7 @@ bool drive_port_tick(void) {
   }
   periods_seen = periods;
   was_behind = board_is_behind();
+  look_at_driver();
   const float counts = (float)(ADC_DR(ADC1) & 0xFFFFUL);
   if (supply_is_next) {
     supply_V = counts * SUPPLY_V_PER_COUNT;
@@ -210,6 +233,8 @@ bool drive_port_tick(void) {
 }
 
 float drive_port_temperature_degC(void) { return temperature_degC; }
+
+bool drive_port_driver_fault(void) { return driver_fault_ticks > 0U; }
 
 void drive_port_stand(void) {
   if (controlled != NULL) {

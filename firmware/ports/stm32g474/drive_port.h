@@ -1,10 +1,10 @@
 /// The drive's hardware: timer, ADCs and encoders, and the interrupt in which the currents are controlled.
 ///
-/// Timer 1 counts up and down at 20 kHz; an upper switch is on below its duty's count (PWM mode 1). The update event, at
-/// the overflow, loads the duties and starts both ADCs' conversions of the phase currents: in the middle of the lower
-/// switches' pulses, for the shunts lie under these. Their end starts the interrupt; the duties it computes act from
-/// the next update on, for a whole period. The interrupt never waits for the encoder: a frame that started at
-/// the end of one interrupt is read at the start of the next, and carries the angle latched at the start of the former.
+/// Timer 1 counts up and down at 20 kHz; an upper switch is on below its duty's count (PWM mode 1). The update event,
+/// at the overflow, loads the duties and starts both ADCs' conversions of the phase currents: in the middle of the
+/// lower switches' pulses, for the shunts lie under these. Their end starts the interrupt; the duties it computes act
+/// from the next update on, for a whole period. The interrupt never waits for the encoder: a frame that started at the
+/// end of one interrupt is read at the start of the next, and carries the angle latched at the start of the former.
 #ifndef CRUX_STM32G474_DRIVE_PORT_H
 #define CRUX_STM32G474_DRIVE_PORT_H
 
@@ -26,8 +26,11 @@ void drive_port_start(crux_drive *drive, const calibration *zeros);
 /// ticks: then nothing of the drive is measured any more.
 bool drive_port_tick(void);
 
-/// Of the winding [degC].
+/// Of the winding [degC]; not a number: the thermistor is open or shorted, or has not been read yet.
 float drive_port_temperature_degC(void);
+
+/// Whether the gate driver has stopped the bridge within the last 0.1 s (drive_port_tick).
+bool drive_port_driver_fault(void);
 
 /// For the fault handler: duties of a standing field, which the timer keeps without the processor.
 void drive_port_stand(void);

@@ -49,6 +49,7 @@ static void measure(void) {
   }
   inputs.temperature_degC = drive_port_temperature_degC();
   inputs.bus_off = fdcan_recover();
+  inputs.driver_fault = drive_port_driver_fault();
 }
 
 static void read_sensor(void) {

@@ -46,6 +46,7 @@ static void measure(void) {
   }
   inputs.temperature_degC = drive_port_temperature_degC();
   inputs.bus_off = fdcan_recover();
+  inputs.driver_fault = drive_port_driver_fault();
 }
 
 /// The node alone, from one interrupt to the next: also while its services wait for the flash. True once a tick.
