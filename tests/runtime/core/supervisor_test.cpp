@@ -235,6 +235,16 @@ TEST_F(Faults, AnUnfitNodeIsNamed) {
   expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 7);
 }
 
+TEST_F(Faults, AStoppedBridgeMakesANodeUnfit) {
+  input().joint_faults[13] = 0x02;  // cause 11 of msgs/can
+  expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 2);
+}
+
+TEST_F(Faults, ALostThermometerMakesANodeUnfit) {
+  input().gripper_faults[1] = 0x04;  // cause 12
+  expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 1, 7);
+}
+
 TEST_F(Faults, ANodeThatLatchedItsHoldMakesTheRobotHoldAndCanBeRearmed) {
   input().joint_faults[13] = kFaultCommandTimeout;
   expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 2, 2);
