@@ -1,4 +1,4 @@
-"""Writes the commit that is built, for C++ (crux_msgs/commit.hpp) and Python (crux_commit.py). Run by every build."""
+"""Writes the commit that is built, for C++ (commit.hpp) and Python (crux_commit.py). Run by every build."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder to write into (build/gen)")
     out = parser.parse_args().out
     name = commit()
-    constant = f'namespace crux_msgs {{\ninline constexpr const char* kCommit = "{name}";\n}}  // namespace crux_msgs\n'
-    write_changed(out / "cpp/crux_msgs/commit.hpp", f"#pragma once\n\n{constant}")
+    constant = f'namespace crux_msgs {{\nconst char* const kCommit = "{name}";\n}}  // namespace crux_msgs\n'
+    write_changed(out / "cpp/commit.cpp", f'#include "commit.hpp"\n\n{constant}')
     write_changed(out / "python/crux_commit.py", f'COMMIT: str = "{name}"\n')
 
 

@@ -11,7 +11,7 @@
 #include <ctime>
 #include <filesystem>
 
-#include "crux_msgs/commit.hpp"
+#include "commit.hpp"
 
 namespace crux {
 namespace {
