@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -10,6 +11,7 @@
 #include <cstring>
 #include <ctime>
 #include <filesystem>
+#include <limits>
 
 #include "commit.hpp"
 
@@ -17,6 +19,7 @@ namespace crux {
 namespace {
 
 constexpr int kMostNames = 100'000;
+constexpr int kClockReadings = 8;
 constexpr const char* kMediaYaml = "application/yaml";
 constexpr const char* kMediaUrdf = "application/xml";
 
@@ -49,6 +52,18 @@ std::int64_t now_ns(clockid_t clock) {
   return std::int64_t{now.tv_sec} * std::nano::den + now.tv_nsec;
 }
 
+/// What to add to CLOCK_MONOTONIC for UTC: the best of some readings, for the program may be interrupted within one.
+std::int64_t utc_minus_monotonic_ns() {
+  std::int64_t offset = 0, least_gap = std::numeric_limits<std::int64_t>::max();
+  for (int i = 0; i < kClockReadings; ++i) {
+    const std::int64_t before = now_ns(CLOCK_MONOTONIC), utc = now_ns(CLOCK_REALTIME);
+    const std::int64_t gap = now_ns(CLOCK_MONOTONIC) - before;
+    if (gap < least_gap) offset = utc - before - gap / 2;
+    least_gap = std::min(gap, least_gap);
+  }
+  return offset;
+}
+
 /// ISO 8601, with microseconds.
 std::string utc_text(std::int64_t time_ns) {
   const std::time_t seconds = time_ns / std::nano::den;
@@ -73,17 +88,17 @@ std::string version() { return std::string(CRUX_VERSION " (commit ") + crux_msgs
 
 std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
   if (options.log.empty()) return nullptr;
-  if (std::filesystem::exists(options.log) && !std::filesystem::is_regular_file(options.log))
+  std::error_code unknown;  // what cannot be looked at cannot be created either
+  if (std::filesystem::exists(options.log, unknown) && !std::filesystem::is_regular_file(options.log, unknown))
     throw LogError("log " + options.log + ": is no file that a log can be written to");
   auto log = std::make_unique<McapLog>(options.overwrite ? options.log : free_name(options.log));
-  const std::int64_t utc_ns = now_ns(CLOCK_REALTIME);
   log->write_metadata("crux", {{"version", CRUX_VERSION},
                                {"commit", crux_msgs::kCommit},
                                {"robot", robot.name},
                                {"robot_sha256", robot.sha256},
                                {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"},
-                               {"started_utc", utc_text(utc_ns)},
-                               {"utc_minus_monotonic_ns", std::to_string(utc_ns - now_ns(CLOCK_MONOTONIC))},
+                               {"started_utc", utc_text(now_ns(CLOCK_REALTIME))},
+                               {"utc_minus_monotonic_ns", std::to_string(utc_minus_monotonic_ns())},
                                {"host", host()},
                                {"command_line", options.command_line}});
   if (!options.tags.empty()) log->write_metadata("crux_tags", options.tags);
