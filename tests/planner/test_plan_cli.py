@@ -97,9 +97,8 @@ def test_what_is_proven_of_the_cost_is_said_for_the_reach_it_plans_with(
 ) -> None:
     wall, output = write(tmp_path, two_rows())
     assert crux_plan(wall, "-o", str(output)) == 0
-    proven = [line for line in capsys.readouterr().out.splitlines() if "proven" in line]
-    assert len(proven) == 1
-    assert proven[0].startswith("proven for the reach it plans with, ")
+    (proven,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("proven")]
+    assert proven.startswith("proven for the reach it plans with, ")
 
 
 def test_help_says_what_the_papers_methods_are_here(capsys: pytest.CaptureFixture[str]) -> None:
