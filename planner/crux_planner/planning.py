@@ -75,7 +75,8 @@ def plan(
             return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
         result = _plan_anyhow(scenario, robot, problem, reach, ways, work, deadline)
     except InfeasibleError as none:
-        worker.stop()
+        work.bound = None
+        worker.stop()  # what it bounds is of no use any more
         reason, late = none, work.cut_short
         if method == "auto":
             reason = _cause(scenario, robot, problem, reach, ways, work, deadline, none)

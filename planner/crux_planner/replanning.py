@@ -106,6 +106,8 @@ class Planner:
             result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
+            left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
+            scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result.seconds = time.monotonic() - began
         return result

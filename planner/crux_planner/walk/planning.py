@@ -178,7 +178,9 @@ def _first_good(
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    """The first of the walks found that is exact and passes the check, or why none is."""
+    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
+    fails or the scenario keeps them.
+    """
     failure: InfeasibleError | None = None
     bound = Beside(worker, np.inf)
     for _ in range(ATTEMPTS):
