@@ -14,7 +14,7 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_tools import cli
 from crux_tools.bench.climb import ClimbResult
-from crux_tools.bench.judge import Verdict
+from crux_tools.bench.judge import Tracking, Verdict
 from crux_tools.bench.loop import Ending, Outcome
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
@@ -141,15 +141,16 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     write_log(log, Story(metadata={"command_line": "crux-runtime --pace bus", **recorded}))
     verdict = Verdict(
         reached_goal=False, fell=True, fall_reason="limb LF lost its hold in stance at 3.2 s", slips=2,
-        largest_slip_m=0.0066, body_max_m=0.2, body_rms_m=0.1, finger_max_m=0.2, force_rms_n=3.0, goal_error_m=0.045,
-        goal_error_rad=0.1, link_contact_force_n=0.0,
+        largest_slip_m=0.0066, goal_error_m=0.045, goal_error_rad=0.1, link_contact_force_n=0.0,
     )  # fmt: skip
-    result = ClimbResult(Outcome(Ending.COMPLETE, 400, 1.0, 0), verdict, 1.0, 0, "it fell", log)
+    result = ClimbResult(
+        Outcome(Ending.COMPLETE, 400, 1.0, 0), verdict, Tracking(), 1.0, 0, "it fell", log, log_complete=False
+    )
     page = Page(_written(log, tmp_path / "report.html", result))
     told = _told(page, "Verdict")
     assert told.startswith(
         "Failed: 45.0 mm and 5.7 deg off the goal (10 mm and 3 deg allowed), 2 slips (largest 6.60 mm), a fall (limb "
-        "LF lost its hold in stance at 3.2 s), no fault, least margin "
+        "LF lost its hold in stance at 3.2 s), log incomplete, no fault, least margin "
     )
     for fact in recorded.values():
         assert fact in told

@@ -56,6 +56,7 @@ def _judged(result: ClimbResult, log: Telemetry) -> list[str]:
         f"{verdict.slips or 'no'} slip{'' if verdict.slips == 1 else 's'} "
         f"(largest {verdict.largest_slip_m * 1e3:.2f} mm)",
         f"a fall ({verdict.fall_reason})" if verdict.fell else "no fall",
+        *([] if result.log_complete else ["log incomplete"]),
     ]
 
 
