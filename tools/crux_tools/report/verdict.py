@@ -9,8 +9,8 @@ import numpy as np
 from crux_contracts.interpolation import is_walk
 
 from crux_tools.bench.judge import angle_between, goal_pose, rotations_from_quaternions
-from crux_tools.plan_robot import SHOWN
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.description import SHOWN
 from crux_tools.telemetry.summary import FaultNote, Summary
 
 if TYPE_CHECKING:
