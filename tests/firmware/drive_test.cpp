@@ -65,8 +65,7 @@ struct Servo {
                                    .encoder_valid = encoder_works,
                                    .phase_a_A = static_cast<float>(current_gain * motor.phase(0)),
                                    .phase_b_A = static_cast<float>(current_gain * motor.phase(1)),
-                                   .supply_V = static_cast<float>(kSupply),
-                                   .bridge_off = false};
+                                   .supply_V = static_cast<float>(kSupply)};
     late_sample = motor.encoder(kMounting.rotor_zero_counts);
     crux_drive_step(&drive, &inputs);
     turn(acting.data());
@@ -234,12 +233,8 @@ TEST(Drive, AJointThatCannotFindItsPositionHoldsStill) {
 TEST(Drive, ASupplyThatIsMeasuredWronglyDoesNotStopTheMotor) {
   Servo servo;
   servo.inertia = 1e6;
-  crux_drive_inputs inputs{.encoder_raw = servo.late_sample,
-                           .encoder_valid = true,
-                           .phase_a_A = 0.0F,
-                           .phase_b_A = 0.0F,
-                           .supply_V = 0.0F,
-                           .bridge_off = false};
+  crux_drive_inputs inputs{
+      .encoder_raw = servo.late_sample, .encoder_valid = true, .phase_a_A = 0.0F, .phase_b_A = 0.0F, .supply_V = 0.0F};
   for (const float supply : {0.0F, -5.0F, kNaN, 1e9F}) {
     inputs.supply_V = supply;
     crux_joint_drive_tick(&servo.joint, kTick, 4.0F, kRoom);

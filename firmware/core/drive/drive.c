@@ -75,14 +75,14 @@ void crux_drive_step(crux_drive *drive, const crux_drive_inputs *inputs) {
       .quadrature_wanted_A = stands ? standing_A(drive) : drive->quadrature_wanted_A,
   };
   crux_current_control_step(&drive->current, &current, &drive->outputs);
-  if (inputs->bridge_off) {
-    // What did not act has taught nothing: integrators that wound up would shake the joint when the bridge is back.
-    drive->current.direct_integral_V = 0.0F;
-    drive->current.quadrature_integral_V = 0.0F;
-  }
   if (drive->current_lost) {
     stand_by_voltage(drive, drive->outputs.duty);
   }
+}
+
+void crux_drive_forget(crux_drive *drive) {
+  drive->current.direct_integral_V = 0.0F;
+  drive->current.quadrature_integral_V = 0.0F;
 }
 
 void crux_drive_tick(crux_drive *drive, float dt_s, float rotor_torque_Nm, float temperature_degC) {

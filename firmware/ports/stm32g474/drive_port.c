@@ -179,7 +179,6 @@ void drive_port_on_sample(void) {
   inputs.encoder_valid = crux_as5047p_valid(answer);
   inputs.encoder_raw = crux_as5047p_angle(answer);
   inputs.supply_V = supply_V;
-  inputs.bridge_off = (TIM1_BDTR & TIM_BDTR_MOE) == 0U;
   crux_drive_step(drive, &inputs);
   select_encoder(BOARD_PIN_MOTOR_ENCODER);
   TIM1_CCR1 = compare(drive->outputs.duty[0]);
@@ -202,6 +201,7 @@ static void look_at_driver(void) {
   if ((TIM1_SR & TIM_SR_BIF) != 0U) {
     TIM1_SR = ~TIM_SR_BIF;
     driver_fault_ticks = DRIVER_FAULT_TICKS;
+    crux_drive_forget(controlled);
   } else if (driver_fault_ticks > 0U) {
     driver_fault_ticks--;
   } else {
