@@ -59,8 +59,8 @@ void crux_drive_init(crux_drive *drive, const crux_motor_parameters *motor, uint
 /// One PWM period: the duties are in drive->outputs.
 void crux_drive_step(crux_drive *drive, const crux_drive_inputs *inputs);
 
-/// For a control period in which the bridge was stopped: what did not act has taught nothing. Integrators that wound up would
-/// shake the joint when the bridge is back.
+/// For a control period in which the bridge was stopped: what did not act has taught nothing. Integrators that wound up
+/// would shake the joint when the bridge is back.
 void crux_drive_forget(crux_drive *drive);
 
 /// One control period of dt_s > 0 seconds: sets the current for a rotor torque, as far as heat allows. A temperature

@@ -185,7 +185,7 @@ void drive_port_on_sample(void) {
   TIM1_CCR2 = compare(drive->outputs.duty[1]);
   TIM1_CCR3 = compare(drive->outputs.duty[2]);
   periods++;
-  board_spend(ENCODER_SETTLE_CYCLES / 3U);  // a turn of the loop takes three cycles
+  board_spend(ENCODER_SETTLE_CYCLES / 4U);  // a turn of the loop takes four: add, compare, a branch that is taken
   SPI1_DR = CRUX_AS5047P_READ_ANGLE;
 }
 
