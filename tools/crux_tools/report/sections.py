@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import is_walk
-from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot import Robot
 
 from crux_tools.bench.start_pose import RobotPose
 from crux_tools.report import figures
@@ -20,7 +20,7 @@ from crux_tools.report.plan_series import PlanSeries, Swing, plan_series
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.description import difference
+from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
@@ -149,7 +149,7 @@ def _joints(log: Telemetry, robot: Robot) -> Section:
     limit = f"{robot.servo.temperature_limit_degC:g} °C"
     text = (
         "Peak against the joint's effort and RMS while climbing against what the motor's winding bears for good, both "
-        "of the robot description on this machine; heat is the share that the drive's count would reach from a cold "
+        "of the robot description; heat is the share that the drive's count would reach from a cold "
         f"start. A log has no temperatures, only which nodes report {limit} or more."
     )
     rows = [("reported hot", hot or "none"), *loads.rows()]
@@ -170,11 +170,12 @@ def _gait(log: Telemetry) -> Section:
 
 def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = None) -> list[Section]:
     """Everything about a climb; `result` is the judge's, where there is one."""
-    robot = load_robot(log.plan.robot_name) if log.plan is not None else None
     smallest = float("nan")
-    margins = []
-    if robot is not None:
-        plot, smallest = figures.measured_margins(log, robot.control.force_filter_s)
+    margins, joints = [], []
+    if log.plan is not None:
+        with robot_of(log.plan.robot_name, log.robot_files) as robot:
+            joints = [_joints(log, robot)]
+            plot, smallest = figures.measured_margins(log, robot.control.force_filter_s)
         walks = is_walk(log.plan)
         text = _MARGIN + ("" if walks else _APPLIED)
         rows = [(_smallest(walks, APPLIED), f"{smallest:.2f} N")]
@@ -196,9 +197,8 @@ def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = 
         *margins,
         Section("body", "Body off its reference", "As the runtime estimates it.", plots=[figures.body_tracking(log)]),
         Section("grasp", "Grasp forces", "Squeeze of a finger.", plots=[figures.grasp_forces(log)]),
+        *joints,
     ]
-    if robot is not None:
-        sections.append(_joints(log, robot))
     timing = figures.cycle_timing(log)
     if timing:
         text = (
