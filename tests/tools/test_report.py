@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import made_up_climb
 import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
@@ -202,6 +204,20 @@ def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     assert "LF joint1 4.1 of 2.4 Nm" in _told(page, "the mean load that makers of such servos advise")
     assert _told(page, "Peak torque beyond the joint's effort").startswith(": RF joint2 12.5 of 12.0 Nm.")
     assert _told(page, "RMS torque beyond what the winding bears for good").startswith(": RF joint2 12.5 of 8.1 Nm.")
+
+
+def test_limits_are_those_of_the_description_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(shutil.copytree(load_robot("scaler").folder, tmp_path / "scaler"))
+    described = (folder / "robot.yaml").read_text(encoding="utf-8")
+    assert "continuous_current_A: 5.0" in described
+    changed = described.replace("continuous_current_A: 5.0", "continuous_current_A: 4.0")
+    (folder / "robot.yaml").write_text(changed, encoding="utf-8")
+    monkeypatch.setattr(made_up_climb, "load_robot", lambda _: load_robot(folder))
+    log = tmp_path / "climb.mcap"
+    write_log(log, Story())
+    page, _ = _report(log, tmp_path)
+    limit = 4.0 / 5.0 * load_robot("scaler").motor.continuous_torque_Nm
+    assert _told(page, "LF joint1peak").startswith(f" 0.0 of 12.0 Nm, RMS 0.0 of {limit:.1f} Nm")
 
 
 def test_heat_follows_the_square_of_the_torque() -> None:
