@@ -35,7 +35,7 @@ void crux_gripper_node_on_frame(crux_gripper_node *node, const crux_frame *frame
       node->taken = command;
     }
   } else {
-    // for somebody else
+    crux_link_hear_host(&node->link, frame);
   }
 }
 

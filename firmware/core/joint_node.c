@@ -36,7 +36,7 @@ void crux_joint_node_on_frame(crux_joint_node *node, const crux_frame *frame) {
       node->taken = command;
     }
   } else {
-    // for somebody else
+    crux_link_hear_host(&node->link, frame);
   }
 }
 

@@ -140,8 +140,24 @@ void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, u
   crux_link_event(link, (uint8_t)CRUX_CAUSE_RESTARTED, CRUX_FIRMWARE_VERSION);
 }
 
+void crux_link_hear_host(crux_link *link, const crux_frame *frame) {
+  // A question changes nothing in the node, so a repeated one is no danger: any counter will do.
+  struct crux_e2e_receiver receiver = {0};
+  if ((frame->id == (uint16_t)CRUX_CAN_ID_HOST_HEARTBEAT) &&
+      (frame->length == (uint8_t)CRUX_CAN_LENGTH_HOST_HEARTBEAT) &&
+      crux_e2e_is_usable(crux_e2e_check(frame->id, frame->data, frame->length, &receiver))) {
+    struct crux_can_host_heartbeat_t heartbeat;
+    (void)crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length);
+    link->identity_asked = link->identity_asked || (heartbeat.identify == link->node);
+  }
+}
+
 void crux_link_tick(crux_link *link, uint32_t dt_us, uint8_t state) {
   link->uptime_us += dt_us;
+  if (link->identity_asked) {
+    link->identity_asked = false;
+    send_identity(link);
+  }
   for (uint32_t cause = 0U; cause < (uint32_t)CRUX_CAUSE_COUNT; cause++) {
     uint32_t *wait_us = &link->emergency_wait_us[cause];
     *wait_us = (*wait_us > dt_us) ? (*wait_us - dt_us) : 0U;

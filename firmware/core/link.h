@@ -50,6 +50,7 @@ typedef struct crux_link {
   uint8_t limb;  ///< 0..3
   uint8_t node;  ///< 1..7
   uint8_t faults;
+  bool identity_asked;  ///< by the host, since the last tick
   uint8_t sent[CRUX_SENT_KINDS];
   uint8_t queue_first;
   uint8_t queue_count;
@@ -59,7 +60,11 @@ typedef struct crux_link {
 /// Starts the node's life on the bus: queues its identity and the emergency RESTARTED.
 void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, uint32_t parameter_hash);
 
-/// Time passes: queues the heartbeat every 100 ms, nodes of a bus one after another.
+/// A HostHeartbeat may ask this node who it is; it answers in its next tick. Anything else is for somebody else.
+void crux_link_hear_host(crux_link *link, const crux_frame *frame);
+
+/// Time passes: queues the identity where it was asked for, and the heartbeat every 100 ms, nodes of a bus one after
+/// another.
 void crux_link_tick(crux_link *link, uint32_t dt_us, uint8_t state);
 
 /// Adds counter and CRC and queues the frame. When the queue is full the oldest frame is lost, and counted.

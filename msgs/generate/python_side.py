@@ -42,6 +42,7 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
     schemas = {s.name: (s.schema_name, definition(s, structs)) for s in structs.values()}
     rows = [(c.name, c.type, c.rate_Hz, c.writer, c.logged, c.topic) for c in channels]
     fault_rows = [(f.code, f.name, f.to, f.text) for f in faults]
+    help_rows = {f.code: (f.cause, f.do) for f in faults}
 
     def listing(name: str, annotation: str, items: list[str], brackets: str) -> str:
         body = "\n".join(f"    {item}," for item in items)
@@ -63,6 +64,8 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
             listing("CHANNELS", "list[tuple[str, str, float, str, bool, str]]", [repr(r) for r in rows], "[]"),
             "# (code, name, supervisor state that follows, text)",
             listing("FAULTS", "list[tuple[int, str, str, str]]", [repr(r) for r in fault_rows], "[]"),
+            "# code -> (cause, what to do)",
+            listing("FAULT_HELP", "dict[int, tuple[str, str]]", [f"{k!r}: {v!r}" for k, v in help_rows.items()], "{}"),
         ]
     )
 

@@ -39,6 +39,8 @@ class Fault:
     to: str
     recovers: bool
     text: str
+    cause: str
+    do: str
 
 
 def _load(path: Path, key: str) -> list[dict[str, Any]]:
@@ -78,7 +80,7 @@ def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
 
 def read_faults(path: Path, supervisor: Struct) -> list[Fault]:
     faults = [
-        Fault(int(e["code"]), e["name"], e["to"], bool(e.get("recovers", False)), e["text"])
+        Fault(int(e["code"]), e["name"], e["to"], bool(e.get("recovers", False)), e["text"], e["cause"], e["do"])
         for e in _load(path, "faults")
     ]
     states = {constant.name for constant in supervisor.constants}

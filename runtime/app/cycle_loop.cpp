@@ -23,9 +23,9 @@ constexpr auto kSilenceReport = 5s;
 constexpr auto kStopPatience = 100ms;  // pace bus: for answers after a stop has been asked for
 constexpr auto kFullLogPause = 100us;
 constexpr double kHeartbeatRate_Hz = 10.0;
+constexpr double kIdentifyRate_Hz = 100.0;    // a bus, while it has nodes that have not said who they are
 constexpr int kHoldCycles = 10;               // HOLD is sent so often before the program ends: frames may be lost
 constexpr std::uint8_t kPlanComplete = 0x10;  // in HostHeartbeat.HostState, beside the supervisor state
-constexpr const char* kClimbing = "the robot is climbing; hold it first";
 
 std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
 
@@ -45,15 +45,14 @@ CycleLoop::CycleLoop(const RobotDescription& robot, PerLimb<std::unique_ptr<Bus>
       options_(options),
       period_(std::llround(1e9 / robot.can.rate_Hz)),
       heartbeat_cycles_(std::max<std::int64_t>(1, std::llround(robot.can.rate_Hz / kHeartbeatRate_Hz))),
+      identify_cycles_(std::max<std::int64_t>(1, std::llround(robot.can.rate_Hz / kIdentifyRate_Hz))),
       snapshot_cycles_(std::max<std::int64_t>(
           1, std::llround(robot.can.rate_Hz / crux_msgs::channel_info(crux_msgs::Channel::kRobotState).rate_Hz))),
       core_(robot),
       desk_(exchange.requests, exchange.answers),
       hold_cycles_(kHoldCycles) {}
 
-const char* CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
-  return core_.exchange_plan(plan) ? nullptr : kClimbing;
-}
+Reason CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept { return core_.exchange_plan(plan); }
 
 CycleReport CycleLoop::run() {
   if (wake_nodes()) {
@@ -85,6 +84,7 @@ bool CycleLoop::wake_nodes() {
     }
     wait_readable(buses_, std::min<nanoseconds>(next_sync - now, kServePeriod));
     receive();
+    report_nodes();
     while (desk_.serve_before_first_cycle(*this, events_)) push_events(0);
     if (all_answered()) return true;
   }
@@ -162,9 +162,9 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
 
   const CycleResult& result = record.result;
   const std::int8_t state = result.state.supervisor_state;
-  desk_.end_cycle(state, result.command_verdict == CommandVerdict::kRefused ? result.command_refusal : nullptr,
-                  events_);
+  desk_.end_cycle(state, result.command_refusal, events_);
   exchange_.supervisor_state.store(state, std::memory_order_relaxed);
+  exchange_.fault_code.store(result.state.fault_code, std::memory_order_relaxed);
   if (result.has_fault) {
     if (crux_msgs::fault_t* slot = exchange_.faults.back()) {
       *slot = result.fault;
@@ -219,9 +219,19 @@ void CycleLoop::send(CycleRecord& record) noexcept {
   const bool due = cycle_ % heartbeat_cycles_ == 0 || host_state != host_state_;
   host_state_ = host_state;
   const auto cycle = static_cast<std::uint32_t>(cycle_);
-  for (int l = 0; l < kLimbs; ++l)
-    buses_[l]->send(limbs_[l].pack_cycle(record.result.output, cycle, due ? &heartbeat : nullptr));
+  const bool may_ask = cycle_ % identify_cycles_ == 0;
+  for (int l = 0; l < kLimbs; ++l) {
+    const bool beat = due || (may_ask && !limbs_[l].identified());
+    buses_[l]->send(limbs_[l].pack_cycle(record.result.output, cycle, beat ? &heartbeat : nullptr));
+  }
   record.timing.send_ns = now_ns() - begin_ns;
+}
+
+void CycleLoop::report_nodes() noexcept {
+  NodeStates& states = exchange_.nodes.slot();
+  for (std::size_t i = 0; i < states.size(); ++i)
+    states[i] = limbs_[i / CRUX_CAN_NODES].node_state(static_cast<std::uint8_t>(i % CRUX_CAN_NODES + 1));
+  exchange_.nodes.publish();
 }
 
 void CycleLoop::receive() noexcept {
@@ -298,6 +308,7 @@ void CycleLoop::push_events(std::int64_t log_time_ns) noexcept {
 
 void CycleLoop::publish(const CycleRecord& record) noexcept {
   if (cycle_ % snapshot_cycles_ != 0) return;
+  report_nodes();
   Snapshot& snapshot = exchange_.snapshot.slot();
   snapshot.state = record.result.state;
   std::ranges::copy(record.result.reference, snapshot.reference.begin());

@@ -49,7 +49,7 @@ class CycleLoop : private PlanTaker {
  private:
   using Clock = std::chrono::steady_clock;
 
-  const char* take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override;
+  Reason take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override;
 
   bool wake_nodes();
   void run_by_bus();
@@ -59,6 +59,7 @@ class CycleLoop : private PlanTaker {
   void send(CycleRecord& record) noexcept;
   void report_health(CycleRecord& record) const noexcept;
   void receive() noexcept;
+  void report_nodes() noexcept;
   bool collect_answers() noexcept;
   [[nodiscard]] bool all_answered() const noexcept;
   std::int8_t operator_command() noexcept;
@@ -80,6 +81,7 @@ class CycleLoop : private PlanTaker {
   CycleOptions options_;
   std::chrono::nanoseconds period_;
   std::int64_t heartbeat_cycles_;
+  std::int64_t identify_cycles_;
   std::int64_t snapshot_cycles_;
 
   ControlCore core_;

@@ -16,8 +16,9 @@ constexpr const char* kOvertaken = "another command came in the same cycle";
 constexpr const char* kCancelled = "cancelled by HOLD";
 constexpr const char* kShuttingDown = "the runtime is shutting down";
 
-Outcome refusal(const char* reason, std::int8_t state) { return {acknowledgement_t::REFUSED, state, reason}; }
-Outcome acceptance(std::int8_t state) { return {acknowledgement_t::ACCEPTED, state, ""}; }
+Outcome refusal(const Reason& reason, std::int8_t state) { return {acknowledgement_t::REFUSED, state, reason}; }
+Outcome refusal(const char* reason, std::int8_t state) { return refusal(Reason{reason}, state); }
+Outcome acceptance(std::int8_t state) { return {acknowledgement_t::ACCEPTED, state, {}}; }
 
 }  // namespace
 
@@ -40,8 +41,8 @@ void OperatorDesk::close_request(Request& request, const Outcome& outcome, Event
 
 void OperatorDesk::take_plan(Request& request, std::int8_t supervisor_state, PlanTaker& taker,
                              EventList& events) noexcept {
-  const char* reason = taker.take_plan(request.plan);
-  close_request(request, reason == nullptr ? acceptance(supervisor_state) : refusal(reason, supervisor_state), events);
+  const Reason reason = taker.take_plan(request.plan);
+  close_request(request, reason ? refusal(reason, supervisor_state) : acceptance(supervisor_state), events);
 }
 
 void OperatorDesk::schedule(Request& request, std::int64_t cycle, std::int8_t supervisor_state,
@@ -110,10 +111,11 @@ std::int8_t OperatorDesk::begin_cycle(std::int64_t cycle, std::int8_t supervisor
   return current_.command;
 }
 
-void OperatorDesk::end_cycle(std::int8_t supervisor_state, const char* refused_because, EventList& events) noexcept {
+void OperatorDesk::end_cycle(std::int8_t supervisor_state, const Reason& refused_because, EventList& events) noexcept {
   if (current_.command == command_t::NONE) return;
-  const bool accepted = refused_because == nullptr || *refused_because == '\0';
-  if (accepted && current_.command == command_t::SHUTDOWN) shutdown_ = true;
+  const bool accepted = !refused_because;
+  const bool ends = current_.command == command_t::SHUTDOWN || current_.command == command_t::FORCE_SHUTDOWN;
+  if (accepted && ends) shutdown_ = true;
   close_request(current_, accepted ? acceptance(supervisor_state) : refusal(refused_because, supervisor_state), events);
   current_.command = command_t::NONE;
 }

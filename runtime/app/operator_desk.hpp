@@ -13,8 +13,8 @@ namespace crux {
 class PlanTaker {
  public:
   virtual ~PlanTaker() = default;
-  /// Swaps `plan` with the one in use. Returns nullptr, or a literal saying why it keeps the old one.
-  virtual const char* take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept = 0;
+  /// Swaps `plan` with the one in use. Returns why it keeps the old one, empty when it took it.
+  virtual Reason take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept = 0;
 };
 
 class OperatorDesk {
@@ -31,7 +31,7 @@ class OperatorDesk {
 
   /// Answers the command that begin_cycle() returned. `refused_because`: the control core's reason, empty when it
   /// obeyed.
-  void end_cycle(std::int8_t supervisor_state, const char* refused_because, EventList& events) noexcept;
+  void end_cycle(std::int8_t supervisor_state, const Reason& refused_because, EventList& events) noexcept;
 
   /// Answers everything that is left with a refusal.
   void close(std::int8_t supervisor_state, EventList& events) noexcept;

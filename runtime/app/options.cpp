@@ -5,11 +5,11 @@
 #include <string_view>
 
 #include "bus/bus.hpp"
+#include "core/reason.hpp"
 
 namespace crux {
 namespace {
 
-constexpr std::array<std::string_view, kLimbs> kLimbNames = {"LF", "RF", "LR", "RR"};
 constexpr std::string_view kDefaultBusBase = "udp:239.74.163.2:43113";
 constexpr double kMaxGuardTime_s = 3600.0;
 

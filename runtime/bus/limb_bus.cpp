@@ -7,6 +7,7 @@
 #include "bus/bus.hpp"
 #include "core/node_protocol.hpp"
 #include "crux_can.h"
+#include "crux_msgs/status_t.hpp"
 
 namespace crux {
 
@@ -46,7 +47,8 @@ void check_gains(const RobotDescription& robot, std::size_t joint) {
 
 }  // namespace
 
-LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames) : limb_(limb), command_frames_(frames) {
+LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
+    : limb_(limb), command_frames_(frames), silent_cycles_(robot.supervisor.silent_cycles) {
   constexpr std::size_t kHashDigits = 8;  // of robot_hash() in Identity.ParameterHash
   parameter_hash_ = static_cast<std::uint32_t>(std::stoul(robot.sha256.substr(0, kHashDigits), nullptr, 16));
   if (robot.can.gripper_node != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
@@ -98,10 +100,7 @@ bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept 
       ++statistics_.crc_errors;
       return false;
   }
-  if ((distrusted_nodes_ >> meaning.node & 1U) != 0 && meaning.kind != FrameKind::kIdentity) {
-    ++statistics_.distrusted;
-    return false;
-  }
+  if (wrong_[meaning.node].node != 0 && meaning.kind != FrameKind::kIdentity) ++statistics_.distrusted;
   return true;
 }
 
@@ -147,7 +146,12 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
       ++statistics_.emergencies;
       crux_can_joint_emergency_t emergency{};  // the gripper's has the same layout
       crux_can_joint_emergency_unpack(&emergency, frame.data.data(), frame.length);
-      if (emergency.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) restarted_ |= 1U << meaning.node;
+      if (wrong_[meaning.node].node != 0) return false;
+      if (emergency.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) {
+        restarted_ |= 1U << meaning.node;
+        identified_nodes_ &=
+            ~(1U << meaning.node) | introduced_;  // it introduces itself first; where that was lost: ask
+      }
       notice = {NodeNotice::Kind::kEmergency, static_cast<std::int8_t>(limb_), meaning.node, emergency.cause,
                 emergency.detail};
       return true;
@@ -173,15 +177,18 @@ void LimbBus::take_from_host(const Frame& frame) noexcept {
   }
 }
 
-bool LimbBus::accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept {
+/// Whoever answers keeps the cycle going; what he says counts once he has said who he is.
+bool LimbBus::accept_answer(std::uint32_t bit, std::uint8_t node, std::uint16_t cycle_echo) noexcept {
+  const bool known = (identified_nodes_ >> node & 1U) != 0;
   const std::uint32_t mask = 1U << bit;
   if (cycle_echo != awaited_cycle_) {
     ++statistics_.late;
-    return (answered_ & mask) == 0;  // older than wanted, yet newer than what is known
+    return known && (fresh_ & mask) == 0;  // older than wanted, yet newer than what is known
   }
-  const bool first = (answered_ & mask) == 0;  // of several answers to a repeated Sync(0) the first one counts
   answered_ |= mask;
-  return first;
+  if (!known || (fresh_ & mask) != 0) return false;  // of several answers to a repeated Sync(0) the first one counts
+  fresh_ |= mask;
+  return true;
 }
 
 void LimbBus::take_joint_status(const Frame& frame, std::uint8_t node) noexcept {
@@ -189,7 +196,7 @@ void LimbBus::take_joint_status(const Frame& frame, std::uint8_t node) noexcept 
   if (joint < 0) return;
   crux_can_joint_status_t status{};
   crux_can_joint_status_unpack(&status, frame.data.data(), frame.length);
-  if (!accept_answer(node, status.cycle_echo)) return;
+  if (!accept_answer(node, node, status.cycle_echo)) return;
   JointValues& values = joints_[static_cast<std::size_t>(joint)];
   values.state = static_cast<std::int8_t>(status.state);
   values.faults = status.faults;
@@ -201,7 +208,7 @@ void LimbBus::take_joint_status(const Frame& frame, std::uint8_t node) noexcept 
 void LimbBus::take_gripper_status(const Frame& frame) noexcept {
   crux_can_gripper_status_t status{};
   crux_can_gripper_status_unpack(&status, frame.data.data(), frame.length);
-  if (!accept_answer(CRUX_CAN_NODE_GRIPPER, status.cycle_echo)) return;
+  if (!accept_answer(CRUX_CAN_NODE_GRIPPER, CRUX_CAN_NODE_GRIPPER, status.cycle_echo)) return;
   gripper_.state = static_cast<std::int8_t>(status.state);
   gripper_.faults = status.faults;
   gripper_.opening_m = static_cast<double>(status.opening_m);
@@ -212,7 +219,7 @@ void LimbBus::take_gripper_status(const Frame& frame) noexcept {
 void LimbBus::take_force_torque(const Frame& frame) noexcept {
   crux_can_force_torque_t sample{};
   crux_can_force_torque_unpack(&sample, frame.data.data(), frame.length);
-  if (!accept_answer(kForceTorqueBit, sample.cycle_echo)) return;
+  if (!accept_answer(kForceTorqueBit, CRUX_CAN_NODE_GRIPPER, sample.cycle_echo)) return;
   force_torque_.status = sample.status;
   force_torque_.force_N = {static_cast<double>(crux_can_force_torque_force_x_n_decode(sample.force_x_n)),
                            static_cast<double>(crux_can_force_torque_force_y_n_decode(sample.force_y_n)),
@@ -225,8 +232,9 @@ void LimbBus::take_force_torque(const Frame& frame) noexcept {
 void LimbBus::take_gripper_answer(const Frame& frame) noexcept {
   crux_can_gripper_answer_t answer{};
   crux_can_gripper_answer_unpack(&answer, frame.data.data(), frame.length);
-  if (!accept_answer(CRUX_CAN_NODE_GRIPPER, answer.cycle_echo)) return;
-  if (answer.cycle_echo == awaited_cycle_) answered_ |= 1U << kForceTorqueBit;
+  const bool status_counts = accept_answer(CRUX_CAN_NODE_GRIPPER, CRUX_CAN_NODE_GRIPPER, answer.cycle_echo);
+  const bool wrench_counts = accept_answer(kForceTorqueBit, CRUX_CAN_NODE_GRIPPER, answer.cycle_echo);
+  if (!status_counts && !wrench_counts) return;
   gripper_.state = static_cast<std::int8_t>(answer.state);
   gripper_.faults = answer.faults;
   gripper_.opening_m = static_cast<double>(answer.opening_m);
@@ -254,11 +262,40 @@ bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& n
   } else if (identity.parameter_hash != parameter_hash_) {
     notice.kind = NodeNotice::Kind::kWrongParameters;
   } else {
-    distrusted_nodes_ &= ~(1U << node);
+    identified_nodes_ |= 1U << node;
+    introduced_ |= 1U << node;
+    wrong_[node] = {};
     return false;
   }
-  distrusted_nodes_ |= 1U << node;
-  return true;
+  identified_nodes_ &= ~(1U << node);
+  const NodeNotice& told = wrong_[node];
+  const bool news =
+      told.node == 0 || told.kind != notice.kind || told.cause != notice.cause || told.detail != notice.detail;
+  wrong_[node] = notice;
+  return news;
+}
+
+/// A cable may have been plugged in elsewhere while nobody heard the node.
+void LimbBus::forget_silent_nodes() noexcept {
+  for (std::uint8_t node = 1; node <= CRUX_CAN_NODES; ++node) {
+    silence_[node] = (answered_ >> node & 1U) != 0 ? 0 : std::min(silence_[node] + 1, silent_cycles_ + 1);
+    if (silence_[node] > silent_cycles_) identified_nodes_ &= ~(1U << node);
+  }
+}
+
+std::int8_t LimbBus::node_state(std::uint8_t node) const noexcept {
+  using crux_msgs::status_t;
+  if (silence_[node] > silent_cycles_) return status_t::SILENT;
+  if ((identified_nodes_ >> node & 1U) != 0) return status_t::WELL;
+  if (wrong_[node].node == 0) return status_t::UNIDENTIFIED;
+  switch (wrong_[node].kind) {
+    case NodeNotice::Kind::kWrongProtocol:
+      return status_t::WRONG_PROTOCOL;
+    case NodeNotice::Kind::kWrongPlace:
+      return status_t::WRONG_PLACE;
+    default:
+      return status_t::WRONG_ROBOT;
+  }
 }
 
 std::vector<int> LimbBus::silent_nodes() const {
@@ -272,7 +309,7 @@ std::vector<int> LimbBus::silent_nodes() const {
 }
 
 void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {
-  const auto fresh = [this](std::uint32_t bit) { return static_cast<std::int8_t>(answered_ >> bit & 1U); };
+  const auto fresh = [this](std::uint32_t bit) { return static_cast<std::int8_t>(fresh_ >> bit & 1U); };
   const auto state_of = [this](std::uint32_t node, std::int8_t said) {
     return (restarted_ >> node & 1U) != 0 ? static_cast<std::int8_t>(NodeState::kBoot) : said;
   };

@@ -73,6 +73,13 @@ class LimbBus {
   /// Judges and files one received frame. Returns true and fills `notice` when an operator should hear of it.
   bool take(const Frame& frame, NodeNotice& notice) noexcept;
 
+  /// Every node has told this run who it is, and is the right one. Until then each heartbeat asks one of the others, in
+  /// turn. Who was silent for longer than silent_cycles, or has restarted, is asked again.
+  [[nodiscard]] bool identified() const noexcept { return identified_nodes_ == kAllNodes; }
+
+  /// What is known of a node (1..7), as in status_t.
+  [[nodiscard]] std::int8_t node_state(std::uint8_t node) const noexcept;
+
   /// All seven nodes and the F/T sensor have answered the awaited cycle.
   [[nodiscard]] bool complete() const noexcept { return answered_ == kAllAnswered; }
 
@@ -94,11 +101,13 @@ class LimbBus {
 
  private:
   static constexpr std::uint32_t kForceTorqueBit = 0;  // bits 1..7 are the nodes
-  static constexpr std::uint32_t kAllAnswered = 0xff;
+  static constexpr std::uint32_t kAllAnswered = 0xff, kAllNodes = kAllAnswered & ~(1U << kForceTorqueBit);
   static constexpr std::size_t kMaxFrames = 2 + CRUX_CAN_NODES;
 
   Frame& next(std::uint32_t id, std::uint8_t length) noexcept;
   void protect(Frame& frame) noexcept;
+  void add_heartbeat(const HostHeartbeat& heartbeat) noexcept;
+  void forget_silent_nodes() noexcept;
   void add_sync(std::uint32_t cycle) noexcept;
   void add_commands(const crux_msgs::control_output_t& output) noexcept;
   void add_broadcast(const crux_msgs::control_output_t& output, std::uint32_t cycle) noexcept;
@@ -108,7 +117,7 @@ class LimbBus {
   void take_force_torque(const Frame& frame) noexcept;
   void take_gripper_answer(const Frame& frame) noexcept;
   bool take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept;
-  bool accept_answer(std::uint32_t bit, std::uint16_t cycle_echo) noexcept;
+  bool accept_answer(std::uint32_t bit, std::uint8_t node, std::uint16_t cycle_echo) noexcept;
   void take_from_host(const Frame& frame) noexcept;
 
   struct JointValues {
@@ -140,7 +149,13 @@ class LimbBus {
 
   std::uint16_t awaited_cycle_ = 0;
   std::uint32_t answered_ = 0;
-  std::uint32_t distrusted_nodes_ = 0;
+  std::uint32_t fresh_ = 0;                             ///< of these, what came from nodes that are known
+  std::uint32_t identified_nodes_ = 0;                  ///< who has told this run the right identity
+  std::uint32_t introduced_ = 0;                        ///< who has done so since the last pack_cycle
+  std::uint8_t asked_node_ = 0;                         ///< last
+  std::array<NodeNotice, CRUX_CAN_NODES + 1> wrong_{};  ///< the wrong identity last heard, node 0: none
+  std::array<int, CRUX_CAN_NODES + 1> silence_{};       ///< cycles without an answer
+  int silent_cycles_;
   bool foreign_host_ = false;
   std::uint32_t restarted_ = 0;  ///< nodes that said so since the last pack_cycle; their statuses may be newer already
   std::int64_t sync_stamp_ns_ = 0, answer_stamp_ns_ = 0;

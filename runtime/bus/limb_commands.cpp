@@ -12,6 +12,19 @@ void LimbBus::add_sync(std::uint32_t cycle) noexcept {
   protect(frame);
 }
 
+void LimbBus::add_heartbeat(const HostHeartbeat& heartbeat) noexcept {
+  Frame& frame = next(CRUX_CAN_ID_HOST_HEARTBEAT, CRUX_CAN_LENGTH_HOST_HEARTBEAT);
+  crux_can_host_heartbeat_t message{};
+  message.host_state = heartbeat.state;
+  message.uptime_ms = heartbeat.uptime_ms;
+  for (std::size_t n = 0; n < CRUX_CAN_NODES && message.identify == 0 && !identified(); ++n) {
+    asked_node_ = static_cast<std::uint8_t>(asked_node_ % CRUX_CAN_NODES + 1);
+    if ((identified_nodes_ >> asked_node_ & 1U) == 0) message.identify = asked_node_;
+  }
+  crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
+  protect(frame);
+}
+
 std::span<const Frame> LimbBus::pack_wake_up() noexcept {
   n_frames_ = 0;
   add_sync(0);
@@ -82,14 +95,8 @@ void LimbBus::add_broadcast(const crux_msgs::control_output_t& output, std::uint
 std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& output, std::uint32_t cycle,
                                            const HostHeartbeat* heartbeat) noexcept {
   n_frames_ = 0;
-  if (heartbeat != nullptr) {
-    Frame& frame = next(CRUX_CAN_ID_HOST_HEARTBEAT, CRUX_CAN_LENGTH_HOST_HEARTBEAT);
-    crux_can_host_heartbeat_t message{};
-    message.host_state = heartbeat->state;
-    message.uptime_ms = heartbeat->uptime_ms;
-    crux_can_host_heartbeat_pack(frame.data.data(), &message, frame.length);
-    protect(frame);
-  }
+  forget_silent_nodes();
+  if (heartbeat != nullptr) add_heartbeat(*heartbeat);
   if (command_frames_ == CommandFrames::kBroadcast) {
     add_broadcast(output, cycle);
   } else {
@@ -98,7 +105,7 @@ std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& ou
   }
 
   awaited_cycle_ = static_cast<std::uint16_t>(cycle);
-  answered_ = 0;
+  answered_ = fresh_ = introduced_ = 0;
   foreign_host_ = false;
   restarted_ = 0;
   sync_stamp_ns_ = answer_stamp_ns_ = 0;

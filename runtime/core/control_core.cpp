@@ -35,12 +35,14 @@ ControlCore::ControlCore(const RobotDescription& robot)
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
   Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan);
   if (!prepared) return prepared.reason();
-  if (!exchange_plan(prepared.value())) return "the robot is climbing; hold it before loading another plan";
-  return {};
+  return in_words(exchange_plan(prepared.value()));
 }
 
-bool ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
-  if (supervisor_.state() == SupervisorState::kClimbing) return false;
+Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
+  if (supervisor_.state() == SupervisorState::kClimbing) return {"the robot is climbing; hold it first"};
+  if (supervisor_.state() != SupervisorState::kIdle && plan) {
+    if (const Reason off = off_start(play(*plan, {}))) return off;
+  }
   plan_.swap(plan);
   supervisor_.plan_exchanged();
   clock_.reset();
@@ -51,7 +53,7 @@ bool ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexc
     reference_ = play(*plan_, clock_.now());
     body_.reset(reference_.body_W);
   }
-  return true;
+  return {};
 }
 
 void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept {
@@ -88,15 +90,34 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, dt_s);
 }
 
-bool ControlCore::stands_at_start(const PlanReference& start) noexcept {
+Reason ControlCore::off_start(const PlanReference& start) const noexcept {
   const SupervisorParameters& p = robot_.supervisor;
-  if ((body_.body_W().position_m - start.body_W.position_m).norm() > robot_.control.max_body_correction_m) return false;
+  const double body_m = (body_.body_W().position_m - start.body_W.position_m).norm();
+  if (!(body_m <= robot_.control.max_body_correction_m))
+    return {"the body is value m from where the plan begins (limit: limit)", -1, 0, body_m,
+            robot_.control.max_body_correction_m};
   for (int l = 0; l < kLimbs; ++l) {
     double distance_m = 0.0, angle_rad = 0.0;
     limbs_[l].pose_error(start.limbs[l], body_.body_W(), distance_m, angle_rad);
-    if (!(distance_m <= p.start_tolerance_m) || !(angle_rad <= p.start_tolerance_rad)) return false;
+    if (!(distance_m <= p.start_tolerance_m))
+      return {"the gripper is value m from where the plan begins (limit: limit)", l, 0, distance_m,
+              p.start_tolerance_m};
+    if (!(angle_rad <= p.start_tolerance_rad))
+      return {"the gripper is turned by value rad from where the plan begins (limit: limit)", l, 0, angle_rad,
+              p.start_tolerance_rad};
+    const double force_N = limbs_[l].finger_force_N();
+    if (supervisor_.state() != SupervisorState::kIdle && !start.limbs[l].point_foot && start.limbs[l].gripping() &&
+        !(force_N >= p.min_stance_force_N))
+      return {"the plan begins with this gripper closed, its fingers press with value N (least: limit)", l, 0, force_N,
+              p.min_stance_force_N};
   }
-  return true;
+  return {};
+}
+
+Reason ControlCore::not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept {
+  if (well) return off;
+  return {faults_.any_latched(in) ? "nodes hold by themselves; clear the fault to re-arm them"
+                                  : "not all nodes and sensors answer and are well"};
 }
 
 void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
@@ -104,19 +125,18 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
   FaultEvent fault = faults_.node_fault(in, engaged_);
   if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
-  const bool at_start = plan_ && supervisor_.state() == SupervisorState::kIdle && stands_at_start(reference_);
+  const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
+  const Reason off = idle ? off_start(reference_) : Reason{};
   supervisor_.update({.command = in.operator_command,
                       .plan_loaded = plan_ != nullptr,
-                      .may_take_over = well && at_start,
+                      .may_take_over = well && idle && !off,
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
                       .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
                       .fault = fault,
-                      .not_ready_reason = well ? "the robot does not stand at the plan's start"
-                                          : faults_.any_latched(in)
-                                              ? "nodes hold by themselves; clear the fault to re-arm them"
-                                              : "not all nodes and sensors answer and are well"});
+                      .cause = faults_.standing_cause(in),
+                      .not_ready_reason = not_ready(in, well, off)});
   if (supervisor_.rearm_requested()) {
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;

@@ -30,7 +30,7 @@ struct CycleResult {
   bool has_fault = false;  ///< `fault` was raised in this very cycle
   crux_msgs::fault_t fault{};
   CommandVerdict command_verdict = CommandVerdict::kNone;  ///< on control_input_t.operator_command
-  const char* command_refusal = "";                        ///< one sentence, static text
+  Reason command_refusal;
 };
 
 class ControlCore {
@@ -43,8 +43,9 @@ class ControlCore {
   std::string load_plan(const crux_msgs::plan_t& plan);
 
   /// Takes over a plan prepared elsewhere (prepare_plan); `plan` becomes the one there was before, to be freed outside
-  /// the real-time thread. False, and nothing changes, while climbing.
-  bool exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
+  /// the real-time thread. Nothing changes where it is refused: while climbing, and where the robot is controlled and
+  /// the plan begins elsewhere.
+  Reason exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
 
   /// One control cycle.
   void step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept;
@@ -54,7 +55,8 @@ class ControlCore {
  private:
   void sense(const crux_msgs::control_input_t& in) noexcept;
   void supervise(const crux_msgs::control_input_t& in) noexcept;
-  bool stands_at_start(const PlanReference& start) noexcept;
+  Reason off_start(const PlanReference& start) const noexcept;
+  Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
   void localise(const PlanReference& reference, double dt_s) noexcept;

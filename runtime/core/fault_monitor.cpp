@@ -150,15 +150,18 @@ FaultEvent FaultMonitor::silent_node() const noexcept {
   return {};
 }
 
-FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in) const noexcept {
+FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept {
+  const auto wrong = [state_counts](int state, int faults) {
+    return state_counts ? unfit(state, faults) : (faults & kFaultsUnfit) != 0;
+  };
   for (int l = 0; l < kLimbs; ++l) {
     for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
-      if (unfit(in.joint_state[i], in.joint_faults[i])) {
+      if (wrong(in.joint_state[i], in.joint_faults[i])) {
         return {FaultCode::kNodeFault, l, can_.joint_nodes[j], static_cast<double>(in.joint_faults[i]), 0.0};
       }
     }
-    if (unfit(in.gripper_state[l], in.gripper_faults[l])) {
+    if (wrong(in.gripper_state[l], in.gripper_faults[l])) {
       return {FaultCode::kNodeFault, l, can_.gripper_node, static_cast<double>(in.gripper_faults[l]), 0.0};
     }
   }
@@ -200,8 +203,16 @@ FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool t
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = silent_node()) return fault;
-  if (const FaultEvent fault = unfit_node(in)) return fault;
+  if (const FaultEvent fault = unfit_node(in, true)) return fault;
   if (const FaultEvent fault = holding_node(in)) return fault;
+  return sensor_fault(in);
+}
+
+FaultEvent FaultMonitor::standing_cause(const crux_msgs::control_input_t& in) const noexcept {
+  if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
+  if (const FaultEvent fault = bus_fault(in)) return fault;
+  if (const FaultEvent fault = silent_node()) return fault;
+  if (const FaultEvent fault = unfit_node(in, false)) return fault;
   return sensor_fault(in);
 }
 

@@ -52,6 +52,9 @@ class FaultMonitor {
   /// that holds does so by itself.
   FaultEvent node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept;
 
+  /// What of it re-arming the nodes cannot mend: silence, buses, heat, sensors that do not speak.
+  FaultEvent standing_cause(const crux_msgs::control_input_t& in) const noexcept;
+
   /// Faults of the loop. Errors count when they last for persistence_s.
   FaultEvent loop_fault(const LoopErrors& errors, double dt_s) noexcept;
 
@@ -64,7 +67,7 @@ class FaultMonitor {
   bool link_well(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent bus_fault(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent silent_node() const noexcept;
-  FaultEvent unfit_node(const crux_msgs::control_input_t& in) const noexcept;
+  FaultEvent unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept;
   FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;
   FaultEvent sensor_fault(const crux_msgs::control_input_t& in) const noexcept;
 

@@ -7,7 +7,7 @@ using crux_msgs::command_t;
 void Supervisor::update(const Observation& seen) noexcept {
   fault_is_new_ = false;
   verdict_ = CommandVerdict::kNone;
-  refusal_ = "";
+  refusal_ = {};
   rearm_requested_ = false;
 
   if (seen.fault && !seen.rearming && state_ != SupervisorState::kIdle) raise(seen.fault);
@@ -43,9 +43,14 @@ void Supervisor::recover(const Observation& seen) noexcept {
   }
 }
 
-void Supervisor::refuse(const char* reason) noexcept {
+void Supervisor::refuse(const Reason& reason) noexcept {
   verdict_ = CommandVerdict::kRefused;
   refusal_ = reason;
+}
+
+void Supervisor::refuse(const FaultEvent& cause) noexcept {
+  const char* text = crux_msgs::fault_info(static_cast<std::int16_t>(cause.code))->text.data();  // of a literal
+  refuse(Reason{text, cause.limb, cause.node, cause.value, cause.limit});
 }
 
 void Supervisor::obey(const Observation& seen) noexcept {
@@ -74,6 +79,7 @@ void Supervisor::obey(const Observation& seen) noexcept {
       state_ = SupervisorState::kClimbing;
       return accept();
     case command_t::CLEAR_FAULT:
+      if (seen.cause && state_ != SupervisorState::kIdle) return refuse(seen.cause);
       rearm_requested_ = true;
       fault_ = {};
       if (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding) {
@@ -81,6 +87,9 @@ void Supervisor::obey(const Observation& seen) noexcept {
       }
       return accept();
     case command_t::SHUTDOWN:
+      if (state_ != SupervisorState::kIdle) return refuse(kOnTheWall);
+      return accept();
+    case command_t::FORCE_SHUTDOWN:
     case command_t::STATUS:
       // Answered by the program around the core; the nodes go on holding after it has gone.
       return accept();

@@ -6,6 +6,7 @@
 #include <crux_msgs/robot_state_t.hpp>
 
 #include "core/fault_monitor.hpp"
+#include "core/reason.hpp"
 
 namespace crux {
 
@@ -16,6 +17,11 @@ enum class SupervisorState : std::int8_t {
   kHolding = crux_msgs::robot_state_t::HOLDING,
   kFault = crux_msgs::robot_state_t::FAULT,
 };
+
+/// Why a runtime that controls the robot does not end.
+inline constexpr const char* kOnTheWall =
+    "the robot is on the wall: hold it and take it off first; --force ends all the same, the nodes then hold by their "
+    "own watchdogs";
 
 enum class CommandVerdict : std::int8_t { kNone, kAccepted, kRefused };
 
@@ -30,7 +36,8 @@ class Supervisor {
     bool link_restored = false;  ///< buses and nodes have been well for long enough
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
     FaultEvent fault;            ///< seen in this cycle
-    const char* not_ready_reason = "";
+    FaultEvent cause;            ///< the same, where re-arming the nodes cannot mend it
+    Reason not_ready_reason;
   };
 
   /// One cycle: fault first, then the operator's command, then the way of the plan.
@@ -48,13 +55,15 @@ class Supervisor {
   const FaultEvent& fault() const { return fault_; }         ///< why it stands where it stands; none after CLEAR_FAULT
   bool fault_is_new() const { return fault_is_new_; }        ///< in this cycle
   CommandVerdict verdict() const { return verdict_; }        ///< on this cycle's command
-  const char* refusal() const { return refusal_; }           ///< one sentence, empty unless refused
+  const Reason& refusal() const { return refusal_; }         ///< empty unless refused
   bool rearm_requested() const { return rearm_requested_; }  ///< CLEAR_FAULT, or the link is well again, in this cycle
 
  private:
   void obey(const Observation& seen) noexcept;
   void accept() noexcept { verdict_ = CommandVerdict::kAccepted; }
-  void refuse(const char* reason) noexcept;
+  void refuse(const Reason& reason) noexcept;
+  void refuse(const char* reason) noexcept { refuse(Reason{reason}); }
+  void refuse(const FaultEvent& cause) noexcept;
   void raise(const FaultEvent& fault) noexcept;
   void recover(const Observation& seen) noexcept;
 
@@ -62,7 +71,7 @@ class Supervisor {
   FaultEvent fault_;
   bool fault_is_new_ = false;
   CommandVerdict verdict_ = CommandVerdict::kNone;
-  const char* refusal_ = "";
+  Reason refusal_;
   bool rearm_requested_ = false;
 };
 

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/prepared_plan.hpp"
+#include "core/reason.hpp"
 #include "crux_msgs/acknowledgement_t.hpp"
 #include "crux_msgs/command_t.hpp"
 #include "crux_msgs/plan_t.hpp"
@@ -22,11 +23,11 @@ struct LogEntry {
   crux_msgs::acknowledgement_t acknowledgement;
 };
 
-/// How a request ended. `reason` is a literal, empty when accepted.
+/// How a request ended. `reason` is empty when accepted.
 struct Outcome {
   std::int8_t verdict = crux_msgs::acknowledgement_t::ACCEPTED;
   std::int8_t supervisor_state = 0;
-  const char* reason = "";
+  Reason reason;
 };
 
 /// LCM thread -> real-time thread. Ownership moves along, so that the real-time thread neither allocates nor frees.

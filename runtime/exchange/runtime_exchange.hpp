@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <iterator>
 
 #include "bus/limb_bus.hpp"
 #include "core/geometry.hpp"
@@ -13,6 +14,7 @@
 #include "crux_msgs/limb_reference_t.hpp"
 #include "crux_msgs/limb_telemetry_t.hpp"
 #include "crux_msgs/robot_state_t.hpp"
+#include "crux_msgs/status_t.hpp"
 #include "exchange/latest_value.hpp"
 #include "exchange/operator_exchange.hpp"
 #include "exchange/spsc_ring.hpp"
@@ -28,14 +30,19 @@ struct Snapshot {
   crux_msgs::cycle_timing_t timing;
 };
 
+/// Of each node, limb-major, as in status_t.
+using NodeStates = std::array<std::int8_t, std::size(decltype(crux_msgs::status_t::node_state){})>;
+
 struct RuntimeExchange {
   SpscRing<Request> requests{64};
   SpscRing<Answer> answers{256};
   SpscRing<crux_msgs::fault_t> faults{64};
   SpscRing<NodeNotice> notices{64};
   LatestValue<Snapshot> snapshot;
+  LatestValue<NodeStates> nodes;
   std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
-  std::atomic<bool> stop{false};  ///< asks the real-time thread to hold and end
+  std::atomic<std::int16_t> fault_code{0};  ///< of the fault that stands, as in robot_state_t
+  std::atomic<bool> stop{false};            ///< asks the real-time thread to hold and end
 };
 
 }  // namespace crux

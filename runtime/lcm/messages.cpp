@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <string>
 
+#include "core/reason.hpp"
 #include "crux_can.h"
 #include "crux_msgs/faults.hpp"
 
@@ -40,38 +41,20 @@ const char* cause_name(std::uint8_t cause) {
   }
 }
 
-/// "LF node 3: ", without a node "LF: ", without a limb "".
-std::string place(const RobotDescription& robot, int limb, int node) {
-  if (limb < 0 || limb >= kLimbs) return "";
-  const std::string& name = robot.limbs[static_cast<std::size_t>(limb)].name;
-  return node > 0 ? name + " node " + std::to_string(node) + ": " : name + ": ";
-}
-
-std::string with_numbers(std::string text, double value, double limit) {
-  const auto replace_last = [&text](const std::string& word, double number) {
-    const std::size_t at = text.rfind(word);
-    if (at == std::string::npos) return;
-    char digits[32];
-    std::snprintf(digits, sizeof digits, "%.6g", number);
-    text.replace(at, word.size(), digits);
-  };
-  replace_last("limit", limit);  // "(limit: limit)": the second one is the number
-  replace_last("value", value);
-  return text;
-}
+/// "LF node 3: ".
+std::string place(const NodeNotice& notice) { return in_words({"", notice.limb, notice.node}); }
 
 }  // namespace
 
-void print_fault(const RobotDescription& robot, const crux_msgs::fault_t& fault) {
+void print_fault(const crux_msgs::fault_t& fault) {
   const crux_msgs::FaultInfo* info = crux_msgs::fault_info(fault.code);
-  const std::string text =
-      info != nullptr ? with_numbers(std::string(info->text), fault.value, fault.limit) : "unknown fault";
-  std::fprintf(stderr, "crux-runtime: cycle %" PRId64 ": %s%s\n", fault.cycle,
-               place(robot, fault.limb, fault.node).c_str(), text.c_str());
+  const char* text = info != nullptr ? info->text.data() : "unknown fault";
+  const Reason event{text, fault.limb, fault.node, fault.value, fault.limit};
+  std::fprintf(stderr, "crux-runtime: cycle %" PRId64 ": %s\n", fault.cycle, in_words(event).c_str());
 }
 
-void print_notice(const RobotDescription& robot, const NodeNotice& notice) {
-  const std::string where = place(robot, notice.limb, notice.node);
+void print_notice(const NodeNotice& notice) {
+  const std::string where = place(notice);
   switch (notice.kind) {
     case NodeNotice::Kind::kEmergency:
       if (notice.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) return;

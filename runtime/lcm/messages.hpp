@@ -5,16 +5,15 @@
 #include <cstdint>
 
 #include "bus/limb_bus.hpp"
-#include "core/robot_description.hpp"
 #include "crux_msgs/channels.hpp"
 #include "crux_msgs/fault_t.hpp"
 
 namespace crux {
 
-void print_fault(const RobotDescription& robot, const crux_msgs::fault_t& fault);
+void print_fault(const crux_msgs::fault_t& fault);
 
 /// A node that says it has restarted is no news.
-void print_notice(const RobotDescription& robot, const NodeNotice& notice);
+void print_notice(const NodeNotice& notice);
 
 /// `count`: how many there have been; only the 1st, 2nd, 4th, 8th .. are told of, a flood fills no disk.
 void print_malformed(crux_msgs::Channel channel, std::size_t bytes, std::uint64_t count);

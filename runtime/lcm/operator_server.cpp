@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "core/hash.hpp"
+#include "core/supervisor.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "lcm/messages.hpp"
 
@@ -192,7 +193,10 @@ void OperatorServer::on_command(std::span<const std::uint8_t> bytes) {
   if (!crux_msgs::decode_lcm(bytes, command)) return print_malformed(Channel::kCommand, bytes.size(), ++malformed_);
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_id_);
-  if (command.command == command_t::STATUS) return publish(Channel::kAcknowledgement, acknowledgement);
+  if (command.command == command_t::STATUS) {
+    publish_status(command.request_id);
+    return publish(Channel::kAcknowledgement, acknowledgement);
+  }
   if (repeated(bytes, command.command)) return;
 
   acknowledgement.reason = command_defect(command);
@@ -200,7 +204,8 @@ void OperatorServer::on_command(std::span<const std::uint8_t> bytes) {
     acknowledgement.verdict = acknowledgement_t::REFUSED;
     return answer_at_once(acknowledgement, command);
   }
-  if (command.command == command_t::SHUTDOWN && command.at_cycle == 0) {
+  const bool ends = command.command == command_t::SHUTDOWN || command.command == command_t::FORCE_SHUTDOWN;
+  if (ends && command.at_cycle == 0) {
     answer_at_once(acknowledgement, command);
     exchange_.stop.store(true, std::memory_order_release);
     return;
@@ -228,10 +233,12 @@ bool OperatorServer::repeated(std::span<const std::uint8_t> bytes, std::int8_t c
 }
 
 std::string OperatorServer::command_defect(const command_t& command) const {
-  if (command.command < command_t::START || command.command > command_t::STATUS)
+  if (command.command < command_t::START || command.command > command_t::FORCE_SHUTDOWN)
     return "command " + std::to_string(command.command) + " is unknown";
   if (command.at_cycle < 0)
     return "at_cycle is " + std::to_string(command.at_cycle) + ", right is 0 for at once or a coming cycle";
+  const bool idle = exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::IDLE;
+  if (command.command == command_t::SHUTDOWN && command.at_cycle == 0 && !idle) return kOnTheWall;
   if (command.command != command_t::START) return "";
   if (loaded_plan_id_.empty()) return "no plan is loaded";
   if (command.plan_id != loaded_plan_id_)
@@ -251,7 +258,7 @@ void OperatorServer::drain_answers() {
     acknowledgement_t& acknowledgement = pending.acknowledgement;
     acknowledgement.verdict = answer->outcome.verdict;
     acknowledgement.supervisor_state = answer->outcome.supervisor_state;
-    acknowledgement.reason = answer->outcome.reason;
+    acknowledgement.reason = in_words(answer->outcome.reason);
     const bool accepted = acknowledgement.verdict == acknowledgement_t::ACCEPTED;
     if (pending.plan && accepted) {
       loaded_plan_id_ = pending.plan->plan_id;
@@ -265,14 +272,29 @@ void OperatorServer::drain_answers() {
 
 void OperatorServer::drain_faults() {
   for (const crux_msgs::fault_t* fault; (fault = exchange_.faults.front()) != nullptr; exchange_.faults.pop()) {
+    fault_ = *fault;
+    fault_at_ = Clock::now();
     publish(Channel::kFault, *fault);
-    print_fault(robot_, *fault);
+    print_fault(*fault);
   }
 }
 
 void OperatorServer::drain_notices() {
   for (const NodeNotice* notice; (notice = exchange_.notices.front()) != nullptr; exchange_.notices.pop())
-    print_notice(robot_, *notice);
+    print_notice(*notice);
+}
+
+void OperatorServer::publish_status(std::int64_t request_id) {
+  drain_faults();  // what the control cycle has told must not come after
+  if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
+  crux_msgs::status_t status{};
+  status.request_id = request_id;
+  std::ranges::copy(nodes_, std::begin(status.node_state));
+  if (exchange_.fault_code.load(std::memory_order_relaxed) == fault_.code && fault_.code != 0) {
+    status.fault = fault_;
+    status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
+  }
+  publish(Channel::kStatus, status);
 }
 
 void OperatorServer::publish_snapshot() {

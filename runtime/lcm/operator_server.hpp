@@ -77,6 +77,7 @@ class OperatorServer {
   void drain_faults();
   void drain_notices();
   void publish_snapshot();
+  void publish_status(std::int64_t request_id);
 
   template <class Message>
   void publish(crux_msgs::Channel channel, const Message& message) {
@@ -92,6 +93,9 @@ class OperatorServer {
   std::string loaded_plan_id_;
   std::map<std::uint32_t, Pending> pending_;
   std::uint32_t next_ticket_ = 1;
+  NodeStates nodes_{};
+  crux_msgs::fault_t fault_{};  ///< the last one raised
+  Clock::time_point fault_at_;
   std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
   Clock::time_point next_snapshot_ = Clock::now();
 };

@@ -45,7 +45,7 @@ void LogWriter::write_event(LoggedEvent& event, std::int64_t log_time_ns) {
   LogEntry& entry = *event.entry;
   entry.acknowledgement.verdict = event.outcome.verdict;
   entry.acknowledgement.supervisor_state = event.outcome.supervisor_state;
-  if (entry.acknowledgement.reason.empty()) entry.acknowledgement.reason = event.outcome.reason;
+  if (entry.acknowledgement.reason.empty()) entry.acknowledgement.reason = in_words(event.outcome.reason);
   if (entry.command) log_->write(Channel::kCommand, log_time_ns, *entry.command);
   if (entry.plan && event.outcome.verdict == crux_msgs::acknowledgement_t::ACCEPTED) {
     log_->write_metadata("crux_plan", {{"plan_id", entry.plan->plan_id},

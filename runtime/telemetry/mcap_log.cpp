@@ -24,6 +24,8 @@ std::string_view schema_of(const ChannelInfo& info) {
       return crux_msgs::Ros2Schema<crux_msgs::command_t>::kDefinition;
     case Channel::kAcknowledgement:
       return crux_msgs::Ros2Schema<crux_msgs::acknowledgement_t>::kDefinition;
+    case Channel::kStatus:
+      return crux_msgs::Ros2Schema<crux_msgs::status_t>::kDefinition;
     case Channel::kPlan:
       return crux_msgs::Ros2Schema<crux_msgs::plan_t>::kDefinition;
     case Channel::kRobotState:

@@ -44,7 +44,7 @@ struct Codec {
   }
 
 #define SYNC_FIELDS(F, k) F(k, flags, "Flags")
-#define HOST_FIELDS(F, k) F(k, host_state, "HostState")
+#define HOST_FIELDS(F, k) F(k, host_state, "HostState") F(k, identify, "Identify")
 #define EMERGENCY_FIELDS(F, k) F(k, cause, "Cause")
 #define HEARTBEAT_FIELDS(F, k) F(k, state, "State")
 // One field a line, as in the database; versions of clang-format disagree on the rest.

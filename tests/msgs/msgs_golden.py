@@ -48,7 +48,7 @@ def _fill(type_name: str, numbers: Iterator[int], length: int) -> dict[str, Any]
         elif kind == "byte":
             fields[name] = bytes(next(numbers) % 256 for _ in range(length)).hex()
         elif dimension is None:
-            fields[name] = _values(kind, numbers)
+            fields[name] = _fill(kind, numbers, length) if kind in MEMBERS else _values(kind, numbers)
         else:
             count = dimension if isinstance(dimension, int) else length
             fields[name] = [

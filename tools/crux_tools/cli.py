@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "hold": Command("stop climbing and hold on", _OPERATOR, "add_hold_parser", "run_hold"),
     "resume": Command("go on after a hold", _OPERATOR, "add_resume_parser", "run_resume"),
     "clear-fault": Command("leave the fault state once its cause is gone", _OPERATOR, "add_clear_parser", "run_clear"),
+    "shutdown": Command("end the runtime, --force: on the wall, too", _OPERATOR, "add_shutdown_parser", "run_shutdown"),
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),

@@ -1,4 +1,4 @@
-"""`crux upload`, `start`, `hold`, `resume`, `clear-fault` and `status`: an operator's words to a running runtime."""
+"""`crux upload`, `start`, `hold`, `resume`, `clear-fault`, `shutdown` and `status`: an operator's words to a running runtime."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any
 
 from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
+
+
+REARM_S = 0.5  # longer than the runtime re-arms nodes
 
 
 def _add(subparsers: Any, name: str, text: str, example: str, runner: Any) -> argparse.ArgumentParser:
@@ -107,8 +110,37 @@ def add_clear_parser(subparsers: Any) -> None:
 
 
 def run_clear(options: argparse.Namespace) -> int:
-    """CLEAR_FAULT."""
-    return _send(options, "CLEAR_FAULT")
+    """CLEAR_FAULT, which the runtime refuses while the cause stands; then what is left once nodes are re-armed."""
+    from crux_msgs import command_t
+
+    from crux_tools.errors import WorkFailed
+    from crux_tools.operator_status import fault_of
+
+    with _link(options) as link:
+        link.send(command_t.CLEAR_FAULT)
+        time.sleep(REARM_S)
+        answer = link.send(command_t.STATUS)
+        fault = fault_of(link.status)
+        if fault is not None:
+            raise WorkFailed(f"still: {fault['where']}{fault['text']}; {fault['do']}")
+        return _report(options, answer)
+
+
+def add_shutdown_parser(subparsers: Any) -> None:
+    """crux shutdown."""
+    text = "End the runtime; refused unless it is idle"
+    parser = _add(subparsers, "shutdown", text, "crux shutdown", run_shutdown)
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="end it while the robot is on the wall, too: nodes then hold by their own watchdogs, with the torque and "
+        "squeeze they have, and nobody controls the stance",
+    )
+
+
+def run_shutdown(options: argparse.Namespace) -> int:
+    """SHUTDOWN or FORCE_SHUTDOWN."""
+    return _send(options, "FORCE_SHUTDOWN" if options.force else "SHUTDOWN")
 
 
 def add_status_parser(subparsers: Any) -> None:
@@ -117,5 +149,17 @@ def add_status_parser(subparsers: Any) -> None:
 
 
 def run_status(options: argparse.Namespace) -> int:
-    """STATUS."""
-    return _send(options, "STATUS")
+    """STATUS: the state, the fault that stands, and nodes that are silent or not identified."""
+    from crux_msgs import command_t
+
+    from crux_tools.operator_status import status_json, status_lines
+
+    with _link(options) as link:
+        answer = link.send(command_t.STATUS)
+        if options.json:
+            print_json(status_json(answer, link.status))
+        else:
+            _report(options, answer)
+            for line in status_lines(link.status):
+                note(line)
+    return 0

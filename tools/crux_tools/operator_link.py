@@ -10,7 +10,7 @@ from types import TracebackType
 
 import lcm
 from crux_contracts import channels
-from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
+from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t, status_t
 
 from crux_tools.errors import UsageError, WorkFailed
 
@@ -38,6 +38,9 @@ class OperatorLink:
         except RuntimeError as error:
             raise UsageError(f"cannot open LCM at {self.url}: {error} ({NO_NETWORK})") from error
         self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)
+        self._status_subscription = self._lcm.subscribe(channels.CRUX_STATUS, self._keep_status)
+        self.status: status_t | None = None
+        """what the runtime last said beside its acknowledgement of STATUS"""
 
     def __enter__(self) -> OperatorLink:
         return self
@@ -46,9 +49,13 @@ class OperatorLink:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._lcm.unsubscribe(self._subscription)
+        self._lcm.unsubscribe(self._status_subscription)
 
     def _keep(self, _channel: str, data: bytes) -> None:
         self._answers.append(acknowledgement_t.decode(data))
+
+    def _keep_status(self, _channel: str, data: bytes) -> None:
+        self.status = status_t.decode(data)
 
     def _await(self, wanted: Callable[[acknowledgement_t], bool], timeout_s: float) -> acknowledgement_t | None:
         end = time.monotonic() + timeout_s

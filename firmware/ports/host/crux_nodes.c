@@ -80,10 +80,18 @@ void crux_nodes_close(crux_nodes *nodes) {
   }
 }
 
+/// The host asks this node who it is; its other heartbeats concern no node.
+static bool asks(const crux_frame *frame, int index) {
+  struct crux_can_host_heartbeat_t heartbeat = {0};
+  return (frame->id == (uint16_t)CRUX_CAN_ID_HOST_HEARTBEAT) &&
+         (crux_can_host_heartbeat_unpack(&heartbeat, frame->data, frame->length) == 0) &&
+         (heartbeat.identify == (uint8_t)(index + 1));
+}
+
 static bool concerns(const crux_frame *frame, int index) {
   return (frame->id == (uint16_t)CRUX_CAN_ID_SYNC) || (frame->id == (uint16_t)CRUX_CAN_ID_BROADCAST) ||
          (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(index + 1)) ||
-         (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(index + 1));
+         (frame->id == (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(index + 1)) || asks(frame, index);
 }
 
 void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {

@@ -56,7 +56,8 @@ static void join_bus(uint32_t can) {
   }
 }
 
-void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id) {
+void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id,
+                uint16_t heartbeat_id) {
   leave_bus(FDCAN1);
   FDCAN_CCCR(FDCAN1) |= FDCAN_CCCR_FDOE | FDCAN_CCCR_BRSE;
   FDCAN_NBTP(FDCAN1) = NOMINAL_TIMING(NODE_BIT_RATE);
@@ -64,7 +65,8 @@ void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint
   FDCAN_TDCR(FDCAN1) = (BEFORE(NODE_DATA_BIT_RATE) + 1UL) << 8;  // secondary sample point at the sample point
   set_filter(FDCAN1_RAM, 0U, sync_id, command_id);
   set_filter(FDCAN1_RAM, 1U, request_id, broadcast_id);
-  hear_only(FDCAN1, 2UL);
+  set_filter(FDCAN1_RAM, 2U, heartbeat_id, heartbeat_id);
+  hear_only(FDCAN1, 3UL);
   FDCAN_IE(FDCAN1) = FDCAN_IR_RF0N;
   FDCAN_ILS(FDCAN1) = 0UL;
   FDCAN_ILE(FDCAN1) = 1UL;

@@ -9,7 +9,8 @@
 #include "frame.h"
 
 /// Sets bit rates and filters and joins the bus.
-void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id);
+void fdcan_init(uint16_t sync_id, uint16_t command_id, uint16_t request_id, uint16_t broadcast_id,
+                uint16_t heartbeat_id);
 
 /// Pops a received frame; false when there is none.
 bool fdcan_receive(crux_frame *frame);

@@ -109,7 +109,7 @@ int main(void) {
   crux_service_attach(&service, &node.parameters);
   driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_GRIPPER_COMMAND, (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST,
-             (uint16_t)CRUX_CAN_ID_BROADCAST);
+             (uint16_t)CRUX_CAN_ID_BROADCAST, (uint16_t)CRUX_CAN_ID_HOST_HEARTBEAT);
   crux_wrench_sensor_init(&sensor);
   fdcan_sensor_init((uint16_t)CRUX_WRENCH_SENSOR_FIRST_ID, (uint16_t)CRUX_WRENCH_SENSOR_SECOND_ID);
   requests.id = (uint16_t)CRUX_CAN_ID_GRIPPER_REQUEST;

@@ -95,7 +95,8 @@ int main(void) {
   crux_service_attach(&service, &node.parameters);
   driven = start(motor, &parameters);
   fdcan_init((uint16_t)CRUX_CAN_ID_SYNC, (uint16_t)CRUX_CAN_ID_JOINT_COMMAND(number),
-             (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number), (uint16_t)CRUX_CAN_ID_BROADCAST);
+             (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number), (uint16_t)CRUX_CAN_ID_BROADCAST,
+             (uint16_t)CRUX_CAN_ID_HOST_HEARTBEAT);
   requests.id = (uint16_t)CRUX_CAN_ID_JOINT_REQUEST(number);
   measure();
   flash_port_while_busy(wait_for_flash);

@@ -9,6 +9,7 @@ from types import TracebackType
 
 import can
 from crux_contracts import can_codec
+from crux_contracts.robot import load_robot
 
 LIMBS = 4
 JOINTS = range(1, 7)
@@ -31,8 +32,19 @@ def finger_force_N(cycle: int, limb: int) -> float:
 class FakeNodes:
     """Answers every Sync up to `last_cycle`, then falls silent. Runs in a thread of its own."""
 
-    def __init__(self, bus_urls: list[str], last_cycle: int, deaf: tuple[int, int] | None = None) -> None:
-        """`deaf`: (limb, node) of a node that answers nothing from cycle 1 on."""
+    def __init__(
+        self,
+        bus_urls: list[str],
+        last_cycle: int,
+        deaf: tuple[int, int] | None = None,
+        mute: bool = False,
+        hash_: int | None = None,
+    ) -> None:
+        """`deaf`: (limb, node) of a node that answers nothing from cycle 1 on; `mute`: they started long ago, and say
+        who they are when they are asked only; `hash_` of a foreign robot description."""
+        self.mute = mute
+        self.hash = int(load_robot("scaler").hash[:8], 16) if hash_ is None else hash_
+        self.limb_of = list(range(LIMBS))
         self.last_cycle = last_cycle
         self.deaf = deaf
         self.answered = -1
@@ -70,10 +82,10 @@ class FakeNodes:
             assert time.monotonic() < end, f"no Sync({cycle}) within {timeout_s} s"
             time.sleep(0.005)
 
-    def _send(self, limb: int, name: str, node: int, values: can_codec.Values) -> None:
-        if (limb, node) == self.deaf and values["CycleEcho"] != 0:
+    def _send(self, limb: int, name: str, node: int, values: can_codec.Values, line: int = 0) -> None:
+        if (limb, node) == self.deaf and values.get("CycleEcho", 1) != 0:
             return
-        key = (limb, node if name != "ForceTorque" else 8)
+        key = (limb, line + (node if name != "ForceTorque" else 8))
         frame = can_codec.encode(name, values, self._counters[key], node if name.startswith("Joint") else None)
         self._counters[key] += 1
         self._buses[limb].send(
@@ -86,6 +98,11 @@ class FakeNodes:
             )
         )
 
+    def _introduce(self, limb: int, node: int) -> None:
+        version = can_codec.database().dbc.attributes["ProtocolVersion"].value  # type: ignore[union-attr]
+        who = {"Protocol": version, "NodeId": node, "Limb": self.limb_of[limb], "ParameterHash": self.hash}
+        self._send(limb, "GripperIdentity" if node == GRIPPER else "JointIdentity", node, who, 16)
+
     def _answer(self, limb: int, cycle: int) -> None:
         echo = cycle & 0xFFFF
         for node in JOINTS:
@@ -97,6 +114,8 @@ class FakeNodes:
         self._send(limb, "ForceTorque", GRIPPER, {"ForceX_N": 1.25, "MomentZ_Nm": -0.5, "CycleEcho": echo})
 
     def _serve(self, limb: int) -> None:
+        for node in () if self.mute else (*JOINTS, GRIPPER):
+            self._introduce(limb, node)
         while not self._stop.is_set():
             message = self._buses[limb].recv(0.05)
             if message is None or (message.arbitration_id != SYNC and message.arbitration_id not in COMMANDS):
@@ -109,6 +128,8 @@ class FakeNodes:
             decoded = can_codec.decode(frame)
             if message.arbitration_id != SYNC:
                 self.commands[limb, message.arbitration_id].append(decoded)
+                if decoded.values.get("Identify"):
+                    self._introduce(limb, int(decoded.values["Identify"]))
                 continue
             cycle = int(decoded.values["Cycle"])
             if cycle > self.last_cycle:

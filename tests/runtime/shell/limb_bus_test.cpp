@@ -24,6 +24,7 @@ RobotDescription test_robot() {
     robot.servo.velocity_gain_Nms_rad[static_cast<std::size_t>(joint)] = 4.0;
   }
   robot.can.gripper_node = 7;
+  robot.supervisor.silent_cycles = 5;
   return robot;
 }
 
@@ -109,6 +110,10 @@ class Nodes {
 
 class LimbBusTest : public ::testing::Test {
  protected:
+  void SetUp() override {
+    for (std::uint8_t node = 1; node <= 7; ++node)
+      take(nodes_.identity(node, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
+  }
   bool take(const Frame& frame) { return limb_.take(frame, notice_); }
   void take(const std::vector<Frame>& frames) {
     for (const Frame& frame : frames) take(frame);
@@ -361,12 +366,33 @@ TEST_F(LimbBusTest, ANodeThatIsNotWhatItShouldBeIsNotListenedTo) {
     EXPECT_EQ(notice_.kind, c.kind);
     EXPECT_EQ(notice_.node, 4);
     take(nodes_.all(n));
-    EXPECT_EQ(limb_.silent_nodes(), std::vector<int>{4});
+    EXPECT_EQ(input().joint_fresh[6 * kLimb + 3], 0);
+    EXPECT_FALSE(limb_.identified());
     EXPECT_FALSE(take(nodes_.identity(4, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash)));
     take(nodes_.joint_status(4, n));
-    EXPECT_TRUE(limb_.complete());
+    EXPECT_EQ(input().joint_fresh[6 * kLimb + 3], 1);
+    EXPECT_TRUE(limb_.identified());
   }
   EXPECT_EQ(limb_.statistics().distrusted, 3U);
+}
+
+TEST_F(LimbBusTest, WhoWasSilentIsAskedAgain) {
+  const HostHeartbeat heartbeat{0, 0};
+  std::uint16_t n = 0;
+  for (; n < 7; ++n) {
+    cycle(n + 1U);
+    for (const Frame& frame : nodes_.all(static_cast<std::uint16_t>(n + 1)))
+      if (frame.id != CRUX_CAN_ID_JOINT_STATUS(3)) take(frame);
+  }
+  EXPECT_FALSE(limb_.identified());
+  const auto frames = cycle(++n, &heartbeat);
+  EXPECT_EQ(frames[0].data[3] >> 5, 3) << "Identify";
+  take(nodes_.all(n));
+  EXPECT_EQ(input().joint_fresh[6 * kLimb + 2], 0);
+  take(nodes_.identity(3, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
+  EXPECT_EQ(cycle(++n, &heartbeat)[0].data[3] >> 5, 0);
+  take(nodes_.all(n));
+  EXPECT_EQ(input().joint_fresh[6 * kLimb + 2], 1);
 }
 
 TEST_F(LimbBusTest, EmergenciesAreForwarded) {

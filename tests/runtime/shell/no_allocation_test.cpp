@@ -34,9 +34,9 @@ namespace {
 
 class Taker : public PlanTaker {
  public:
-  const char* take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override {
+  Reason take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override {
     in_use.swap(plan);
-    return nullptr;
+    return {};
   }
   std::unique_ptr<const PreparedPlan> in_use;
 };
@@ -79,7 +79,7 @@ TEST(RealTimePath, AllocatesNothing) {
     }
     limb.fill(record->input);
     desk.begin_cycle(n, crux_msgs::robot_state_t::READY, taker, events);
-    desk.end_cycle(crux_msgs::robot_state_t::HOLDING, "", events);
+    desk.end_cycle(crux_msgs::robot_state_t::HOLDING, {}, events);
     events.move_to(record->events);
     records.push();
   }

@@ -16,10 +16,10 @@ using crux_msgs::robot_state_t;
 
 class FakeTaker : public PlanTaker {
  public:
-  const char* take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override {
-    if (refusal != nullptr) return refusal;
+  Reason take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override {
+    if (refusal != nullptr) return {refusal};
     in_use.swap(plan);
-    return nullptr;
+    return {};
   }
   std::unique_ptr<const PreparedPlan> in_use;
   const char* refusal = nullptr;
@@ -53,7 +53,7 @@ class OperatorDeskTest : public ::testing::Test {
   /// One cycle in which the core obeys, or refuses for the reason given.
   std::int8_t cycle(std::int64_t n, const char* refused_because = "") {
     const std::int8_t command = desk_.begin_cycle(n, robot_state_t::READY, taker_, events_);
-    desk_.end_cycle(robot_state_t::CLIMBING, refused_because, events_);
+    desk_.end_cycle(robot_state_t::CLIMBING, {refused_because}, events_);
     return command;
   }
   std::vector<Answer> answers() {

@@ -1,0 +1,85 @@
+"""What a runtime says of its fault and its nodes, in words and as JSON."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from crux_contracts import LIMB_NAMES
+from crux_msgs import acknowledgement_t, status_t
+from crux_msgs.tables import FAULT_HELP, FAULTS
+
+NODES_PER_LIMB = 7
+NODE_WORDS = {
+    status_t.SILENT: ("silent", "look at power and cables"),
+    status_t.UNIDENTIFIED: (
+        "not identified yet",
+        "asked for its identity; firmware without this protocol never answers",
+    ),
+    status_t.WRONG_PROTOCOL: ("other CAN protocol", "update its firmware"),
+    status_t.WRONG_PLACE: ("in another limb's place", "cables of two limbs are swapped"),
+    status_t.WRONG_ROBOT: ("made for another robot description", "update its firmware, or start with its --robot"),
+}
+
+
+def fault_of(status: status_t | None) -> dict[str, Any] | None:
+    """The fault that stands: code, name, where, text, since when, cause and what to do; None where there is none."""
+    if status is None or status.fault.code == 0:
+        return None
+    fault = status.fault
+    name, text = next((name, text) for code, name, _, text in FAULTS if code == fault.code)
+    for word, number in (("limit", fault.limit), ("value", fault.value)):
+        head, found, tail = text.rpartition(word)  # "(limit: limit)": the last one is the number
+        text = f"{head}{number:.6g}{tail}" if found else text
+    limb = LIMB_NAMES[fault.limb] if fault.limb >= 0 else None
+    where = "" if limb is None else f"{limb} node {fault.node}: " if fault.node else f"{limb}: "
+    cause, remedy = FAULT_HELP[fault.code]
+    return {
+        "code": fault.code,
+        "name": name,
+        "limb": limb,
+        "node": fault.node or None,
+        "where": where,
+        "text": text,
+        "age_s": status.fault_age_s,
+        "since": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(time.time() - status.fault_age_s)),
+        "cause": cause,
+        "do": remedy,
+    }
+
+
+def _nodes(status: status_t | None) -> dict[int, list[str]]:
+    """Names of the nodes that are not well, by what is wrong with them."""
+    wrong: dict[int, list[str]] = {}
+    for index, state in enumerate(status.node_state if status is not None else ()):
+        if state != status_t.WELL:
+            wrong.setdefault(state, []).append(f"{LIMB_NAMES[index // NODES_PER_LIMB]}.{index % NODES_PER_LIMB + 1}")
+    return wrong
+
+
+def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str, Any]:
+    """What `crux status --json` prints."""
+    from crux_tools.operator_link import STATES
+
+    return {
+        "ok": True,
+        "state": STATES.get(answer.supervisor_state, str(answer.supervisor_state)),
+        "plan_id": answer.plan_id,
+        "fault": fault_of(status),
+        "nodes": {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
+    }
+
+
+def status_lines(status: status_t | None) -> list[str]:
+    """What `crux status` prints below the state."""
+    lines = []
+    if (fault := fault_of(status)) is not None:
+        lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
+        lines.append(f"  since {fault['since']}, {fault['age_s']:.0f} s ago")
+        lines.append(f"  cause: {fault['cause']}")
+        lines.append(f"  do: {fault['do']}")
+    for state, names in _nodes(status).items():
+        word, remedy = NODE_WORDS[state]
+        which = "all" if len(names) == len(LIMB_NAMES) * NODES_PER_LIMB else ", ".join(names)
+        lines.append(f"{len(names)} nodes {word} ({which}): {remedy}")
+    return lines
