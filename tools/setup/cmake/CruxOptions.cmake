@@ -28,5 +28,6 @@ endif()
 find_program(CRUX_CCACHE ccache)
 if(CRUX_CCACHE)
   set(CMAKE_C_COMPILER_LAUNCHER ${CRUX_CCACHE})
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CRUX_CCACHE})
+  # Lets the cache work with the precompiled headers of the tests.
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${CRUX_CCACHE})
 endif()
