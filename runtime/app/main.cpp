@@ -7,7 +7,9 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <vector>
 
+#include "app/claim.hpp"
 #include "app/cycle_loop.hpp"
 #include "app/open_log.hpp"
 #include "app/options.hpp"
@@ -100,6 +102,9 @@ int run(const Options& options) {
   const Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
   const RobotDescription& robot = loaded.value();
+  std::vector<Claim> claims;  // until the end: no second runtime on the same LCM address or bus
+  if (!options.lcm_url.starts_with("memq:")) claims.emplace_back(options.lcm_url);
+  for (const std::string& bus : options.buses) claims.emplace_back(bus);
   PerLimb<std::unique_ptr<Bus>> buses;
   for (std::size_t l = 0; l < buses.size(); ++l) buses[l] = open_bus(options.buses[l]);
 
