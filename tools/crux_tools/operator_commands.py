@@ -1,4 +1,4 @@
-"""`crux upload`, `start`, `hold`, `resume`, `clear-fault`, `shutdown` and `status`: an operator's words to a running runtime."""
+"""`crux upload`, `start`, `hold`, `resume`, `clear-fault`, `shutdown`, `status`: an operator's words to a runtime."""
 
 from __future__ import annotations
 

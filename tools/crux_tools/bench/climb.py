@@ -141,7 +141,8 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
 
 
 def _shut_down(runtime: RuntimeProcess, link: OperatorLink, realtime_loop: Loop | None) -> None:
-    """The simulated robot is still on its wall, so FORCE_SHUTDOWN; in real time the nodes answer until the runtime is gone, or it would log a fault."""
+    """FORCE_SHUTDOWN, for the simulated robot is still on its wall; in real time the nodes answer until the runtime is
+    gone, or it would log a fault."""
     end_s = time.monotonic() + STOP_TIMEOUT_S
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(link.command, command_t.FORCE_SHUTDOWN)
