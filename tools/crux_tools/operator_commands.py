@@ -10,7 +10,6 @@ from typing import Any
 from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
-
 REARM_S = 0.5  # longer than the runtime re-arms nodes
 
 
