@@ -42,7 +42,7 @@ TEST_F(SupervisorTest, IdleUntilItMayTakeOver) {
   EXPECT_EQ(update(seen_), SupervisorState::kIdle);
   EXPECT_EQ(update(with(command_t::START)), SupervisorState::kIdle);
   EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
-  EXPECT_STREQ(supervisor_.refusal(), "no plan is loaded");
+  EXPECT_STREQ(supervisor_.refusal().text, "no plan is loaded");
   seen_.may_take_over = true;
   EXPECT_EQ(update(seen_), SupervisorState::kReady);
 }
@@ -56,7 +56,7 @@ TEST_F(SupervisorTest, ClimbsHoldsResumesAndEndsHolding) {
   seen_.plan_complete = true;
   EXPECT_EQ(update(seen_), SupervisorState::kHolding);
   EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding);
-  EXPECT_STREQ(supervisor_.refusal(), "the plan is complete");
+  EXPECT_STREQ(supervisor_.refusal().text, "the plan is complete");
 }
 
 TEST_F(SupervisorTest, EachFaultLeadsWhereItsTableSays) {
@@ -86,7 +86,7 @@ TEST_F(SupervisorTest, AfterAFaultOnlyClearAndResumeLeadOn) {
   reach_climbing();
   update(with(FaultCode::kEventTimeout));
   EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding);
-  EXPECT_STREQ(supervisor_.refusal(), "a fault stands; clear it first");
+  EXPECT_STREQ(supervisor_.refusal().text, "a fault stands; clear it first");
   update(with(command_t::CLEAR_FAULT));
   EXPECT_TRUE(supervisor_.rearm_requested());
   EXPECT_EQ(supervisor_.fault().code, FaultCode::kNone);

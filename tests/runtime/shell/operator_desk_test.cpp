@@ -101,7 +101,7 @@ TEST_F(OperatorDeskTest, AScheduledStartThatTheCoreRefusesSaysSo) {
   const auto all = answers();
   ASSERT_EQ(all.size(), 2U);
   EXPECT_EQ(all[1].outcome.verdict, acknowledgement_t::REFUSED);
-  EXPECT_STREQ(all[1].outcome.reason, "the robot does not stand at the plan's start");
+  EXPECT_STREQ(all[1].outcome.reason.text, "the robot does not stand at the plan's start");
   ASSERT_EQ(events_.end() - events_.begin(), 1);
   EXPECT_EQ(events_.begin()->outcome.verdict, acknowledgement_t::REFUSED);
 }
