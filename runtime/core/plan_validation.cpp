@@ -60,9 +60,9 @@ std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
     return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
   }
   if (plan.robot_sha256 != robot.sha256) {
-    return Sentence() << "the plan was made for another description of robot '" << robot.name << "' or by an older crux (robot_sha256 "
-                      << plan.robot_sha256.substr(0, 12) << "..., here " << robot.sha256.substr(0, 12)
-                      << "...): plan again";
+    return Sentence() << "the plan was made for another description of robot '" << robot.name
+                      << "' or by an older crux (robot_sha256 " << plan.robot_sha256.substr(0, 12) << "..., here "
+                      << robot.sha256.substr(0, 12) << "...): plan again";
   }
   plan_t unnamed = plan;
   unnamed.plan_id.clear();

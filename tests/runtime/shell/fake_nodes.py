@@ -100,7 +100,12 @@ class FakeNodes:
 
     def _introduce(self, limb: int, node: int) -> None:
         version = can_codec.database().dbc.attributes["ProtocolVersion"].value  # type: ignore[union-attr]
-        who = {"Protocol": version, "NodeId": node, "Limb": self.limb_of[limb], "ParameterHash": self.hash}
+        who: dict[str, float | int] = {
+            "Protocol": version,
+            "NodeId": node,
+            "Limb": self.limb_of[limb],
+            "ParameterHash": self.hash,
+        }
         self._send(limb, "GripperIdentity" if node == GRIPPER else "JointIdentity", node, who, 16)
 
     def _answer(self, limb: int, cycle: int) -> None:

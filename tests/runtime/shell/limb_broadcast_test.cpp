@@ -83,6 +83,10 @@ TEST(LimbBroadcast, CountersGoOnAndAHeartbeatGoesFirst) {
 TEST(LimbBroadcast, TheGrippersAnswerIsStatusAndWrench) {
   LimbBus limb(kLimb, test_robot(), CommandFrames::kBroadcast);
   limb.pack_cycle({}, 70000, nullptr);
+  crux_can_gripper_identity_t identity{};
+  identity.protocol = CRUX_CAN_PROTOCOL_VERSION;
+  identity.node_id = CRUX_CAN_NODE_GRIPPER;
+  identity.limb = kLimb;
   crux_can_gripper_answer_t answer{};
   answer.state = 2;
   answer.opening_m = 0.03F;
@@ -97,17 +101,27 @@ TEST(LimbBroadcast, TheGrippersAnswerIsStatusAndWrench) {
   answer.moment_x_nm = 1000;
   answer.moment_y_nm = -2000;
   answer.moment_z_nm = 3000;
-  const auto send = [&](std::uint8_t counter) {
-    Frame frame;
-    frame.id = CRUX_CAN_ID_GRIPPER_ANSWER;
-    frame.length = CRUX_CAN_LENGTH_GRIPPER_ANSWER;
-    crux_can_gripper_answer_pack(frame.data.data(), &answer, frame.length);
+  const auto take = [&](Frame frame, std::uint8_t counter) {
     crux_e2e_protect(frame.id, counter, frame.data.data(), frame.length);
     NodeNotice notice;
     limb.take(frame, notice);
   };
-  send(1);
+  const auto introduce = [&] {
+    Frame frame{.id = CRUX_CAN_ID_GRIPPER_IDENTITY, .length = CRUX_CAN_LENGTH_GRIPPER_IDENTITY};
+    crux_can_gripper_identity_pack(frame.data.data(), &identity, frame.length);
+    take(frame, 0);
+  };
+  const auto send = [&](std::uint8_t counter) {
+    Frame frame{.id = CRUX_CAN_ID_GRIPPER_ANSWER, .length = CRUX_CAN_LENGTH_GRIPPER_ANSWER};
+    crux_can_gripper_answer_pack(frame.data.data(), &answer, frame.length);
+    take(frame, counter);
+  };
   crux_msgs::control_input_t in{};
+  send(0);
+  limb.fill(in);
+  EXPECT_EQ(in.gripper_fresh[kLimb], 0);  // nobody is listened to who has not said who it is
+  introduce();
+  send(1);
   limb.fill(in);
   EXPECT_EQ(in.gripper_fresh[kLimb], 1);
   EXPECT_EQ(in.gripper_state[kLimb], 2);
