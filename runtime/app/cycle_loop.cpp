@@ -224,6 +224,7 @@ void CycleLoop::send(CycleRecord& record) noexcept {
     const bool beat = due || (may_ask && !limbs_[l].identified());
     buses_[l]->send(limbs_[l].pack_cycle(record.result.output, cycle, beat ? &heartbeat : nullptr));
   }
+  report_nodes();
   record.timing.send_ns = now_ns() - begin_ns;
 }
 
@@ -308,7 +309,6 @@ void CycleLoop::push_events(std::int64_t log_time_ns) noexcept {
 
 void CycleLoop::publish(const CycleRecord& record) noexcept {
   if (cycle_ % snapshot_cycles_ != 0) return;
-  report_nodes();
   Snapshot& snapshot = exchange_.snapshot.slot();
   snapshot.state = record.result.state;
   std::ranges::copy(record.result.reference, snapshot.reference.begin());

@@ -55,6 +55,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
     throw BusError("robot '" + robot.name + "': can.nodes.gripper is " + std::to_string(robot.can.gripper_node) +
                    ", the CAN database has the gripper at node " + std::to_string(CRUX_CAN_NODE_GRIPPER));
   joint_of_node_.fill(-1);
+  silence_.fill(silent_cycles_ + 1);  // until they are heard
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
     const int node = robot.can.joint_nodes[joint];
     if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
@@ -278,14 +279,17 @@ bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& n
 /// A cable may have been plugged in elsewhere while nobody heard the node.
 void LimbBus::forget_silent_nodes() noexcept {
   for (std::uint8_t node = 1; node <= CRUX_CAN_NODES; ++node) {
-    silence_[node] = (answered_ >> node & 1U) != 0 ? 0 : std::min(silence_[node] + 1, silent_cycles_ + 1);
-    if (silence_[node] > silent_cycles_) identified_nodes_ &= ~(1U << node);
+    if ((answered_ >> node & 1U) != 0) {
+      silence_[node] = 0;
+    } else if (silence_[node] <= silent_cycles_ && ++silence_[node] > silent_cycles_) {
+      identified_nodes_ &= ~(1U << node);
+    }
   }
 }
 
 std::int8_t LimbBus::node_state(std::uint8_t node) const noexcept {
   using crux_msgs::status_t;
-  if (silence_[node] > silent_cycles_) return status_t::SILENT;
+  if (silence_[node] > silent_cycles_ && (answered_ >> node & 1U) == 0) return status_t::SILENT;
   if ((identified_nodes_ >> node & 1U) != 0) return status_t::WELL;
   if (wrong_[node].node == 0) return status_t::UNIDENTIFIED;
   switch (wrong_[node].kind) {

@@ -42,11 +42,11 @@ class Starter:
         self._folder = folder
         self._count = 0
 
-    def __call__(self, *extra: str, pace: str = "bus") -> Runtime:
-        """A runtime on ports of its own that answers its operators."""
+    def __call__(self, *extra: str, pace: str = "bus", ports: RunPorts | None = None) -> Runtime:
+        """A runtime that answers its operators, on ports of its own where none are given."""
         self._count += 1
         log = self._folder / f"log{self._count}.mcap"
-        ports = self._stack.enter_context(run_ports())
+        ports = ports or self._stack.enter_context(run_ports())
         command = [str(built("runtime/app/crux-runtime")), "--robot", str(ROBOT), "--pace", pace]
         command += ["--lcm", ports.lcm_url, "--log", str(log), *extra]
         for limb, url in zip(LIMB_NAMES, ports.bus_urls(), strict=True):

@@ -1,0 +1,133 @@
+"""What a runtime that controls a robot on its wall refuses, and what it says when its nodes are dead."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_msgs import command_t, plan_t, robot_state_t
+from crux_tools.bench.ports import run_ports
+from crux_tools.cli import main
+from crux_tools.errors import UsageError, WorkFailed
+from hand_plan import BODY_HEIGHT_M, NOMINAL_M, Wall, standing_plan
+from own_runtime import ROBOT, Runtime, Starter
+from robot_on_wall import RobotOnWall
+
+ASIDE_M = 0.1
+SAG_M = 0.01  # of a robot that stands where it was put
+DESCRIPTION = yaml.safe_load((ROBOT / "robot.yaml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def plan() -> plan_t:
+    return standing_plan()
+
+
+def plan_along(*body_x_m: float, first_hold_x_m: float = NOMINAL_M[0, 0]) -> plan_t:
+    """On the same holds, but for the first one; the body at other places."""
+    xy_m = NOMINAL_M.copy()
+    xy_m[0, 0] = first_hold_x_m
+    path = np.array([[x, 0.0, BODY_HEIGHT_M] for x in body_x_m])
+    return standing_plan(Wall(xy_m=xy_m), body_path_m=path)
+
+
+@contextmanager
+def taken_over(start: Starter, plan: plan_t, guard_s: str = "30") -> Iterator[tuple[Runtime, RobotOnWall]]:
+    """A runtime in READY, and its robot."""
+    with run_ports() as ports, RobotOnWall(ports, plan) as robot:
+        runtime = start("--guard-time", guard_s, ports=ports)
+        runtime.link.upload(plan)
+        robot.await_state(robot_state_t.READY)
+        yield runtime, robot
+
+
+def state(runtime: Runtime) -> int:
+    return int(runtime.link.send(command_t.STATUS).supervisor_state)
+
+
+def test_the_end_is_refused_on_the_wall_unless_forced(start: Starter, plan: plan_t) -> None:
+    with taken_over(start, plan) as (runtime, _):
+        for command in (None, command_t.START, command_t.HOLD):
+            if command is not None:
+                runtime.link.send(command, plan.plan_id)
+            with pytest.raises(WorkFailed, match="on the wall.*--force.*own watchdogs"):
+                runtime.link.send(command_t.SHUTDOWN)
+        assert main(["shutdown", "--lcm", runtime.ports.lcm_url]) == 1
+        assert state(runtime) == robot_state_t.HOLDING
+        assert main(["shutdown", "--force", "--lcm", runtime.ports.lcm_url]) == 0
+        assert runtime.end() == (0, "")
+
+
+@pytest.mark.parametrize("holding", [False, True])
+def test_a_plan_that_begins_elsewhere_is_refused_with_numbers(start: Starter, plan: plan_t, holding: bool) -> None:
+    with taken_over(start, plan) as (runtime, robot):
+        if holding:
+            runtime.link.send(command_t.START, plan.plan_id)
+            robot.await_state(robot_state_t.CLIMBING)
+            runtime.link.send(command_t.HOLD)
+            robot.await_state(robot_state_t.HOLDING)
+        before = state(runtime)
+        for other, where, limit_m in (
+            (plan_along(ASIDE_M, ASIDE_M), "the body", DESCRIPTION["control"]["max_body_correction_m"]),
+            (
+                plan_along(0.0, 0.0, first_hold_x_m=NOMINAL_M[0, 0] + ASIDE_M),
+                "LF: the gripper",
+                DESCRIPTION["supervisor"]["start_tolerance_m"],
+            ),
+        ):
+            with pytest.raises(UsageError, match=where) as refused:
+                runtime.link.upload(other)
+            numbers = re.search(r"is (\S+) m from where the plan begins \(limit: (\S+)\)", str(refused.value))
+            assert numbers is not None
+            assert float(numbers[1]) == pytest.approx(ASIDE_M, abs=SAG_M)
+            assert float(numbers[2]) == limit_m
+            status = runtime.link.send(command_t.STATUS)
+            assert (status.supervisor_state, status.plan_id) == (before, plan.plan_id)
+        onward = plan_along(0.0, 0.02)
+        assert runtime.link.upload(onward).plan_id == onward.plan_id
+        robot.await_state(robot_state_t.READY)
+
+
+def test_dead_nodes_are_told_and_clear_fault_does_not_pass_over_them(
+    start: Starter, plan: plan_t, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with taken_over(start, plan, guard_s="0.01") as (runtime, robot):
+        url = runtime.ports.lcm_url
+        robot.power_off()
+        while state(runtime) != robot_state_t.FAULT:
+            pass
+        dead = datetime.now(UTC)
+        capsys.readouterr()
+
+        assert main(["clear-fault", "--lcm", url]) == 1
+        refusal = capsys.readouterr()
+        assert re.search(r"LF node 1: no valid status from the node for \d+ cycles \(limit: 10\)", refusal.err)
+        assert "holding" not in refusal.err + refusal.out
+
+        assert main(["status", "--lcm", url]) == 0
+        said = "".join(capsys.readouterr())
+        assert re.search(r"fault 1 node_silent: LF node 1: no valid status .* for 11 cycles \(limit: 10\)", said)
+        assert "since 20" in said
+        assert "do: look at its power and cable" in said
+        assert "28 nodes silent (all)" in said
+
+        assert main(["status", "--lcm", url, "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["state"] == "fault"
+        assert (told["fault"]["name"], told["fault"]["limb"], told["fault"]["node"]) == ("node_silent", "LF", 1)
+        assert told["fault"]["do"]
+        assert abs(datetime.fromisoformat(told["fault"]["since"]) - dead) < timedelta(minutes=1)
+        assert told["nodes"] == {"silent": [f"{limb}.{node}" for limb in LIMB_NAMES for node in range(1, 8)]}
+
+
+def test_nodes_that_never_were_there_are_silent(start: Starter, capsys: pytest.CaptureFixture[str]) -> None:
+    runtime = start()
+    assert main(["status", "--lcm", runtime.ports.lcm_url]) == 0
+    assert "28 nodes silent (all)" in "".join(capsys.readouterr())
