@@ -253,6 +253,7 @@ void LimbBus::take_gripper_answer(const Frame& frame) noexcept {
 bool LimbBus::take_identity(const Frame& frame, std::uint8_t node, NodeNotice& notice) noexcept {
   crux_can_joint_identity_t identity{};  // the gripper's has the same layout
   crux_can_joint_identity_unpack(&identity, frame.data.data(), frame.length);
+  silence_[node] = 0;
   notice = {
       .limb = static_cast<std::int8_t>(limb_), .node = node, .cause = identity.limb, .detail = identity.parameter_hash};
   if (identity.protocol != CRUX_CAN_PROTOCOL_VERSION) {

@@ -154,7 +154,7 @@ class LimbBus {
   std::uint32_t introduced_ = 0;                        ///< who has done so since the last pack_cycle
   std::uint8_t asked_node_ = 0;                         ///< last
   std::array<NodeNotice, CRUX_CAN_NODES + 1> wrong_{};  ///< the wrong identity last heard, node 0: none
-  std::array<int, CRUX_CAN_NODES + 1> silence_{};       ///< cycles without an answer
+  std::array<int, CRUX_CAN_NODES + 1> silence_{};       ///< cycles without an answer or identity
   int silent_cycles_;
   bool foreign_host_ = false;
   std::uint32_t restarted_ = 0;  ///< nodes that said so since the last pack_cycle; their statuses may be newer already

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import pytest
 from crux_contracts.robot import load_robot
-from crux_msgs import command_t, status_t
+from crux_msgs import command_t, robot_state_t, status_t
+from crux_tools.bench.ports import run_ports
 from crux_tools.operator_status import status_json, status_lines
 from fake_nodes import FakeNodes
+from hand_plan import standing_plan
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from own_runtime import Runtime, Starter
+from robot_on_wall import RobotOnWall
 
 CYCLES = 120
+PATIENCE_CYCLES = 1500  # in which a robot without swapped cables is ready
 
 
 def last_fresh(runtime: Runtime) -> list[int]:
@@ -58,3 +62,42 @@ def test_nodes_of_another_robot_are_told_and_have_no_say(start: Starter, hash_: 
     fresh, status = run(start, hash_=hash_)
     assert set(fresh) == {0}
     assert set(status.node_state) == {status_t.WRONG_ROBOT}
+
+
+def well(runtime: Runtime) -> list[bool]:
+    """Of each node, limb by limb; fails where it is neither well nor in another's place."""
+    runtime.link.send(command_t.STATUS)
+    assert runtime.link.status is not None
+    states = list(runtime.link.status.node_state)
+    assert set(states) <= {status_t.WELL, status_t.WRONG_PLACE}
+    return [state == status_t.WELL for state in states]
+
+
+def states(start: Starter, commands: str, *cables: int) -> tuple[list[bool], list[int]]:
+    """Firmware nodes hold a robot where its plan begins, powered before the runtime: who of them is well, and the
+    supervisor's state in every cycle."""
+    plan = standing_plan()
+    with run_ports() as ports, RobotOnWall(ports, plan, cables) as robot:
+        runtime = start("--guard-time", "30", "--commands", commands, ports=ports)
+        runtime.link.upload(plan)
+        robot.await_cycle(PATIENCE_CYCLES)
+        right = well(runtime)
+        runtime.link.send(command_t.FORCE_SHUTDOWN)
+        assert runtime.end()[0] == 0
+    with runtime.log.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return right, [state.supervisor_state for *_, state in reader.iter_decoded_messages(topics=["/robot_state"])]
+
+
+@pytest.mark.parametrize("commands", ["each", "broadcast"])
+def test_a_robot_that_was_there_before_gets_ready(start: Starter, commands: str) -> None:
+    right, taken = states(start, commands, 0, 1, 2, 3)
+    assert all(right)
+    assert robot_state_t.READY in taken[:PATIENCE_CYCLES]
+
+
+@pytest.mark.parametrize("commands", ["each", "broadcast"])
+def test_swapped_cables_never_get_ready(start: Starter, commands: str) -> None:
+    right, taken = states(start, commands, 1, 0, 2, 3)
+    assert right == [False] * 14 + [True] * 14
+    assert set(taken) == {robot_state_t.IDLE}

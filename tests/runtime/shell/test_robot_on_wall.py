@@ -57,7 +57,7 @@ def test_the_end_is_refused_on_the_wall_unless_forced(start: Starter, plan: plan
         for command in (None, command_t.START, command_t.HOLD):
             if command is not None:
                 runtime.link.send(command, plan.plan_id)
-            with pytest.raises(WorkFailed, match="on the wall.*--force.*own watchdogs"):
+            with pytest.raises(WorkFailed, match=r"on the wall.*--force.*own watchdogs"):
                 runtime.link.send(command_t.SHUTDOWN)
         assert main(["shutdown", "--lcm", runtime.ports.lcm_url]) == 1
         assert state(runtime) == robot_state_t.HOLDING
