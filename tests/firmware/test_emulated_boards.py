@@ -100,6 +100,21 @@ def test_restart_forgets_and_says_so(boards: tuple[Host, crux_emulated.Board]) -
     assert heard["JointStatus", NODE][-1]["CycleEcho"] == 19
 
 
+@pytest.mark.parametrize("node", [NODE, crux_emulated.GRIPPER])
+def test_says_who_it_is_when_it_is_asked(robot: Robot, node: int) -> None:
+    name = "GripperIdentity" if node == crux_emulated.GRIPPER else "JointIdentity"
+    with board(robot, LF, node) as emulated, host(robot) as bus:
+        bus.nodes.replace(LF, node, emulated.port)
+        bus.run(0, command(0.0), GRIPPER_COMMAND)
+        assert len(bus.heard(LF)[name, node]) == 1  # at its start
+        for cycle, (asked, answers) in enumerate([(0, 0), (node - 1, 0), (node, 1), (0, 0), (node, 1)], start=1):
+            bus.send(LF, "HostHeartbeat", {"HostState": 1, "Identify": asked})
+            bus.run(cycle, command(0.0), GRIPPER_COMMAND)
+            said = bus.heard(LF)[name, node]
+            assert len(said) == answers
+    assert (said[0]["NodeId"], said[0]["Limb"], said[0]["ParameterHash"]) == (node, LF, int(robot.hash[:8], 16))
+
+
 def test_while_it_restarts_its_joint_is_limp_for_a_few_milliseconds(boards: tuple[Host, crux_emulated.Board]) -> None:
     bus, _ = boards
     bus.plant.joint_position_rad[:] = 0.25

@@ -99,7 +99,7 @@ class FakeNodes:
         )
 
     def _introduce(self, limb: int, node: int) -> None:
-        version = can_codec.database().dbc.attributes["ProtocolVersion"].value  # type: ignore[union-attr]
+        version = int(can_codec.database().dbc.attributes["ProtocolVersion"].value)  # type: ignore[union-attr]
         who: dict[str, float | int] = {
             "Protocol": version,
             "NodeId": node,
