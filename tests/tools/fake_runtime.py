@@ -8,7 +8,7 @@ from types import TracebackType
 
 import lcm
 from crux_contracts import channels
-from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
+from crux_msgs import acknowledgement_t, command_t, fault_t, plan_piece_t, plan_t, status_t
 
 
 class FakeRuntime:
@@ -19,6 +19,7 @@ class FakeRuntime:
         self._refuse_plan = refuse_plan
         self._refuse_commands = refuse_commands
         self._lose = lose
+        self.tells_status = True
         self._pieces: dict[int, bytes] = {}
         self._stop = threading.Event()
         self._ready = threading.Event()
@@ -79,4 +80,8 @@ class FakeRuntime:
             return
         command = command_t.decode(data)
         self.commands.append(command)
+        if command.command == command_t.STATUS and self.tells_status:
+            status = status_t()
+            status.request_id, status.fault = command.request_id, fault_t()
+            self._lcm.publish(channels.CRUX_STATUS, status.encode())
         self._answer(acknowledgement_t.COMMAND, command.request_id, reason=self._refuse_commands)

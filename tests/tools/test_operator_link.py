@@ -73,11 +73,26 @@ def test_commands_of_the_command_line(url: str, capsys: pytest.CaptureFixture[st
         for words in (["upload", path], ["status"], ["start"], ["hold"], ["resume"], ["clear-fault"]):
             assert main([*words, "--lcm", url, "--json"]) == 0
             answer = json.loads(capsys.readouterr().out)
-            assert answer == {"ok": True, "state": "ready", "plan_id": plan.plan_id}
+            more: dict[str, object] = {"fault": None, "nodes": {}} if words == ["status"] else {}
+            assert answer == {"ok": True, "state": "ready", "plan_id": plan.plan_id, **more}
         sent = [command.command for command in runtime.commands]
     assert sent == [
         command_t.STATUS, command_t.STATUS, command_t.START, command_t.HOLD, command_t.RESUME, command_t.CLEAR_FAULT,
+        command_t.STATUS,
     ]  # fmt: skip
+
+
+def test_what_was_not_told_is_not_taken_for_well(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeRuntime(url) as runtime, OperatorLink(url) as link:
+        link.send(command_t.STATUS)
+        assert link.status is not None
+        runtime.tells_status = False
+        link.send(command_t.STATUS)
+        assert link.status is None
+        assert main(["status", "--lcm", url, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["nodes"] is None
+        assert main(["status", "--lcm", url]) == 0
+        assert "tells nothing of its nodes" in capsys.readouterr().err
 
 
 def test_a_refused_command_is_exit_status_one(url: str, capsys: pytest.CaptureFixture[str]) -> None:

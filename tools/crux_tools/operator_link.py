@@ -40,7 +40,7 @@ class OperatorLink:
         self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)
         self._status_subscription = self._lcm.subscribe(channels.CRUX_STATUS, self._keep_status)
         self.status: status_t | None = None
-        """what the runtime last said beside its acknowledgement of STATUS"""
+        """what the runtime said beside its acknowledgement, where the last command was STATUS; None: nothing"""
 
     def __enter__(self) -> OperatorLink:
         return self
@@ -88,6 +88,7 @@ class OperatorLink:
         message.at_cycle = at_cycle
         message.plan_id = plan_id
         self._next_request += 1
+        self.status = None
         for _ in range(tries):
             if not is_worth_it():
                 break

@@ -48,10 +48,10 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
     }
 
 
-def _nodes(status: status_t | None) -> dict[int, list[str]]:
+def _nodes(status: status_t) -> dict[int, list[str]]:
     """Names of the nodes that are not well, by what is wrong with them."""
     wrong: dict[int, list[str]] = {}
-    for index, state in enumerate(status.node_state if status is not None else ()):
+    for index, state in enumerate(status.node_state):
         if state != status_t.WELL:
             wrong.setdefault(state, []).append(f"{LIMB_NAMES[index // NODES_PER_LIMB]}.{index % NODES_PER_LIMB + 1}")
     return wrong
@@ -66,12 +66,14 @@ def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str,
         "state": STATES.get(answer.supervisor_state, str(answer.supervisor_state)),
         "plan_id": answer.plan_id,
         "fault": fault_of(status),
-        "nodes": {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
+        "nodes": None if status is None else {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
     }
 
 
 def status_lines(status: status_t | None) -> list[str]:
     """What `crux status` prints below the state."""
+    if status is None:
+        return ["it tells nothing of its nodes and faults: of an older crux, or its message was lost"]
     lines = []
     if (fault := fault_of(status)) is not None:
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
