@@ -9,7 +9,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
-#include <regex>
 #include <stdexcept>
 #include <vector>
 
@@ -20,9 +19,10 @@ constexpr const char* kFirstLine = "crux-robot-2\n";
 constexpr const char* kSpace = " \t\r\n";
 
 std::string canonical_word(const std::string& word) {
-  static const std::regex number(R"([-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?)");
-  if (!std::regex_match(word, number)) return word;
-  const double value = std::strtod(word.c_str(), nullptr) + 0.0;  // + 0.0: -0 is 0
+  if (word.find_first_not_of("+-.0123456789eE") != std::string::npos) return word;  // strtod knows more: nan, 0x1
+  char* end = nullptr;
+  const double value = std::strtod(word.c_str(), &end) + 0.0;  // + 0.0: -0 is 0
+  if (end == word.c_str() || *end != '\0') return word;
   std::array<char, 18> hex{};
   std::snprintf(hex.data(), hex.size(), "#%016llx",
                 static_cast<unsigned long long>(std::bit_cast<std::uint64_t>(value)));

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import multiprocessing
 import time
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import crux_planner
@@ -14,6 +12,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import clock
 from crux_planner.errors import TIME_LIMIT, InfeasibleError
+from crux_planner.worker import Worker
 from walls import scenario, two_rows
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
@@ -40,24 +39,19 @@ def test_a_busy_machine_finds_a_walk(robot: Robot) -> None:
     assert crux_planner.plan(load_scenario(SCENES / "walk-flat.yaml"), robot, time_limit_s=30.0).check.ok
 
 
-def busy(said: Connection) -> None:
+def busy() -> None:
     while time.process_time() < BUSY_S:
         pass
-    said.send(True)
-    said.recv()
 
 
 def test_what_workers_compute_counts_while_they_live_and_afterwards() -> None:
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    worker = context.Process(target=busy, args=(theirs,))
+    worker = Worker()
     before, own = clock.now(), time.process_time()
-    worker.start()
-    assert ours.recv()
+    worker.begin(busy)
+    worker.hear()
     assert clock.computed_s(worker.pid) >= BUSY_S
     assert clock.now() - before >= BUSY_S + time.process_time() - own - 0.05
-    ours.send(True)
-    worker.join()
+    worker.stop()
     assert clock.computed_s(worker.pid) == 0.0
     assert clock.now() - before >= BUSY_S + time.process_time() - own - 0.05
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from functools import lru_cache
 
 import pytest
 from crux_contracts.robot import load_robot
+from crux_planner import clock
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_within_torques
 from crux_planner.realise import path_to_goal
@@ -25,7 +25,7 @@ def effort(rows: int, steps: int) -> dict[str, float]:
     """Moves, and what they took: stances expanded, balance queries, estimates of J, iterations of the exact P1."""
     problem = build_problem(scenario(ladder(rows, steps=steps)), load_robot("scaler"))
     balance, reach, ways = Strength(problem, problem.friction_share), Reach(problem), Ways(problem)
-    later = time.monotonic() + 300
+    later = clock.now() + 300
     moves, seen = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
     queries, costs = balance.queries, EventCost(problem, balance, reach, ways)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_planner import exact
+from crux_planner import clock, exact
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.interior_point import Outcome, Point, first_point
@@ -44,7 +43,7 @@ def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
         next(part for part in wall["holds"] if part["name"] == options["slippery"])["friction"] = SLIPPERY
     problem = build_problem(scenario(wall), load_robot("scaler"))
     balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
-    moves, _ = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=time.monotonic() + 60)
+    moves, _ = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
     moves = smooth_events(problem, balance, reach, ways, moves)
     schedule = lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
@@ -115,7 +114,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     functions = StageFunctions(problem)
     other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
     monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
-    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert other.solved
     assert solution.position_residual_m < 1e-8
@@ -130,7 +129,7 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     start = start_from_path(problem, path)
     unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 30.0)
     assert max(unlimited.torque_shares.values()) > 1.05
-    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
     everywhere = frozenset(unlimited.torque_shares)
@@ -141,12 +140,12 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
 
 def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance("rough")
-    expected = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
+    expected = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
 
     def give_up(_stages: StageProblem, point: Point, *_more: Any) -> Outcome:
         return Outcome(point, 0, False, np.inf)
 
     monkeypatch.setattr(exact, "minimise", give_up)
-    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert solution.cost == pytest.approx(expected.cost, abs=2e-3)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
+from crux_planner import clock
 from crux_planner.build import build_problem
 from crux_planner.exact import solve_within_torques
 from crux_planner.problem import Problem
@@ -45,7 +45,7 @@ class Wall:
         schedule = at_knots(problem, costs.ways, timed.moves, timed.stances, timed.swings)
         path = knot_path(problem, costs.balance, schedule)
         assert path is not None
-        solution = solve_within_torques(problem, schedule, start_from_path(problem, path), time.monotonic() + 30)
+        solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
         assert solution.solved
         return solution.cost
 
@@ -55,7 +55,7 @@ def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs:
     content["planner"] = {"weights": weights or {}}
     problem = build_problem(scenario(content), robot)
     balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
-    later = time.monotonic() + 30
+    later = clock.now() + 30
     moves, _ = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
     return Wall(problem, moves, EventCost(problem, balance, reach, ways))
@@ -67,7 +67,7 @@ def wall(robot: Robot) -> Wall:
 
 
 def improved(wall: Wall) -> Timed:
-    timed = improve(wall.costs, wall.moves, time.monotonic() + 30)
+    timed = improve(wall.costs, wall.moves, clock.now() + 30)
     assert timed is not None
     return timed
 
@@ -132,7 +132,7 @@ def test_a_detour_is_left_out(wall: Wall) -> None:
         a, b, c, d = (stop if i == limb else c for i, c in enumerate(last.before))
         over = (a, b, c, d)
         detour = [replace(last, after=over), replace(last, before=over)]
-        timed = improve(wall.costs, [*wall.moves[:-1], *detour], time.monotonic() + 30, estimates=10_000)
+        timed = improve(wall.costs, [*wall.moves[:-1], *detour], clock.now() + 30, estimates=10_000)
         if timed is not None:
             assert len(timed.moves) == len(wall.moves)
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from dataclasses import replace
 from functools import lru_cache
 from itertools import permutations
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario
+from crux_planner import clock
 from crux_planner.build import build_problem
 from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.kinematics import rotation_from_rpy
@@ -77,7 +77,7 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
 
 
 def proven(read: Scenario) -> InfeasibleError | None:
-    proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), time.monotonic() + 20
+    proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), clock.now() + 20
     return proof.quick() or proof.goal_equilibrium(until) or proof.disconnected(until)
 
 

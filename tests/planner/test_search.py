@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
+from crux_planner import clock
 from crux_planner.build import build_problem
 from crux_planner.errors import InfeasibleError
 from crux_planner.problem import Problem
@@ -35,9 +35,7 @@ def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int
 def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
     balance = Balance(problem, problem.friction_share)
     ways = Ways(problem)
-    found, _ = search(
-        problem, balance, Reach(problem), ways, at_once=at_once, greed=1.0, deadline=time.monotonic() + 60
-    )
+    found, _ = search(problem, balance, Reach(problem), ways, at_once=at_once, greed=1.0, deadline=clock.now() + 60)
     return found
 
 

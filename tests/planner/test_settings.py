@@ -22,7 +22,7 @@ SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
 def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
     content = two_rows(slope_deg=slope_deg)
-    content["planner"] = settings
+    content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
     result = planning.plan(scenario(content), robot)
     assert result.check.ok
     return result

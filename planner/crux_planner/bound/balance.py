@@ -17,6 +17,7 @@ from crux_planner.bound.bundle import Bundle
 from crux_planner.bound.crawls import BETWEEN, Crawls
 from crux_planner.bound.loads import least_loads, least_rising
 from crux_planner.bound.pressed import MOST_PRICE, Pressed
+from crux_planner.walk.gait import LEAST_AIR
 from crux_planner.walk.problem import WalkProblem
 
 _ROUNDS = 20  # of prices for crawls with one step a foot
@@ -27,7 +28,12 @@ _STIFF = (0.08, 0.5, 350.0)  # how far outputs of the loads follow a price, abou
 
 
 def crawl_bound(problem: WalkProblem) -> float:
-    """A number that no crawl costs less than, but for what its heading costs; minus infinity where prices fail."""
+    """A number that no crawl costs less than, but for what its heading costs.
+
+    Minus infinity where multipliers fail or no step fits in.
+    """
+    if problem.steps <= LEAST_AIR:
+        return -np.inf
     pressed = Pressed(problem)
     if pressed.paid is None:
         return -np.inf

@@ -48,7 +48,7 @@ def _forces_and_steps(problem: WalkProblem) -> float:
         slope = whole / (4 * n - aloft) ** 2
         step = 2 * weights.switching + slope * air + weights.lift * problem.step_height_m * height
         steps = sum(_cheapest(float(length), step, longest) for length in lengths if length > 0.0)
-        idle = sum(min(float(step.min()), 0.0) * n for _ in range(4))  # were a step to earn more than it costs
+        idle = 4 * n * float(step.min(initial=0.0))  # were a step to earn more than it costs
         best = max(best, whole / (4 * n - aloft) - slope * aloft + steps + idle)
     return best
 
@@ -58,7 +58,7 @@ def _cheapest(length: float, step: Array, longest: Array) -> float:
     one = step[longest >= length]
     both = step[:, None] + step
     two = both[longest[:, None] + longest >= length]
-    return float(min(one.min(initial=np.inf), two.min(initial=np.inf), 3 * step.min()))
+    return float(min(one.min(initial=np.inf), two.min(initial=np.inf), 3 * step.min(initial=np.inf)))
 
 
 def _longest(problem: WalkProblem, air: int) -> float:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
-from crux_planner import InfeasibleError, PlanResult, plan
+from crux_planner import InfeasibleError, PlanResult, clock, plan
 from crux_planner.errors import unsolved
 from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.mass import centre_of_mass
@@ -163,10 +162,10 @@ def test_why_not(change: str, to: str, error: type[Exception], text: str | None)
 def test_answers_that_are_held_to_the_one_before_come_to_the_same_walk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Long walks drift without that; here it must neither end short of (8) nor cost more."""
     problem = build_walk(parse_scenario(FLAT), ROBOT)
-    knots = next(WalkContacts(problem, many=0).search(time.monotonic() + 30))
-    free = solve(problem, knots, time.monotonic() + 30)
+    knots = next(WalkContacts(problem, many=0).search(clock.now() + 30))
+    free = solve(problem, knots, clock.now() + 30)
     monkeypatch.setattr("crux_planner.walk.exact._FREE_ROUNDS", 0)
-    held = solve(problem, knots, time.monotonic() + 30)
+    held = solve(problem, knots, clock.now() + 30)
     assert (free.status, held.status) == ("solved", "solved")
     assert held.iterations != free.iterations
     assert held.cost == pytest.approx(free.cost, rel=5e-4)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
-from crux_planner import plan
+from crux_planner import clock, plan
 from crux_planner.admm.consensus import Scales
 from crux_planner.walk import exact, nlp
 from crux_planner.walk.contact_block import WalkContacts, eta_of
@@ -56,7 +55,7 @@ def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) 
     gait = FlatSearch(problem).begin(np.inf).gait
     first = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
     assert first is not None
-    again, by_ipopt = exact.solve(problem, first, time.monotonic() + 10.0), nlp.solve(problem, first, 10.0)
+    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), nlp.solve(problem, first, 10.0)
     assert again.solved
     assert by_ipopt.solved
     assert again.cost == pytest.approx(by_ipopt.cost, rel=1e-3)
@@ -70,7 +69,7 @@ def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) 
 
 
 def test_the_local_search_improves_on_regular_gaits_and_honours_the_consensus_term(problem: WalkProblem) -> None:
-    later = time.monotonic() + 60.0
+    later = clock.now() + 60.0
     block = WalkContacts(problem, Scales(force=0.0))
     first = block.minimise(1.5, None, later)
     regular = FlatSearch(problem).begin(np.inf)
@@ -102,7 +101,7 @@ def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> No
 
 
 def test_feet_end_under_the_body(problem: WalkProblem) -> None:
-    walked = WalkContacts(problem, Scales()).minimise(0.0, None, time.monotonic() + 0.3)
+    walked = WalkContacts(problem, Scales()).minimise(0.0, None, clock.now() + 0.3)
     feet = walked.eta.fingers[-1]
     assert (np.abs(feet[:, :2] - problem.goal_feet_w_m) <= FINAL_FOOT_M + 1e-6).all()
     assert feet[:, 2] == pytest.approx(np.zeros(4))
