@@ -8,11 +8,12 @@ from collections.abc import Iterator
 
 import pytest
 from crux_contracts.plan_file import write_plan
-from crux_msgs import command_t, plan_piece_t
+from crux_msgs import command_t, fault_t, plan_piece_t, status_t
 from crux_tools.bench.ports import RunPorts, run_ports
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
+from crux_tools.operator_status import status_lines
 from fake_runtime import FakeRuntime
 from hand_plan import climbing_plan, standing_plan
 
@@ -123,3 +124,10 @@ def test_a_port_somebody_else_uses_is_left_alone(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr("crux_tools.bench.ports.PORTS", range(taken - 3, taken - 2))
         with pytest.raises(OSError, match="no free UDP ports"), run_ports():
             pass
+
+
+def test_a_fault_of_a_newer_runtime_is_told() -> None:
+    status = status_t()
+    status.fault = fault_t()
+    status.fault.code, status.fault.limb, status.fault.node = 999, 1, 3
+    assert "fault 999 unknown: RF node 3: " in status_lines(status)[0]

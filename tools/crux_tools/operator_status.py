@@ -6,8 +6,9 @@ import time
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import FAULT_BY_CODE
 from crux_msgs import acknowledgement_t, status_t
-from crux_msgs.tables import FAULT_HELP, FAULTS
+from crux_msgs.tables import FAULT_HELP
 
 NODES_PER_LIMB = 7
 NODE_WORDS = {
@@ -27,20 +28,19 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
     if status is None or status.fault.code == 0:
         return None
     fault = status.fault
-    name, text = next((name, text) for code, name, _, text in FAULTS if code == fault.code)
-    for word, number in (("limit", fault.limit), ("value", fault.value)):
-        head, found, tail = text.rpartition(word)  # "(limit: limit)": the last one is the number
-        text = f"{head}{number:.6g}{tail}" if found else text
+    kind = FAULT_BY_CODE.get(fault.code)
     limb = LIMB_NAMES[fault.limb] if fault.limb >= 0 else None
     where = "" if limb is None else f"{limb} node {fault.node}: " if fault.node else f"{limb}: "
-    cause, remedy = FAULT_HELP[fault.code]
+    cause, remedy = FAULT_HELP.get(
+        fault.code, ("the runtime is newer than this command", "use the crux of its version")
+    )
     return {
         "code": fault.code,
-        "name": name,
+        "name": kind.name if kind else "unknown",
         "limb": limb,
         "node": fault.node or None,
         "where": where,
-        "text": text,
+        "text": kind.describe(fault.value, fault.limit) if kind else "a fault this version does not know",
         "age_s": status.fault_age_s,
         "since": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(time.time() - status.fault_age_s)),
         "cause": cause,
