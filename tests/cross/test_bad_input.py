@@ -53,6 +53,12 @@ def test_the_good_scenario_is_good(plan_path: Path, capsys: pytest.CaptureFixtur
     assert json.loads(capsys.readouterr().out)["ok"] is True
 
 
+def written(folder: Path) -> dict[Path, tuple[int, int, int, int]]:
+    """What stands in a folder, and what would tell a write; reading moves st_atime alone."""
+    stats = {path: path.stat() for path in folder.iterdir()}
+    return {path: (stat.st_ino, stat.st_mode, stat.st_size, stat.st_mtime_ns) for path, stat in stats.items()}
+
+
 @pytest.mark.parametrize("output", ["folder", "/proc/plan.mcap", "file/plan.mcap", "pipe", "locked", "scenario.yaml"])
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -62,14 +68,14 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     (tmp_path / "scenario.yaml").write_bytes(SCENARIO.read_bytes())
     (tmp_path / "locked").symlink_to("/proc/version")
     os.mkfifo(tmp_path / "pipe")
-    before = {path: path.stat() for path in tmp_path.iterdir()}
+    before = written(tmp_path)
     monkeypatch.setattr("crux_planner.entry.plan", lambda *_, **__: pytest.fail("it planned"))
     target = tmp_path / output
     status = cli.main(["plan", str(tmp_path / "scenario.yaml"), "-o", str(target)])
     _, errors = capsys.readouterr()
     check_message(errors, "plan", f"-o {target}")
     assert status == 2
-    assert {path: path.stat() for path in tmp_path.iterdir()} == before
+    assert written(tmp_path) == before
 
 
 OVER_ITS_INPUT = (

@@ -212,6 +212,7 @@ def test_two_runs_log_the_same(finished: Finished, start: Starter) -> None:
     assert messages(run_cycles(start)[0].log) == messages(finished[0])
 
 
+@pytest.mark.alone
 def test_a_silent_node_costs_the_guard_time_and_is_counted(start: Starter) -> None:
     runtime = start("--guard-time", "0.02")
     with FakeNodes(runtime.ports.bus_urls(), 10_000, deaf=(2, 3)) as nodes:
