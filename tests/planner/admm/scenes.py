@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
+from crux_planner import clock
 from crux_planner.admm.stages import Stages
 from crux_planner.build import build_problem
 from crux_planner.problem import Problem
@@ -32,7 +32,7 @@ class Scene:
     @property
     def later(self) -> float:
         """A deadline far enough."""
-        return time.monotonic() + 60.0
+        return clock.now() + 60.0
 
 
 def wall(steps: int, *, width_m: float = 0.06, goal_m: float = 0.15) -> str:
