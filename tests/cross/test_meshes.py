@@ -12,8 +12,8 @@ from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_planner.checker.limb_model import load_model
 from crux_planner.shapes import limb_shape, palm_shape
-from crux_tools.bench.robot_model import build_model
 from crux_tools.paths import built
+from crux_tools.sim.robot_model import build_model
 
 PICTURE = '<visual><geometry><mesh filename="package://scaler/missing.stl" scale="1 1 1"/></geometry></visual>'
 

@@ -19,7 +19,7 @@ from crux_planner.kinematics import rotation_from_rpy
 from crux_planner.proof.infeasible import Proof
 from crux_planner.search.balance import Balance
 from crux_planner.search.stances import Reach, goal_contacts
-from crux_tools.benches.random_walls import random_wall
+from crux_tools.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_search import balanced

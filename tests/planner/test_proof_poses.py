@@ -19,8 +19,8 @@ from crux_planner.problem import Pose, Problem
 from crux_planner.proof import poses
 from crux_planner.proof.infeasible import Proof
 from crux_planner.proof.poses import GoalPoses
-from crux_tools.benches.random_fields import random_field
-from crux_tools.benches.random_walls import random_wall
+from crux_tools.benchmarks.random_fields import random_field
+from crux_tools.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_proof import proof_of_two_rows

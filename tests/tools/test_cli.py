@@ -183,6 +183,6 @@ def test_a_bench_whose_problem_has_no_plan_says_why(
     def run(_options: argparse.Namespace) -> int:
         raise InfeasibleError("time limit", "no time was left")
 
-    monkeypatch.setattr("crux_tools.benches.figure6.run", run)
+    monkeypatch.setattr("crux_tools.benchmarks.figure6.run", run)
     assert main(["bench", "fig6"]) == 1
     assert capsys.readouterr().err.strip() == "crux bench: no time was left"

@@ -11,8 +11,8 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_tools import cli
-from crux_tools.bench.robot_model import RobotModel, build_model
 from crux_tools.replay.viewer import Viewer
+from crux_tools.sim.robot_model import RobotModel, build_model
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.description import robot_of
 from made_up_climb import made_up_plan, write_log

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.yaml_document import DocumentError
-from crux_tools.bench.disturbance import Disturbance
-from crux_tools.bench.fault_file import KINDS, ON_SOCKETCAN, Fault, read_faults
-from crux_tools.bench.strangers import SENDERS
 from crux_tools.errors import UsageError
+from crux_tools.sim.disturbance import Disturbance
+from crux_tools.sim.fault_file import KINDS, ON_SOCKETCAN, Fault, read_faults
+from crux_tools.sim.strangers import SENDERS
 
 DT_S = 0.002
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benches.hold_fields import PROVEN, decide_one
-from crux_tools.benches.random_fields import HOLDS, SLOPE_DEG, random_field
+from crux_tools.benchmarks.hold_fields import PROVEN, decide_one
+from crux_tools.benchmarks.random_fields import HOLDS, SLOPE_DEG, random_field
 
 
 def test_fields_are_drawn_alike_for_the_same_seed_and_lie_in_their_ranges() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benches.figure6 import draw as draw_gaits
-from crux_tools.benches.figure6 import gait_alone, lines, trot_wall
-from crux_tools.benches.residuals import FORCE, POSITION, draw, first_within, summary
+from crux_tools.benchmarks.figure6 import draw as draw_gaits
+from crux_tools.benchmarks.figure6 import gait_alone, lines, trot_wall
+from crux_tools.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
 
 
 def test_without_moments_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:

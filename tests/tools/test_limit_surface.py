@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.bench.robot_model import add_pad_contacts, add_spines, set_solver_options
-from crux_tools.bench.wall import add_wall
+from crux_tools.sim.robot_model import add_pad_contacts, add_spines, set_solver_options
+from crux_tools.sim.wall import add_wall
 from hand_plan import HALF_HOLD_M, PAD_HEIGHT_M, Wall, standing_plan
 
 MU = 2.2

@@ -15,13 +15,13 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_tools import cli
-from crux_tools.bench.climb import ClimbResult
-from crux_tools.bench.judge import Tracking, Verdict
-from crux_tools.bench.loop import Ending, Outcome
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
 from crux_tools.report.margins import planned_margin_n
+from crux_tools.sim.climb import ClimbResult
+from crux_tools.sim.judge import Tracking, Verdict
+from crux_tools.sim.loop import Ending, Outcome
 from made_up_climb import (
     CYCLE_S,
     DT_S,

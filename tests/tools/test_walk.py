@@ -16,8 +16,8 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import plan
-from crux_tools.bench.judge import pad_travel
 from crux_tools.report.command import write_report
+from crux_tools.sim.judge import pad_travel
 from crux_tools.telemetry.reader import read_log
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"

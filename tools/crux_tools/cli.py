@@ -35,7 +35,7 @@ COMMANDS: dict[str, Command] = {
     "check": Command(
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
     ),
-    "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_tools.bench.climb_command"),
+    "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_tools.sim.climb_command"),
     "upload": Command("send a plan to a running runtime", _OPERATOR, "add_upload_parser", "run_upload"),
     "start": Command("let the runtime climb the uploaded plan", _OPERATOR, "add_start_parser", "run_start"),
     "hold": Command("stop climbing and hold on", _OPERATOR, "add_hold_parser", "run_hold"),
@@ -46,7 +46,7 @@ COMMANDS: dict[str, Command] = {
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
-    "bench": Command("reproduce a figure of merit", "crux_tools.benches.command"),
+    "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
 }
 EPILOG = """a first climb:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap

@@ -14,8 +14,8 @@ import numpy as np
 import viser
 from crux_contracts import LIMB_NAMES
 
-from crux_tools.bench.robot_model import build_model
 from crux_tools.report.pictures import place_measured
+from crux_tools.sim.robot_model import build_model
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, name_of

@@ -11,7 +11,7 @@ from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
 if TYPE_CHECKING:
-    from crux_tools.bench.climb import ClimbResult
+    from crux_tools.sim.climb import ClimbResult
 
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
 or from the robot): the verdict, pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface

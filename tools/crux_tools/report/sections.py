@@ -11,7 +11,6 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot
 
-from crux_tools.bench.start_pose import RobotPose
 from crux_tools.report import figures
 from crux_tools.report.joints import hot_nodes, joint_loads
 from crux_tools.report.page import Section
@@ -19,13 +18,14 @@ from crux_tools.report.pictures import Picture, Stage, open_stage
 from crux_tools.report.plan_series import PlanSeries, Swing, plan_series
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
+from crux_tools.sim.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
 if TYPE_CHECKING:
-    from crux_tools.bench.climb import ClimbResult
+    from crux_tools.sim.climb import ClimbResult
 
 PICTURE_PX = (640, 460)
 _MARGIN = (

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from crux_contracts.interpolation import is_walk
 
-from crux_tools.bench.judge import angle_between, goal_pose, rotations_from_quaternions
+from crux_tools.sim.judge import angle_between, goal_pose, rotations_from_quaternions
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import SHOWN
 from crux_tools.telemetry.summary import FaultNote, Summary
 
 if TYPE_CHECKING:
-    from crux_tools.bench.climb import ClimbResult
+    from crux_tools.sim.climb import ClimbResult
 
 NOT_RECORDED = "not recorded"
 APPLIED = "with the squeeze the robot applies"

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.bench.disturbance import Disturbance
-from crux_tools.bench.plant import Plant
-from crux_tools.bench.recorder import Recorder
+from crux_tools.sim.disturbance import Disturbance
+from crux_tools.sim.plant import Plant
+from crux_tools.sim.recorder import Recorder
 
 START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something

@@ -17,9 +17,9 @@ from crux_contracts import can_codec
 from crux_contracts.can_codec import Values
 from crux_contracts.robot import Robot, load_robot
 
-from crux_tools.bench.emulated_boards import GRIPPER, EmulatedBoards, Place
-from crux_tools.bench.firmware_binding import binding
 from crux_tools.output import note, print_json
+from crux_tools.sim.emulated_boards import GRIPPER, EmulatedBoards, Place
+from crux_tools.sim.firmware_binding import binding
 
 CORE_HZ = 170e6
 PERIOD_S = 50e-6  # of the current loop

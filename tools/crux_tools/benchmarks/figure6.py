@@ -18,7 +18,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import look_at_outputs
 from crux_contracts.scenario import Scenario, parse_scenario
 
-from crux_tools.benches.random_walls import BODY_HEIGHT_M, CONTACT
+from crux_tools.benchmarks.random_walls import BODY_HEIGHT_M, CONTACT
 from crux_tools.output import note, print_json
 
 SLOPE_DEG = 75.0

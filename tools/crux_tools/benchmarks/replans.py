@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when every plain stance gave a plan that passes the check, within the limit, check and all."""
     from crux_contracts.scenario import load_scenario, parse_scenario
 
-    from crux_tools.benches.random_walls import random_ladder
+    from crux_tools.benchmarks.random_walls import random_ladder
 
     ladders = [(f"ladder {seed}", random_ladder(seed)) for seed in range(1, options.walls + 1)]
     walls = [load_scenario(options.scenario), *(parse_scenario(text, name) for name, text in ladders)]

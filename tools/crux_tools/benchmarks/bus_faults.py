@@ -14,11 +14,11 @@ from pathlib import Path
 
 from crux_contracts.output_file import look_at_folder
 
-from crux_tools.bench.fault_file import ON_ANY_BUS, ON_SOCKETCAN
-from crux_tools.benches.cold_process import crux_json
+from crux_tools.benchmarks.cold_process import crux_json
 from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json, progress
 from crux_tools.paths import ROOT
+from crux_tools.sim.fault_file import ON_ANY_BUS, ON_SOCKETCAN
 
 SCENARIO = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
 AT_S, FOR_S = 8.0, 1.0  # LF is in the air

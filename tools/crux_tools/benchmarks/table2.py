@@ -20,8 +20,8 @@ from crux_planner.errors import FOR_ITS_REACH
 from scipy import stats
 
 from crux_tools.arguments import positive, whole
-from crux_tools.benches.cold_process import HANGING, crux_json, measured
-from crux_tools.benches.pairs import TASKS, pair
+from crux_tools.benchmarks.cold_process import HANGING, crux_json, measured
+from crux_tools.benchmarks.pairs import TASKS, pair
 from crux_tools.output import note, print_json, progress
 
 CONFIDENCE = 0.99

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
 
-from crux_tools.benches.random_walls import BODY_HEIGHT_M, ROUNDING, START_XY_M, random_wall
+from crux_tools.benchmarks.random_walls import BODY_HEIGHT_M, ROUNDING, START_XY_M, random_wall
 
 TASKS = ("climbing", "walking")
 CLIMB_SLOPE_DEG = 45.0

@@ -9,7 +9,7 @@ from typing import Any
 
 from crux_contracts.output_file import look_at_folder
 
-from crux_tools.benches.cold_process import crux_json
+from crux_tools.benchmarks.cold_process import crux_json
 from crux_tools.output import note, print_json, progress
 from crux_tools.paths import SCENARIOS
 

@@ -22,7 +22,7 @@ from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
-from crux_tools.bench.wall import Face, add_wall
+from crux_tools.sim.wall import Face, add_wall
 
 CONTACT_SOLREF = (0.008, 1.0)  # stiff enough that a 20 N pad sinks in 0.05 mm, soft enough for 2 ms steps
 CONTACT_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)

@@ -117,11 +117,11 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.output_file import look_at_outputs
     from crux_contracts.plan_file import read_plan
 
-    from crux_tools.bench.climb import ClimbOptions, climb
-    from crux_tools.bench.emulated_boards import read_places
-    from crux_tools.bench.fault_file import read_faults
     from crux_tools.output import alone_with
     from crux_tools.plan_robot import robot_of_plan
+    from crux_tools.sim.climb import ClimbOptions, climb
+    from crux_tools.sim.emulated_boards import read_places
+    from crux_tools.sim.fault_file import read_faults
 
     plan = read_plan(options.plan)
     robot = robot_of_plan(plan, options.plan)

@@ -11,7 +11,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
-from crux_tools.benches.cold_process import planned_scene
+from crux_tools.benchmarks.cold_process import planned_scene
 from crux_tools.output import note, print_json
 from crux_tools.report.plan_series import plan_series
 

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_tools.bench import can_interface
-from crux_tools.bench.fault_file import NODES, ON_SOCKETCAN, Fault
-from crux_tools.bench.recorder import Truth
-from crux_tools.bench.strangers import SENDERS
 from crux_tools.errors import UsageError
+from crux_tools.sim import can_interface
+from crux_tools.sim.fault_file import NODES, ON_SOCKETCAN, Fault
+from crux_tools.sim.recorder import Truth
+from crux_tools.sim.strangers import SENDERS
 from crux_tools.telemetry.summary import FaultNote
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall

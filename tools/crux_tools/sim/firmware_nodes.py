@@ -9,12 +9,12 @@ import numpy as np
 from crux_contracts.robot import Robot
 from numpy.typing import NDArray
 
-from crux_tools.bench.disturbance import Injector
-from crux_tools.bench.emulated_boards import EmulatedBoards
-from crux_tools.bench.firmware_binding import binding
-from crux_tools.bench.plant import Plant
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import built
+from crux_tools.sim.disturbance import Injector
+from crux_tools.sim.emulated_boards import EmulatedBoards
+from crux_tools.sim.firmware_binding import binding
+from crux_tools.sim.plant import Plant
 
 LIBRARY = "firmware/libcrux_nodes.so"
 

@@ -15,7 +15,7 @@ import numpy as np
 from crux_contracts.robot_sections import GripperMotor
 from numpy.typing import NDArray
 
-from crux_tools.bench.robot_model import RobotModel
+from crux_tools.sim.robot_model import RobotModel
 
 Floats = NDArray[np.float64]
 

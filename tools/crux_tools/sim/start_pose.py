@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.bench.robot_model import RobotModel
 from crux_tools.errors import UsageError
+from crux_tools.sim.robot_model import RobotModel
 
 DAMPING = 1e-4  # of the least-squares step
 ITERATIONS = 100

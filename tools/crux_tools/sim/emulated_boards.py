@@ -12,10 +12,10 @@ from typing import Any
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 
-from crux_tools.bench.firmware_binding import binding
-from crux_tools.bench.plant import Plant
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.paths import built
+from crux_tools.sim.firmware_binding import binding
+from crux_tools.sim.plant import Plant
 
 LIBRARY = "firmware/libcrux_emulated.so"
 IMAGES = "firmware/ports/stm32g474"

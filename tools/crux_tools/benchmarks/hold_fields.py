@@ -12,8 +12,8 @@ from crux_contracts.output_file import look_at_folder
 from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import positive, whole
-from crux_tools.benches.cold_process import HANGING, crux_json
-from crux_tools.benches.random_fields import random_field
+from crux_tools.benchmarks.cold_process import HANGING, crux_json
+from crux_tools.benchmarks.random_fields import random_field
 from crux_tools.output import note, print_json, progress
 
 DECIDED_SHARE = 0.9

@@ -11,8 +11,8 @@ from crux_contracts.output_file import look_at_folder
 from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import whole
-from crux_tools.benches.cold_process import crux_json
-from crux_tools.benches.pairs import TASKS, pairs
+from crux_tools.benchmarks.cold_process import crux_json
+from crux_tools.benchmarks.pairs import TASKS, pairs
 from crux_tools.output import note, print_json, progress
 
 METHODS = ("auto", "two_block")

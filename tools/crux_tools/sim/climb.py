@@ -16,22 +16,22 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
-from crux_tools.bench.disturbance import Course, Disturbance, look_back
-from crux_tools.bench.emulated_boards import EmulatedBoards, Place
-from crux_tools.bench.fault_file import Fault
-from crux_tools.bench.firmware_nodes import FirmwareNodes
-from crux_tools.bench.judge import Tracking, Verdict, judge, track
-from crux_tools.bench.loop import START_CYCLE, Ending, Loop, Outcome
-from crux_tools.bench.plant import Plant
-from crux_tools.bench.ports import run_ports
-from crux_tools.bench.priority import no_garbage_collection, realtime_priority
-from crux_tools.bench.recorder import Recorder
-from crux_tools.bench.robot_model import build_model
-from crux_tools.bench.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess
 from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
+from crux_tools.sim.disturbance import Course, Disturbance, look_back
+from crux_tools.sim.emulated_boards import EmulatedBoards, Place
+from crux_tools.sim.fault_file import Fault
+from crux_tools.sim.firmware_nodes import FirmwareNodes
+from crux_tools.sim.judge import Tracking, Verdict, judge, track
+from crux_tools.sim.loop import START_CYCLE, Ending, Loop, Outcome
+from crux_tools.sim.plant import Plant
+from crux_tools.sim.ports import run_ports
+from crux_tools.sim.priority import no_garbage_collection, realtime_priority
+from crux_tools.sim.recorder import Recorder
+from crux_tools.sim.robot_model import build_model
+from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line

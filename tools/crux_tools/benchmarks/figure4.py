@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from crux_contracts.scenario import Scenario
 
-from crux_tools.benches.residuals import FORCE, POSITION, History, ResidualFigure
+from crux_tools.benchmarks.residuals import FORCE, POSITION, History, ResidualFigure
 
 
 def _residuals(scenario: Scenario, method: str, iterations: int) -> History:

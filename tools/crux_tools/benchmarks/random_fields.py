@@ -14,7 +14,7 @@ import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import ScenarioError, parse_scenario
 
-from crux_tools.benches.random_walls import BODY_HEIGHT_M, CONTACT, ROUNDING, START_XY_M
+from crux_tools.benchmarks.random_walls import BODY_HEIGHT_M, CONTACT, ROUNDING, START_XY_M
 
 HOLDS = (16, 45)
 SLOPE_DEG = (0.0, 110.0)

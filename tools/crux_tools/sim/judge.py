@@ -14,11 +14,11 @@ from crux_contracts.interpolation import PlanReference
 from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
-from crux_tools.bench.plant import CONTACT_PERIOD
-from crux_tools.bench.recorder import Truth
-from crux_tools.bench.reference_clock import ReferenceClock
-from crux_tools.bench.robot_model import RobotModel
-from crux_tools.bench.start_pose import rotation_from_rpy
+from crux_tools.sim.plant import CONTACT_PERIOD
+from crux_tools.sim.recorder import Truth
+from crux_tools.sim.reference_clock import ReferenceClock
+from crux_tools.sim.robot_model import RobotModel
+from crux_tools.sim.start_pose import rotation_from_rpy
 
 SLIP_M = 0.005
 WALK_SLIP_M = 0.010  # of a point foot: one that comes down late or early rubs a little

@@ -10,8 +10,8 @@ from typing import Any
 from crux_contracts.output_file import look_at_folder
 
 from crux_tools.arguments import whole
-from crux_tools.benches.cold_process import crux_json
-from crux_tools.benches.random_walls import random_wall
+from crux_tools.benchmarks.cold_process import crux_json
+from crux_tools.benchmarks.random_walls import random_wall
 from crux_tools.output import note, print_json, progress
 
 PLANNED_SHARE = 0.95  # of the walls; every planned one must be climbed

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.bench.plant import CONTACT_PERIOD, FIRST_CONTACT_STEP, Plant
+from crux_tools.sim.plant import CONTACT_PERIOD, FIRST_CONTACT_STEP, Plant
 
 FIRST_ROWS = 8192
 # columns of a row

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.bench.robot_model import RobotModel
-from crux_tools.bench.screw_friction import ScrewFriction
-from crux_tools.bench.start_pose import rotation_from_rpy, take_start_pose
+from crux_tools.sim.robot_model import RobotModel
+from crux_tools.sim.screw_friction import ScrewFriction
+from crux_tools.sim.start_pose import rotation_from_rpy, take_start_pose
 
 # Steps between two looks at the contacts, and the first one: in lockstep the runtime's cycles 1, 6, 11 …, among which
 # are the cycles whose limbs it logs.

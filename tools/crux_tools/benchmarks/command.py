@@ -21,7 +21,7 @@ class Bench:
     options: str = ""
 
 
-_HERE = "crux_tools.benches"
+_HERE = "crux_tools.benchmarks"
 BENCHES = {
     "table2": Bench(
         "time every method on the paper's two tasks, ten pairs each", f"{_HERE}.table2", "--count 3 --methods auto"
