@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <string>
+#include <utility>
 
 #include "crux_msgs/channels.hpp"
 
@@ -61,6 +62,10 @@ CycleReport CycleLoop::run() {
     else
       run_by_clock();
   }
+  return finish();
+}
+
+CycleReport CycleLoop::finish() {
   push_events(cycle_time_ns(logged_cycle_));
   desk_.close(static_cast<std::int8_t>(core_.state()), events_);
   push_events(cycle_time_ns(logged_cycle_));
@@ -75,7 +80,7 @@ bool CycleLoop::wake_nodes() {
   while (!stop_asked()) {
     const Clock::time_point now = Clock::now();
     if (now >= next_sync) {
-      for (int l = 0; l < kLimbs; ++l) buses_[l]->send(limbs_[l].pack_wake_up());
+      send_wake_up();
       next_sync = now + kWakeUpPeriod;
     }
     if (now >= next_report) {
@@ -83,12 +88,40 @@ bool CycleLoop::wake_nodes() {
       next_report = Clock::time_point::max();
     }
     wait_readable(buses_, std::min<nanoseconds>(next_sync - now, kServePeriod));
-    receive();
-    report_nodes();
-    while (desk_.serve_before_first_cycle(*this, events_)) push_events(0);
-    if (all_answered()) return true;
+    if (hear_first_answers()) return true;
   }
   return false;
+}
+
+void CycleLoop::send_wake_up() noexcept {
+  for (int l = 0; l < kLimbs; ++l) buses_[l]->send(limbs_[l].pack_wake_up());
+}
+
+bool CycleLoop::hear_first_answers() noexcept {
+  receive();
+  report_nodes();
+  serve();
+  return all_answered();
+}
+
+bool CycleLoop::serve() {
+  bool any = false;
+  for (; cycle_ == 0 && desk_.serve_before_first_cycle(*this, events_); any = true) push_events(0);
+  return any;
+}
+
+bool CycleLoop::turn() {
+  if (!awake_) awake_ = hear_first_answers();
+  if (turning_ != nullptr) {
+    receive();
+    if (!end_cycle(*std::exchange(turning_, nullptr), all_answered())) return false;
+  }
+  if (done() || (!awake_ && stop_asked())) return false;
+  if (awake_)
+    turning_ = begin_cycle();
+  else
+    send_wake_up();
+  return true;
 }
 
 void CycleLoop::print_silent_nodes() const {
@@ -103,15 +136,24 @@ void CycleLoop::print_silent_nodes() const {
 
 void CycleLoop::run_by_bus() {
   while (!done()) {
-    CycleRecord* record = next_record();
-    compute(*record);
-    send(*record);
-    const bool answered = collect_answers();
-    // A half-answered cycle at the very end depends on when the stop came: it does not belong into the log.
-    if (!answered && stop_asked()) return;
-    report_.unanswered += answered ? 0 : 1;
-    push(*record);
+    CycleRecord* record = begin_cycle();
+    if (!end_cycle(*record, collect_answers())) return;
   }
+}
+
+CycleRecord* CycleLoop::begin_cycle() noexcept {
+  CycleRecord* record = next_record();
+  compute(*record);
+  send(*record);
+  return record;
+}
+
+/// A half-answered cycle at the very end depends on when the stop came: it does not belong into the log.
+bool CycleLoop::end_cycle(CycleRecord& record, bool answered) noexcept {
+  if (!answered && stop_asked()) return false;
+  report_.unanswered += answered ? 0 : 1;
+  push(record);
+  return true;
 }
 
 void CycleLoop::run_by_clock() {
@@ -131,10 +173,7 @@ void CycleLoop::run_by_clock() {
     }
     next += period_;
     receive();
-    CycleRecord* record = next_record();
-    compute(*record);
-    send(*record);
-    push(*record);
+    push(*begin_cycle());
   }
 }
 

@@ -43,6 +43,16 @@ class CycleLoop : private PlanTaker {
   /// Wakes the nodes and runs cycles until a stop is asked for; then tells the nodes to hold.
   CycleReport run();
 
+  /// In place of run(), where the nodes answer in this very thread: takes what they have answered to the last turn, and
+  /// sends the next cycle's frames; before the first cycle, Sync(0). False when it is over.
+  bool turn();
+
+  /// Serves operators before the first cycle, which serves them itself; true when there was something to serve.
+  bool serve();
+
+  /// After the last turn; run() does it by itself.
+  CycleReport finish();
+
   [[nodiscard]] const PerLimb<LimbBus>& limbs() const noexcept { return limbs_; }
   [[nodiscard]] const PerLimb<std::unique_ptr<Bus>>& buses() const noexcept { return buses_; }
 
@@ -52,9 +62,13 @@ class CycleLoop : private PlanTaker {
   Reason take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept override;
 
   bool wake_nodes();
+  void send_wake_up() noexcept;
+  bool hear_first_answers() noexcept;
   void run_by_bus();
   void run_by_clock();
 
+  CycleRecord* begin_cycle() noexcept;
+  bool end_cycle(CycleRecord& record, bool answered) noexcept;
   void compute(CycleRecord& record) noexcept;
   void send(CycleRecord& record) noexcept;
   void report_health(CycleRecord& record) const noexcept;
@@ -88,7 +102,9 @@ class CycleLoop : private PlanTaker {
   OperatorDesk desk_;
   EventList events_;
   std::array<Frame, 64> frames_{};
-  CycleRecord spare_;  ///< pace clock: for a cycle that the log has no room for
+  CycleRecord* turning_ = nullptr;  ///< turn(): the cycle whose answers have not been taken yet
+  bool awake_ = false;              ///< turn(): all nodes have answered once
+  CycleRecord spare_;               ///< pace clock: for a cycle that the log has no room for
   std::int64_t cycle_ = 0;
   std::int64_t logged_cycle_ = 0;
   std::int64_t wait_ns_ = 0;

@@ -125,10 +125,7 @@ int run(const Options& options) {
         std::fprintf(stderr, "crux-runtime: not in real time: %s\n", refused.c_str());
     }
     report = loop->run();
-    log_writer.set_end({{"cycles", std::to_string(report.cycles)},
-                        {"unanswered", std::to_string(report.unanswered)},
-                        {"missed_deadlines", std::to_string(report.missed_deadlines)},
-                        {"dropped_records", std::to_string(report.dropped_records)}});
+    log_writer.set_end(end_of(report));
   }
   print_report(report, *loop);
   return log_writer.error().empty() ? kDone : kFailed;

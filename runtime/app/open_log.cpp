@@ -108,4 +108,11 @@ std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription
   return log;
 }
 
+Metadata end_of(const CycleReport& report) {
+  return {{"cycles", std::to_string(report.cycles)},
+          {"unanswered", std::to_string(report.unanswered)},
+          {"missed_deadlines", std::to_string(report.missed_deadlines)},
+          {"dropped_records", std::to_string(report.dropped_records)}};
+}
+
 }  // namespace crux

@@ -17,4 +17,7 @@ std::string version();
 /// @throws LogError
 std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot);
 
+/// What a log says of its end.
+Metadata end_of(const CycleReport& report);
+
 }  // namespace crux

@@ -23,7 +23,7 @@ using crux_msgs::robot_state_t;
 using namespace std::chrono_literals;
 
 constexpr auto kRepeatWindow = 3s;  // within it, the same bytes again are a sender that missed the answer
-constexpr int kPollMs = 5;
+constexpr auto kPollTime = 5ms;
 constexpr const char* kTooMany = "too many requests at once";
 
 static_assert(channel_info(Channel::kLimbReference).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
@@ -44,8 +44,9 @@ std::unique_ptr<LogEntry> entry_of(const acknowledgement_t& acknowledgement) {
 
 }  // namespace
 
-OperatorServer::OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange)
-    : lcm_(url), robot_(robot), exchange_(exchange) {
+OperatorServer::OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange,
+                               bool prints)
+    : lcm_(url), robot_(robot), exchange_(exchange), prints_(prints) {
   if (!lcm_.good())
     throw LcmError(
         "LCM at '" + url +
@@ -64,13 +65,21 @@ OperatorServer::OperatorServer(const std::string& url, const RobotDescription& r
 
 void OperatorServer::run(const std::atomic<bool>& ended) {
   while (!ended.load(std::memory_order_acquire)) {
-    pollfd descriptor{.fd = lcm_.getFileno(), .events = POLLIN, .revents = 0};
-    if (::poll(&descriptor, 1, kPollMs) > 0) lcm_.handle();
-    drain_answers();
-    drain_faults();
-    drain_notices();
+    serve(kPollTime);
     publish_snapshot();
   }
+  drain();
+}
+
+bool OperatorServer::serve(std::chrono::milliseconds patience) {
+  pollfd descriptor{.fd = lcm_.getFileno(), .events = POLLIN, .revents = 0};
+  const bool any = ::poll(&descriptor, 1, static_cast<int>(patience.count())) > 0;
+  if (any) lcm_.handle();
+  drain();
+  return any;
+}
+
+void OperatorServer::drain() {
   drain_answers();
   drain_faults();
   drain_notices();
@@ -275,13 +284,14 @@ void OperatorServer::drain_faults() {
     fault_ = *fault;
     fault_at_ = Clock::now();
     publish(Channel::kFault, *fault);
-    print_fault(*fault);
+    if (prints_) print_fault(*fault);
   }
 }
 
 void OperatorServer::drain_notices() {
-  for (const NodeNotice* notice; (notice = exchange_.notices.front()) != nullptr; exchange_.notices.pop())
-    print_notice(*notice);
+  for (const NodeNotice* notice; (notice = exchange_.notices.front()) != nullptr; exchange_.notices.pop()) {
+    if (prints_) print_notice(*notice);
+  }
 }
 
 void OperatorServer::publish_status(std::int64_t request_id) {

@@ -28,11 +28,18 @@ class LcmError : public std::runtime_error {
 
 class OperatorServer {
  public:
+  /// @param prints faults and notices, on standard error
   /// @throws LcmError
-  OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange);
+  OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange, bool prints = true);
 
   /// Serves until `ended` is set, then sends what is left to send.
   void run(const std::atomic<bool>& ended);
+
+  /// Waits so long for a message at the most, and hands on what there is; false when nothing came in.
+  bool serve(std::chrono::milliseconds patience);
+
+  /// For operators in the same process, where the URL is memq://.
+  [[nodiscard]] lcm::LCM& link() noexcept { return lcm_; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -73,6 +80,7 @@ class OperatorServer {
                                                    const std::string& plan_id) const;
   void acknowledge(const crux_msgs::acknowledgement_t& acknowledgement);
 
+  void drain();
   void drain_answers();
   void drain_faults();
   void drain_notices();
@@ -87,6 +95,7 @@ class OperatorServer {
   lcm::LCM lcm_;
   const RobotDescription& robot_;
   RuntimeExchange& exchange_;
+  bool prints_;
   PlanAssembly assembly_;
   PlanVerdict plan_verdict_;
   LastCommand last_command_;

@@ -136,6 +136,21 @@ def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(
     assert one["/plan"] == other["/plan"]
 
 
+def test_one_process_and_a_runtime_of_its_own_log_the_same(tmp_path: Path) -> None:
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("faults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]")
+    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    for options in ([], ["--faults", str(faults)]):
+        logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("memory", "udp")}
+        runs = {bus: start_climb(plan, log, "--bus", bus, *options) for bus, log in logs.items()}
+        results = {bus: finish_climb(run) for bus, run in runs.items()}
+        assert results["memory"][1].get("faults") == results["udp"][1].get("faults")
+        memory, udp = map(messages, logs.values())
+        assert memory.keys() == udp.keys()
+        assert all(memory[topic] == udp[topic] for topic in memory)
+        assert len(memory["/control_input"]) > 4000
+
+
 def _runtime_of(bench: subprocess.Popen[str]) -> int:
     children = Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text(encoding="ascii").split()
     return next(int(child) for child in children if "crux-runtime" in Path(f"/proc/{child}/cmdline").read_text())
@@ -158,7 +173,7 @@ def _wait_for(is_so: Callable[[], bool]) -> None:
 
 def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> None:
     log = tmp_path / "log.mcap"
-    bench = start_climb(saved(tmp_path, climbing_plan()), log)
+    bench = start_climb(saved(tmp_path, climbing_plan()), log, "--bus", "udp")
     enough = 3_000_000  # bytes: well into the climb, past the first second
     _wait_for(lambda: bench.poll() is not None or (log.exists() and log.stat().st_size > enough))
     assert bench.poll() is None, bench.communicate()
@@ -173,7 +188,7 @@ def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> N
 
 def test_kill_9_of_the_simulation_ends_the_runtime(tmp_path: Path) -> None:
     log = tmp_path / "log.mcap"
-    bench = start_climb(saved(tmp_path, climbing_plan()), log)
+    bench = start_climb(saved(tmp_path, climbing_plan()), log, "--bus", "udp")
     _wait_for(lambda: bench.poll() is not None or log.exists())
     runtime = _runtime_of(bench)
     bench.kill()

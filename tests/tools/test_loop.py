@@ -20,7 +20,6 @@ from crux_tools.sim.loop import (
     Outcome,
 )
 from crux_tools.sim.plant import Plant
-from crux_tools.sim.recorder import Recorder
 from crux_tools.sim.robot_model import build_model
 from hand_plan import standing_plan
 from holding_controller import HoldingController
@@ -47,9 +46,12 @@ class MadeUpNodes:
         self.cycle = self.cycle if cycle is None else cycle
         return cycle
 
-    def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, plant: Plant) -> None:
         assert plant is self._plant
         self.controlled += 1
+        plant.step(*self.command())
+
+    def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._controller.command()
 
     def publish(self, plant: Plant) -> None:
@@ -61,7 +63,7 @@ class MadeUpNodes:
 
 
 def run(nodes: MadeUpNodes, plant: Plant, max_cycles: int = 10**6, alive: bool = True) -> Outcome:
-    return Loop(nodes, plant, Recorder(plant), lambda: alive, lambda _time_s: None, max_cycles).run()
+    return Loop(nodes, plant, lambda: alive, lambda _time_s: None, max_cycles).run()
 
 
 @pytest.fixture
@@ -130,8 +132,8 @@ def test_a_runtime_that_hangs_is_not_waited_for_forever(plant: Plant, monkeypatc
 @pytest.mark.parametrize("grip_share", [0.0, 1.0])
 def test_limp_joints_drop_the_robot_even_where_its_grippers_hold(plant: Plant, grip_share: float) -> None:
     class Failing(MadeUpNodes):
-        def control(self, plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            torque, force = super().control(plant)
+        def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            torque, force = super().command()
             return (torque * 0, force * grip_share) if plant.cycle > 1500 else (torque, force)
 
     outcome = run(Failing(plant, [*range(1500), None], {0: READY, START_CYCLE: CLIMBING}), plant, alive=False)

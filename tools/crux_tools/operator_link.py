@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
+from typing import Any
 
 import lcm
 from crux_contracts import channels
@@ -29,12 +30,14 @@ class OperatorLink:
 
     url: str = DEFAULT_URL
     first_request: int = 1
+    connection: Any = None
+    """what is used instead of lcm.LCM(url), with the same methods"""
     _answers: list[acknowledgement_t] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._next_request = self.first_request
         try:
-            self._lcm = lcm.LCM(self.url)
+            self._lcm = lcm.LCM(self.url) if self.connection is None else self.connection
         except RuntimeError as error:
             raise UsageError(f"cannot open LCM at {self.url}: {error} ({NO_NETWORK})") from error
         self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)

@@ -23,8 +23,8 @@ static bool fail(char *error, size_t size, const char *url, const char *what) {
 }
 
 static bool fail_url(char *error, size_t size, const char *url, const char *what) {
-  (void)snprintf(error, size, "%s: %s; known are udp:GROUP:PORT (udp:239.74.163.2:43113) and socketcan:NAME", url,
-                 what);
+  (void)snprintf(error, size,
+                 "%s: %s; known are udp:GROUP:PORT (udp:239.74.163.2:43113), socketcan:NAME and memory:", url, what);
   return false;
 }
 
@@ -72,7 +72,7 @@ static bool open_udp(crux_bus *bus, const char *url, char *error, size_t size) {
   if (!parse_group(url, &group)) {
     return fail_url(error, size, url, "not a multicast IPv4 group and a port");
   }
-  bus->is_udp = true;
+  bus->kind = CRUX_BUS_UDP;
   bus->send_fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   bus->receive_fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if ((bus->send_fd < 0) || (bus->receive_fd < 0) ||
@@ -100,7 +100,7 @@ static bool open_socketcan(crux_bus *bus, const char *url, char *error, size_t s
     return fail(error, size, url, "no such interface");
   }
   const struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)index};
-  bus->is_udp = false;
+  bus->kind = CRUX_BUS_SOCKETCAN;
   bus->receive_fd = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
   bus->send_fd = bus->receive_fd;
   if (bus->receive_fd < 0) {
@@ -116,11 +116,16 @@ static bool open_socketcan(crux_bus *bus, const char *url, char *error, size_t s
 
 bool crux_bus_open(crux_bus *bus, const char *url, char *error, size_t error_size) {
   bool opened = false;
-  *bus = (crux_bus){.receive_fd = -1, .send_fd = -1};
+  (void)memset(bus, 0, sizeof(*bus));
+  bus->receive_fd = -1;
+  bus->send_fd = -1;
   if (strncmp(url, "udp:", strlen("udp:")) == 0) {
     opened = open_udp(bus, url, error, error_size);
   } else if (strncmp(url, "socketcan:", strlen("socketcan:")) == 0) {
     opened = open_socketcan(bus, url, error, error_size);
+  } else if (strcmp(url, "memory:") == 0) {
+    bus->kind = CRUX_BUS_MEMORY;
+    opened = true;
   } else {
     opened = fail_url(error, error_size, url, "unknown kind of bus");
   }
@@ -156,7 +161,36 @@ static bool from_socketcan(const void *bytes, size_t length, crux_frame *frame) 
   return true;
 }
 
+static bool push(crux_bus_queue *queue, const crux_frame *frame) {
+  const bool room = (queue->put - queue->taken) < CRUX_BUS_WAITING;
+  if (room) {
+    queue->frames[queue->put % CRUX_BUS_WAITING] = *frame;
+    queue->put++;
+  }
+  return room;
+}
+
+static bool pop(crux_bus_queue *queue, crux_frame *frame) {
+  const bool any = queue->put != queue->taken;
+  if (any) {
+    *frame = queue->frames[queue->taken % CRUX_BUS_WAITING];
+    queue->taken++;
+  }
+  return any;
+}
+
+bool crux_bus_put(crux_bus *bus, const crux_frame *frame) { return push(&bus->in, frame); }
+
+bool crux_bus_get(crux_bus *bus, crux_frame *frame) { return pop(&bus->out, frame); }
+
 int crux_bus_receive(crux_bus *bus, crux_frame frames[CRUX_BUS_BATCH], int *count) {
+  *count = 0;
+  if (bus->kind == CRUX_BUS_MEMORY) {
+    while ((*count < CRUX_BUS_BATCH) && pop(&bus->in, &frames[*count])) {
+      (*count)++;
+    }
+    return *count;
+  }
   uint8_t packets[CRUX_BUS_BATCH][CRUX_DATAGRAM_CAPACITY];
   struct iovec parts[CRUX_BUS_BATCH];
   struct mmsghdr messages[CRUX_BUS_BATCH];
@@ -164,15 +198,14 @@ int crux_bus_receive(crux_bus *bus, crux_frame frames[CRUX_BUS_BATCH], int *coun
     parts[i] = (struct iovec){.iov_base = packets[i], .iov_len = sizeof(packets[i])};
     messages[i] = (struct mmsghdr){.msg_hdr = {.msg_iov = &parts[i], .msg_iovlen = 1}};
   }
-  *count = 0;
   const int received = recvmmsg(bus->receive_fd, messages, CRUX_BUS_BATCH, MSG_DONTWAIT, NULL);
   if (received < 0) {
     return ((errno == EAGAIN) || (errno == EINTR)) ? 0 : -1;
   }
   for (int i = 0; i < received; i++) {
     const bool whole = (messages[i].msg_hdr.msg_flags & MSG_TRUNC) == 0;
-    if (whole && (bus->is_udp ? crux_datagram_decode(packets[i], messages[i].msg_len, &frames[*count])
-                              : from_socketcan(packets[i], messages[i].msg_len, &frames[*count]))) {
+    if (whole && ((bus->kind == CRUX_BUS_UDP) ? crux_datagram_decode(packets[i], messages[i].msg_len, &frames[*count])
+                                              : from_socketcan(packets[i], messages[i].msg_len, &frames[*count]))) {
       (*count)++;
     }
   }
@@ -180,7 +213,7 @@ int crux_bus_receive(crux_bus *bus, crux_frame frames[CRUX_BUS_BATCH], int *coun
 }
 
 static size_t encode(const crux_bus *bus, const crux_frame *frame, uint8_t packet[CRUX_DATAGRAM_CAPACITY]) {
-  if (bus->is_udp) {
+  if (bus->kind == CRUX_BUS_UDP) {
     return crux_datagram_encode(frame, packet);
   }
   struct canfd_frame raw = {.can_id = frame->id, .len = frame->length, .flags = CANFD_BRS};
@@ -189,7 +222,18 @@ static size_t encode(const crux_bus *bus, const crux_frame *frame, uint8_t packe
   return sizeof(raw);
 }
 
+/// What finds no room is lost, as on a bus that nobody listens to.
+static bool send_in_memory(crux_bus *bus, const crux_frame *frames, int count) {
+  for (int i = 0; i < count; i++) {
+    (void)push(&bus->out, &frames[i]);
+  }
+  return true;
+}
+
 bool crux_bus_send(crux_bus *bus, const crux_frame *frames, int count) {
+  if (bus->kind == CRUX_BUS_MEMORY) {
+    return send_in_memory(bus, frames, count);
+  }
   uint8_t packets[CRUX_BUS_BATCH][CRUX_DATAGRAM_CAPACITY];
   struct iovec parts[CRUX_BUS_BATCH];
   struct mmsghdr messages[CRUX_BUS_BATCH];

@@ -48,7 +48,8 @@ crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS], const crux_j
   nodes->parameter_hash = parameter_hash;
   nodes->host_state = NO_HOST_STATE;
   for (int l = 0; l < CRUX_LIMBS; l++) {
-    nodes->limbs[l].bus = (crux_bus){.receive_fd = -1, .send_fd = -1};
+    nodes->limbs[l].bus.receive_fd = -1;
+    nodes->limbs[l].bus.send_fd = -1;
   }
   bool good = parameters_are_good(nodes);
   for (int l = 0; good && (l < CRUX_LIMBS); l++) {
@@ -195,12 +196,24 @@ static int64_t now_ms(void) {
   return ((int64_t)now.tv_sec * 1000) + (now.tv_nsec / 1000000);
 }
 
+static bool drain_memory(crux_nodes *nodes) {
+  for (int l = 0; l < CRUX_LIMBS; l++) {
+    if ((nodes->limbs[l].bus.kind == CRUX_BUS_MEMORY) && !drain(nodes, l)) {
+      return false;
+    }
+  }
+  return true;
+}
+
 int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle) {
   const int64_t deadline_ms = now_ms() + timeout_ms;
   struct pollfd polled[CRUX_LIMBS];
   for (int l = 0; l < CRUX_LIMBS; l++) {
     const int descriptor = nodes->limbs[l].connected ? nodes->limbs[l].bus.receive_fd : -1;  // poll skips negatives
     polled[l] = (struct pollfd){.fd = descriptor, .events = POLLIN};
+  }
+  if (!drain_memory(nodes)) {
+    return -1;
   }
   while (!all_synchronised(nodes, cycle)) {
     const int64_t left_ms = deadline_ms - now_ms();
@@ -330,6 +343,14 @@ int crux_nodes_publish(crux_nodes *nodes, const double joint_position[CRUX_JOINT
     }
   }
   return result;
+}
+
+int crux_nodes_put(crux_nodes *nodes, int limb_index, const crux_frame *frame) {
+  return crux_bus_put(&nodes->limbs[limb_index].bus, frame) ? 1 : 0;
+}
+
+int crux_nodes_get(crux_nodes *nodes, int limb_index, crux_frame *frame) {
+  return crux_bus_get(&nodes->limbs[limb_index].bus, frame) ? 1 : 0;
 }
 
 uint8_t crux_nodes_host_state(const crux_nodes *nodes) { return nodes->host_state; }

@@ -20,8 +20,8 @@
 
 typedef struct crux_nodes crux_nodes;
 
-/// Opens the buses (udp:GROUP:PORT or socketcan:NAME) and starts the nodes; their identities go out with the first
-/// publish. NULL on failure, crux_nodes_error() says why.
+/// Opens the buses (udp:GROUP:PORT, socketcan:NAME or memory:) and starts the nodes; their identities go out with the
+/// first publish. NULL on failure, crux_nodes_error() says why.
 CRUX_API crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS],
                                      const crux_joint_parameters joint[CRUX_JOINTS],
                                      const crux_gripper_parameters gripper[CRUX_LIMBS], uint32_t parameter_hash);
@@ -52,6 +52,11 @@ CRUX_API int crux_nodes_publish(crux_nodes *nodes, const double joint_position[C
                                 const double joint_velocity[CRUX_JOINTS], const double joint_torque[CRUX_JOINTS],
                                 const double finger_opening[CRUX_LIMBS], const double finger_speed[CRUX_LIMBS],
                                 const double finger_force[CRUX_LIMBS], const double ft_wrench[CRUX_LIMBS * 6]);
+
+/// The host's end of a limb's bus in memory: a frame for the nodes; the next one of theirs. 0 when the queue is full,
+/// or empty. crux_nodes_wait_sync does not wait for such buses.
+CRUX_API int crux_nodes_put(crux_nodes *nodes, int limb, const crux_frame *frame);
+CRUX_API int crux_nodes_get(crux_nodes *nodes, int limb, crux_frame *frame);
 
 /// HostState of the last valid HostHeartbeat on any bus; 0xFF before the first.
 CRUX_API uint8_t crux_nodes_host_state(const crux_nodes *nodes);

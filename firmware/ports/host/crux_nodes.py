@@ -156,7 +156,7 @@ class Nodes:
         grippers: Sequence[GripperParameters],
         parameter_hash: int = 0,
     ) -> None:
-        """Opens the buses, in limb order; raises NodesError when that fails."""
+        """Opens the buses (udp:, socketcan:, memory:), in limb order; raises NodesError when that fails."""
         if len(bus_urls) != LIMBS or len(joints) != JOINTS or len(grippers) != LIMBS:
             raise ValueError("four buses, 24 joints and four grippers belong here")
         self._library = _load(library)
@@ -181,6 +181,11 @@ class Nodes:
         if self._handle:
             self._library.crux_nodes_close(self._handle)
             self._handle = None
+
+    @property
+    def handle(self) -> ctypes.c_void_p:
+        """The crux_nodes, for other libraries."""
+        return ctypes.c_void_p(self._handle)
 
     def _error(self) -> NodesError:
         return NodesError(self._library.crux_nodes_error().decode(errors="replace"))

@@ -75,6 +75,6 @@ class RobotOnWall:
             if cycle is None:
                 continue
             if cycle != self.cycle:  # the runtime repeats its first Sync until all nodes have answered
-                self._plant.step(*self._nodes.control(self._plant))
+                self._nodes.step(self._plant)
             self._nodes.publish(self._plant)
             self.cycle = cycle

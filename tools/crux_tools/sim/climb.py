@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t
 
@@ -25,13 +26,14 @@ from crux_tools.sim.emulated_boards import EmulatedBoards, Place
 from crux_tools.sim.fault_file import Fault
 from crux_tools.sim.firmware_nodes import FirmwareNodes
 from crux_tools.sim.judge import Tracking, Verdict, judge, track
-from crux_tools.sim.loop import START_CYCLE, Ending, Loop, Outcome
+from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
 from crux_tools.sim.priority import no_garbage_collection, realtime_priority
-from crux_tools.sim.recorder import Recorder
+from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
-from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess
+from crux_tools.sim.runtime_here import RuntimeHere
+from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
@@ -48,7 +50,8 @@ class ClimbOptions:
     """How to run a climb."""
 
     pace: str = "lockstep"
-    bus: str = "udp"
+    bus: str = "memory"
+    """memory (the runtime in this process), udp or socketcan (a process of its own)"""
     seed: int = 0
     faults: tuple[Fault, ...] = ()
     emulated: tuple[Place, ...] = ()
@@ -69,6 +72,8 @@ class ClimbResult:
     reason: str
     log: Path
     log_complete: bool
+    bus: str = "memory"
+    """as in ClimbOptions"""
     courses: tuple[Course, ...] = ()
     worst_interrupts: dict[str, int] | None = None
     """instructions, of the emulated boards"""
@@ -98,6 +103,7 @@ class ClimbResult:
             "real_time_factor": self.real_time_factor,
             "missed_cycles": self.missed_cycles,
             "cycles": self.outcome.cycles,
+            "bus": self.bus,
             "log": str(self.log),
             "log_complete": self.log_complete,
             "reason": self.reason,
@@ -140,7 +146,7 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
     return {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
 
 
-def _shut_down(runtime: RuntimeProcess, link: OperatorLink, realtime_loop: Loop | None) -> None:
+def _shut_down(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, realtime_loop: Loop | None) -> None:
     """FORCE_SHUTDOWN, for the simulated robot is still on its wall; in real time the nodes answer until the runtime is
     gone, or it would log a fault."""
     end_s = time.monotonic() + STOP_TIMEOUT_S
@@ -167,24 +173,11 @@ def climb(
         )
     model = build_model(robot, plan)
     plant = Plant(model, plan, options.seed)
-    recorder = Recorder(plant)
     with ExitStack() as stack:
         boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
         if boards is not None:
             boards.power_on(plant)
-        ports = stack.enter_context(run_ports())
-        on_udp = options.bus == "udp"
-        buses = ports.bus_urls() if on_udp else [f"socketcan:{interface}" for interface in INTERFACES]
-        guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
-        pace, commands = PACES[options.pace], options.commands
-        runtime = stack.enter_context(
-            RuntimeProcess(robot.folder, buses, pace, ports.lcm_url, log, guard_s, commands, _tags(options))
-        )
-        link = stack.enter_context(OperatorLink(ports.lcm_url))
-        runtime.await_answer(link)
-        link.upload(plan)
-        link.send(command_t.START, plan.plan_id, START_CYCLE)
-        nodes = stack.enter_context(FirmwareNodes(buses, robot, boards))
+        runtime, link, nodes = _power_on(stack, robot, log, options, plan, boards)
         plant.drive(
             [place.joint for place in options.emulated if place.joint is not None],
             [place.limb for place in options.emulated if place.joint is None],
@@ -193,9 +186,9 @@ def climb(
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
         disturbance = None
         if options.faults:
-            interfaces = None if on_udp else INTERFACES
+            interfaces = INTERFACES if options.bus == "socketcan" else None
             disturbance = Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed)
-        loop = Loop(nodes, plant, recorder, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance)
+        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
@@ -205,26 +198,59 @@ def climb(
             boards.check()
             interrupts = boards.worst_interrupts()
         if outcome.ending is not Ending.RUNTIME_DIED:
+            nodes.wait_sync(SYNC_TIMEOUT_S)  # the runtime has taken the last answers
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
         unlogged = runtime.log_trouble()
         died = outcome.ending is Ending.RUNTIME_DIED or runtime.crashed
         last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
-    result = _judged(plan, recorder, log, outcome, (last_words, unlogged), courses)
-    return replace(result, worst_interrupts=interrupts)
+    result = _judged(plan, plant, log, outcome, (last_words, unlogged), courses)
+    return replace(result, bus=options.bus, worst_interrupts=interrupts)
+
+
+def _power_on(
+    stack: ExitStack,
+    robot: Robot,
+    log: Path,
+    options: ClimbOptions,
+    plan: plan_t,
+    boards: EmulatedBoards | None,
+) -> tuple[RuntimeProcess | RuntimeHere, OperatorLink, FirmwareNodes]:
+    """Runtime and nodes on the buses of `options`; the plan is loaded and START given for START_CYCLE."""
+    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options))
+    runtime: RuntimeProcess | RuntimeHere
+    if options.bus == "memory":
+        nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards))
+        runtime = stack.enter_context(RuntimeHere(nodes, arguments))
+        link = stack.enter_context(OperatorLink(connection=runtime))
+        _start(runtime, link, plan)
+        return runtime, link, nodes
+    ports = stack.enter_context(run_ports())
+    buses = ports.bus_urls() if options.bus == "udp" else [f"socketcan:{interface}" for interface in INTERFACES]
+    guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
+    runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
+    link = stack.enter_context(OperatorLink(ports.lcm_url))
+    _start(runtime, link, plan)  # before there are nodes: they would make it begin
+    return runtime, link, stack.enter_context(FirmwareNodes(buses, robot, boards))
+
+
+def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan_t) -> None:
+    runtime.await_answer(link)
+    link.upload(plan)
+    link.send(command_t.START, plan.plan_id, START_CYCLE)
 
 
 def _judged(
     plan: plan_t,
-    recorder: Recorder,
+    plant: Plant,
     log: Path,
     outcome: Outcome,
     complaints: tuple[str, str],
     courses: tuple[Course, ...],
 ) -> ClimbResult:
     """`complaints`: how the runtime ended if it should not have, and why its log is incomplete."""
-    robot, dt_s, truth = recorder.plant.robot, recorder.plant.dt_s, recorder.truth()
+    robot, dt_s, truth = plant.robot, plant.dt_s, recorded(plant)
     last_words, unlogged = complaints
     if not len(truth.cycle):
         raise WorkFailed(f"the runtime made no control cycle{': ' + last_words if last_words else ''}")

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from crux_tools.arguments import taught, whole
+from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json, progress
 
-_DESCRIPTION = """Runs a plan in the hardware-in-the-loop simulation: starts the runtime as its own process, 24 joint
-and 4 gripper nodes (the real firmware cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the
-plan, climbs, and judges the climb on what happened in physics. Runs side by side do not disturb each other. Exit status
-0: the goal is reached without slip or fall, and the log is complete; tools/README.md says what these mean."""
+_DESCRIPTION = """Runs a plan in simulation: the runtime's own code, 24 joint and 4 gripper nodes (the real firmware
+cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan, climbs, and judges the climb on
+what happened in physics. By default all of it runs in one process with buses in memory, as fast as it can; with --bus
+udp or socketcan the runtime is a process of its own, as on the robot. In lockstep the log is the same on all of them
+but for /cycle_timing. Runs side by side do not disturb each other. Exit status 0: the goal is reached without slip or
+fall, and the log is complete; tools/README.md says what these mean."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
@@ -20,6 +23,13 @@ _EXAMPLES = (
     "crux can run --virtual-time -i can0,can1,can2,can3 -- \\\n"
     "    crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime",
 )
+
+
+BUS_WORDS = {
+    "memory": "all in one process",
+    "udp": "the runtime a process of its own, CAN over UDP",
+    "socketcan": "the runtime a process of its own, CAN over SocketCAN",
+}
 
 
 def add_parser(subparsers: Any) -> None:
@@ -39,9 +49,9 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--bus",
-        choices=["udp", "socketcan"],
-        default="udp",
-        help="CAN over UDP multicast, or can0..can3 of this machine",
+        choices=["memory", "udp", "socketcan"],
+        help="memory: CAN frames within one process (lockstep's default); udp: CAN over UDP multicast (realtime's "
+        "default); socketcan: can0..can3 of this machine",
     )
     parser.add_argument(
         "--commands",
@@ -87,7 +97,7 @@ def _print_summary(result: Any) -> None:
     )
     note(
         f"  time      {result.outcome.cycles} cycles at {result.real_time_factor:.2f} x real time, "
-        f"{result.missed_cycles} missed"
+        f"{result.missed_cycles} missed; {BUS_WORDS[result.bus]}"
     )
     for course in result.courses:
         fault = course.as_json()
@@ -128,7 +138,10 @@ def run(options: argparse.Namespace) -> int:
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     emulated = read_places(options.emulate) if options.emulate is not None else ()
     look_at_outputs({"-o": options.output, "--report": options.report}, (options.plan, options.faults))
-    wanted = ClimbOptions(options.pace, options.bus, options.seed, faults, emulated, options.commands)
+    bus = options.bus or ("memory" if options.pace == "lockstep" else "udp")
+    if bus == "memory" and options.pace == "realtime":
+        raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
+    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands)
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 
-import numpy as np
 from crux_contracts.robot import Robot
-from numpy.typing import NDArray
 
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import built
 from crux_tools.sim.disturbance import Injector
 from crux_tools.sim.emulated_boards import EmulatedBoards
 from crux_tools.sim.firmware_binding import binding
+from crux_tools.sim.native import library
 from crux_tools.sim.plant import Plant
 
 LIBRARY = "firmware/libcrux_nodes.so"
-
-Floats = NDArray[np.float64]
 
 
 class FirmwareNodes:
@@ -32,6 +29,10 @@ class FirmwareNodes:
             self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
         except host.NodesError as error:
             raise WorkFailed(f"firmware nodes: {error}") from error
+        self._sim = library()
+        self.handle = self._nodes.handle
+        self.before_sync: Callable[[], None] = lambda: None
+        """called before each look for a Sync: where the runtime runs in this process, it has its turn here"""
         for place, port in boards.ports() if boards is not None else ():
             self._nodes.replace(place.limb, place.node, port)
 
@@ -51,32 +52,18 @@ class FirmwareNodes:
 
     def wait_sync(self, timeout_s: float) -> int | None:
         """Cycle of the next Sync on all buses, None after `timeout_s`."""
+        self.before_sync()
         cycle: int | None = self._nodes.wait_sync(timeout_s)
         return cycle
 
-    def control(self, plant: Plant) -> tuple[Floats, Floats]:
-        """One control period of every node: joint torques (24,), finger forces (4,); overwritten by the next call."""
-        torque, force = self._nodes.control(
-            plant.dt_s,
-            plant.joint_position_rad,
-            plant.joint_velocity_rad_s,
-            plant.finger_opening_m,
-            plant.finger_speed_m_s,
-            plant.finger_force_n,
-        )
-        return torque, force
+    def step(self, plant: Plant) -> None:
+        """One control period of every node, and of the physics with what they command."""
+        self._sim.crux_sim_step(self.handle, plant.handle, plant.dt_s)
 
     def publish(self, plant: Plant) -> None:
         """Sends what the nodes owe: status and force/torque."""
-        self._nodes.publish(
-            plant.joint_position_rad,
-            plant.joint_velocity_rad_s,
-            plant.joint_torque_nm,
-            plant.finger_opening_m,
-            plant.finger_speed_m_s,
-            plant.finger_force_n,
-            plant.ft,
-        )
+        if self._sim.crux_sim_publish(self.handle, plant.handle) != 0:
+            raise WorkFailed("firmware nodes: a bus refuses their frames")
 
     def host_state(self) -> int:
         """HostState of the last heartbeat, 0xFF before the first."""

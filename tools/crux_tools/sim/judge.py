@@ -14,7 +14,7 @@ from crux_contracts.interpolation import PlanReference
 from crux_contracts.scenario import parse_scenario
 from numpy.typing import NDArray
 
-from crux_tools.sim.plant import CONTACT_PERIOD
+from crux_tools.sim.native import contact_period
 from crux_tools.sim.recorder import Truth
 from crux_tools.sim.reference_clock import ReferenceClock
 from crux_tools.sim.robot_model import RobotModel
@@ -146,7 +146,7 @@ def _largest(values: Floats) -> float | None:
 def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
     """What makes the run a fall."""
     dt_s = float(robot.model.opt.timestep)
-    lost_samples = int(LOST_HOLD_S / (CONTACT_PERIOD * dt_s)) + 1
+    lost_samples = int(LOST_HOLD_S / (contact_period() * dt_s)) + 1
     time_s = truth.cycle * dt_s
     pad_off = truth.pad_face.reshape(-1, len(LIMB_NAMES), 2) < 0
     off = np.asarray(pad_off.all(axis=2) if robot.point_feet else pad_off.any(axis=2))  # a foot stands on one pad too

@@ -12,11 +12,9 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crux_tools.sim.disturbance import Disturbance
 from crux_tools.sim.plant import Plant
-from crux_tools.sim.recorder import Recorder
 
 START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something
@@ -31,8 +29,6 @@ STATE_MASK = 0x0F
 READY, CLIMBING, HOLDING, FAULT = 1, 2, 3, 4
 UNKNOWN = 0xFF
 
-Floats = NDArray[np.float64]
-
 
 class Nodes(Protocol):
     """The firmware's 28 nodes on their buses; see firmware_nodes.FirmwareNodes."""
@@ -40,8 +36,8 @@ class Nodes(Protocol):
     def wait_sync(self, timeout_s: float) -> int | None:
         """Cycle of the next Sync, None after `timeout_s`."""
 
-    def control(self, plant: Plant) -> tuple[Floats, Floats]:
-        """One control period of every node: joint torques (24,), finger forces (4,)."""
+    def step(self, plant: Plant) -> None:
+        """One control period of every node, and of the physics with what they command."""
 
     def publish(self, plant: Plant) -> None:
         """Sends what the nodes owe: status and force/torque."""
@@ -80,7 +76,6 @@ class Loop:
 
     nodes: Nodes
     plant: Plant
-    recorder: Recorder
     runtime_alive: Callable[[], bool]
     progress: Callable[[float], None]
     max_cycles: int
@@ -91,13 +86,12 @@ class Loop:
         """Goes on answering Syncs, unjudged, until `until()`: in real time silent nodes would be a fault."""
         while not until():
             if self.nodes.wait_sync(SYNC_TIMEOUT_S) is not None:
-                self.plant.step(*self.nodes.control(self.plant))
+                self.nodes.step(self.plant)
                 self.nodes.publish(self.plant)
 
     def _step(self, cycle: int, climbing: bool) -> None:
-        torque, force = self.nodes.control(self.plant)
-        self.plant.step(torque, force)
-        self.recorder.sample(cycle, climbing)
+        self.nodes.step(self.plant)
+        self.plant.record(cycle, climbing)
 
     def run(self) -> Outcome:
         """Answers Syncs until the climb is over."""

@@ -26,30 +26,29 @@ STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
 
+def runtime_arguments(robot_dir: Path, log: Path, commands: str, tags: dict[str, str]) -> list[str]:
+    """What crux-runtime is told wherever it runs. A log that is there already is replaced.
+
+    `commands`: each or broadcast; `tags`: what the log is to say of itself.
+    """
+    said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
+    return ["--robot", str(robot_dir), "--log", str(log), "--overwrite", "--commands", commands, *said]
+
+
+def log_reason(said: str) -> str:
+    """Why a log could not be written, from the runtime's words; empty when they are about something else."""
+    found = LOG_TROUBLE.search(said)
+    return found[1][:1].lower() + found[1][1:] if found else ""
+
+
 class RuntimeProcess:
     """Starts crux-runtime; leaving the context ends it."""
 
-    def __init__(
-        self,
-        robot_dir: Path,
-        bus_urls: list[str],
-        pace: str,
-        lcm_url: str,
-        log: Path,
-        guard_s: float = GUARD_TIME_S,
-        commands: str = "each",
-        tags: dict[str, str] | None = None,
-    ) -> None:
-        """`guard_s`: how long the runtime waits for the nodes in lockstep; `commands`: each or broadcast.
-
-        A log that is there already is replaced. `tags`: what the log is to say of itself.
-        """
+    def __init__(self, bus_urls: list[str], pace: str, lcm_url: str, guard_s: float, arguments: list[str]) -> None:
+        """`guard_s`: how long the runtime waits for the nodes in lockstep; `arguments`: runtime_arguments()."""
         self._arguments = [
             *("setpriv", "--pdeathsig", "TERM"),  # it ends with the simulation, however that ends
-            str(built(BINARY)),
-            *("--robot", str(robot_dir), "--pace", pace, "--lcm", lcm_url, "--log", str(log), "--overwrite"),
-            *("--guard-time", str(guard_s), "--commands", commands),
-            *(word for key, value in (tags or {}).items() for word in ("--tag", f"{key}={value}")),
+            *(str(built(BINARY)), "--pace", pace, "--lcm", lcm_url, "--guard-time", str(guard_s), *arguments),
             *(word for name, url in zip(LIMB_NAMES, bus_urls, strict=True) for word in ("--bus", f"{name}={url}")),
         ]
         self._stderr: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 closed in __exit__
@@ -86,9 +85,7 @@ class RuntimeProcess:
         """Why the log of a process that has ended is incomplete; empty when nothing is known against it."""
         if self._process.poll() != LOG_STATUS:
             return ""
-        found = LOG_TROUBLE.search(self._said())
-        reason = found[1] if found else self.last_words()
-        return reason[:1].lower() + reason[1:]
+        return log_reason(self._said()) or self.last_words()
 
     def last_words(self) -> str:
         """How the process ended and what it wrote last on standard error, on one line."""
