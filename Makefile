@@ -6,7 +6,7 @@ OUT ?= out
 
 BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
-TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
+TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
 .PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean anew
 

@@ -13,7 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from crux_contracts.plan_file import write_plan
 from crux_tools.telemetry import read_log
+from hand_plan import standing_plan
+from mcap.reader import make_reader
 from short_climb import plan_short_climb
 from with_can import BUSES, CRUX, can_run
 
@@ -45,6 +48,26 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
     plan = plan_short_climb(folder)
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(lambda number: _climb(folder, plan, number), (1, 2)))
+
+
+def test_in_lockstep_the_log_is_that_of_one_process(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.mcap"
+    write_plan(plan, standing_plan())
+    logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("socketcan", "memory")}
+    words = {bus: [*CRUX, "climb", str(plan), "-o", str(log), "--bus", bus] for bus, log in logs.items()}
+    over_can = can_run("--virtual-time", "-i", BUSES, "--", *words["socketcan"])
+    assert over_can.returncode == 0, over_can.stderr.decode()
+    subprocess.run(words["memory"], check=True, capture_output=True)
+    socketcan, memory = map(_messages, logs.values())
+    assert len(memory) > 5_000
+    assert socketcan == memory
+
+
+def _messages(log: Path) -> list[tuple[str, int, bytes]]:
+    """Everything in a log, in its order, but what carries wall time."""
+    with log.open("rb") as stream:
+        messages = make_reader(stream).iter_messages(log_time_order=False)
+        return [(c.topic, m.log_time, m.data) for _, c, m in messages if c.topic != "/cycle_timing"]
 
 
 def test_reaches_the_goal_without_a_missed_cycle(runs: list[Run]) -> None:

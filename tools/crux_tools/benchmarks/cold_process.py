@@ -55,10 +55,11 @@ def planned_scene(scene: str, folder: Path) -> tuple[Any, float]:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a process printed, its wall time, and the largest memory of it or a process of its own."""
+    """What a process printed, its wall time, and of it and its own processes the CPU time and the largest memory."""
 
     result: dict[str, Any]
     seconds: float
+    cpu_s: float
     peak_MB: float
 
 
@@ -83,7 +84,7 @@ def measured(module: str, *words: str, limit_s: float) -> Measured:
         result = _object(words[0], out.read(), err.read(), code)
     if code == -signal.SIGKILL:
         result = {"ok": False, "error": f"ended after {limit_s:g} s"}
-    return Measured(result, seconds, usage.ru_maxrss / 1024)
+    return Measured(result, seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
 def _object(name: str, stdout: str, stderr: str, status: int) -> dict[str, Any]:

@@ -49,6 +49,7 @@ BENCHES = {
     "faults": Bench(
         "break the buses in mid-climb in every way and time the hold", f"{_HERE}.bus_faults", "--kinds cut reset"
     ),
+    "buses": Bench("CPU time of a climb in one process and with a runtime of its own", f"{_HERE}.buses"),
     "firmware": Bench("count what the images' interrupts execute, against their time", f"{_HERE}.firmware_cost"),
 }
 
