@@ -114,3 +114,11 @@ def test_an_older_log_without_a_description_says_so(robots: Path, tmp_path: Path
     assert read_log(path).notes == []
     lengthen(robots)
     assert any("made with another description of scaler" in remark for remark in read_log(path).notes)
+
+
+def test_a_machine_without_any_robot_is_told_so(
+    log_path: Path, robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.rmtree(robots / "scaler")
+    assert cli.main(["report", str(log_path), "-o", str(tmp_path / "page.html")]) == 2
+    assert '"scaler": no such folder under msgs/robots; none is known here' in capsys.readouterr().err

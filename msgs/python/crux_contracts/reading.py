@@ -137,6 +137,8 @@ def _close(name: str, known: Sequence[str]) -> list[str]:
 
 def did_you_mean(name: str, known: Sequence[str]) -> str:
     """A hint at the word that was probably meant."""
+    if not known:
+        return "none is known here"
     close = _close(name, known)
     return f"did you mean {close[0]}?" if close else f"expected {_listed(known, 'or')}"
 
