@@ -40,7 +40,8 @@ def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     cpp = out / "cpp/crux_msgs"
     write_changed(cpp / "cdr.hpp", cdr_cpp.header(structs))
     write_changed(out / "cpp/cdr.cpp", cdr_cpp.source(structs))
-    write_changed(cpp / "channels.hpp", tables_cpp.channels_header(channels, structs))
+    runtimes = [channel for channel in channels if channel.writer != "simulation"]
+    write_changed(cpp / "channels.hpp", tables_cpp.channels_header(runtimes, structs))
     write_changed(cpp / "faults.hpp", tables_cpp.faults_header(faults))
     write_changed(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
     python = out / "python/crux_msgs"

@@ -11,7 +11,7 @@ import yaml
 from .lcm_types import Struct
 
 EVENT_RATE = -1.0
-WRITERS = ("tools", "runtime")
+WRITERS = ("tools", "runtime", "simulation")
 
 
 class TableError(Exception):

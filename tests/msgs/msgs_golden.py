@@ -33,6 +33,8 @@ def _values(kind: str, numbers: Iterator[int]) -> Any:
     if kind in _INTEGERS:
         top = 2 ** (_INTEGERS[kind] - 1)
         return (n % 100, -(n % 100), top - 1, -top)[n % 4]
+    if kind == "float":
+        return n / 8  # which single precision has
     if kind == "double":
         return _DOUBLES[n % len(_DOUBLES)] if n % 2 else n / 8
     return _TEXTS[n % len(_TEXTS)]

@@ -143,7 +143,9 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True, attac
         for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
             writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
         schemas = {
-            topic: writer.register_msgdef(*SCHEMAS[type_]) for _, type_, _, _, logged, topic in CHANNELS if logged
+            topic: writer.register_msgdef(*SCHEMAS[type_])
+            for _, type_, _, who, logged, topic in CHANNELS
+            if logged and who != "simulation"
         }
 
         def put(topic: str, at: int, /, **fields: Any) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_msgs import command_t, plan_t
+from crux_msgs import command_t, plan_t, truth_verdict_t
 
 from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
@@ -30,10 +30,11 @@ from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outco
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
 from crux_tools.sim.priority import no_garbage_collection, realtime_priority
-from crux_tools.sim.recorder import recorded
+from crux_tools.sim.recorder import Truth, recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
+from crux_tools.sim.truth_log import log_truth
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
@@ -116,6 +117,15 @@ class ClimbResult:
             result["robot_on_wall"] = not verdict.fell
             result["faults"] = [course.as_json() for course in self.courses]
         return result
+
+    def as_message(self) -> truth_verdict_t:
+        """What the log says of it on /truth/verdict."""
+        message, verdict = truth_verdict_t(), self.verdict
+        message.world = ""
+        message.ok, message.log_complete, message.reason = self.ok, self.log_complete, self.reason
+        for name, value in vars(verdict).items():
+            setattr(message, name, value)
+        return message
 
 
 def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
@@ -265,7 +275,7 @@ def _judged(
         missed = int(telemetry.state["missed_cycles"][-1])
     look_back(courses, truth, reported, dt_s)
     said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]
-    return ClimbResult(
+    result = ClimbResult(
         outcome=outcome,
         verdict=verdict,
         tracking=tracking,
@@ -276,3 +286,15 @@ def _judged(
         log_complete=not (unlogged or last_words),
         courses=courses,
     )
+    return _truth_logged(result, truth, plant)
+
+
+def _truth_logged(result: ClimbResult, truth: Truth, plant: Plant) -> ClimbResult:
+    """The result, and what happened in physics with it in the log; a log that cannot take it is incomplete."""
+    try:
+        log_truth(result.log, truth, plant.robot.face_hold, plant.dt_s, result.as_message())
+    except (OSError, ValueError) as error:
+        if result.log_complete:
+            said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}".lower()
+            return replace(result, log_complete=False, reason="; ".join(filter(None, (said, result.reason))))
+    return result
