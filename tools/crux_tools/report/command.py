@@ -11,12 +11,12 @@ from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
 if TYPE_CHECKING:
-    from crux_tools.sim.climb import ClimbResult
+    from crux_msgs import truth_verdict_t
 
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
 or from the robot): the verdict, pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface
 margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the scenario. Slips and falls
-are in the page that crux climb --report writes: it sees physics, a log does not. Needs no network."""
+are told of a climb in simulation, whose log has what happened in physics. Needs no network."""
 _EXAMPLES = (
     "crux report out/plan.mcap -o out/plan.html",
     "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
@@ -48,8 +48,10 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(func=run)
 
 
-def write_report(source: Path, output: Path, picture: Path | None = None, result: ClimbResult | None = None) -> Written:
-    """Writes the page about `source`, and the picture if asked for; `result`: of the climb that `source` is the log of.
+def write_report(
+    source: Path, output: Path, picture: Path | None = None, verdict: truth_verdict_t | None = None
+) -> Written:
+    """Writes the page about `source`, and the picture if asked for; `verdict`: of a climb whose log has none.
 
     Raises LogError or a contract's error where `source` is neither plan nor log, OutputError or OSError where `output`
     cannot be written.
@@ -67,7 +69,7 @@ def write_report(source: Path, output: Path, picture: Path | None = None, result
         log = telemetry_of(source, channels)
         summary = summarise(log)
         kind, plan, name = "climb", log.plan, summary.scenario or source.stem
-        content = sections.log_sections(log, summary, result)
+        content = sections.log_sections(log, summary, log.verdict or verdict)
     else:
         from crux_contracts.plan_file import read_plan
 

@@ -25,7 +25,7 @@ from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
 if TYPE_CHECKING:
-    from crux_tools.sim.climb import ClimbResult
+    from crux_msgs import truth_verdict_t
 
 PICTURE_PX = (640, 460)
 _MARGIN = (
@@ -168,8 +168,8 @@ def _gait(log: Telemetry) -> Section:
     )
 
 
-def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = None) -> list[Section]:
-    """Everything about a climb; `result` is the judge's, where there is one."""
+def log_sections(log: Telemetry, summary: Summary, verdict: truth_verdict_t | None) -> list[Section]:
+    """Everything about a climb; `verdict` is the judge's, where there is one."""
     smallest = float("nan")
     margins, joints = [], []
     if log.plan is not None:
@@ -181,7 +181,7 @@ def log_sections(log: Telemetry, summary: Summary, result: ClimbResult | None = 
         rows = [(_smallest(walks, APPLIED), f"{smallest:.2f} N")]
         margins = [Section("margins", "Limit-surface margins", text, rows=rows, plots=[plot])]
     sections = [
-        Section("verdict", "Verdict", verdict=sentence(log, summary, smallest, result), rows=facts(log)),
+        Section("verdict", "Verdict", verdict=sentence(log, summary, smallest, verdict), rows=facts(log)),
         Section("summary", "Summary", notes=list(summary.notes), rows=summary_rows(summary)),
     ]
     if log.plan is not None:

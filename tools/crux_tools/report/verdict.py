@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 from crux_contracts.interpolation import is_walk
+from crux_msgs import truth_verdict_t
 
 from crux_tools.sim.judge import angle_between, goal_pose, rotations_from_quaternions
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import SHOWN
 from crux_tools.telemetry.summary import FaultNote, Summary
-
-if TYPE_CHECKING:
-    from crux_tools.sim.climb import ClimbResult
+from crux_tools.telemetry.wording import judged
 
 NOT_RECORDED = "not recorded"
 APPLIED = "with the squeeze the robot applies"
@@ -49,17 +47,6 @@ def _off(distance_m: float, angle_rad: float, log: Telemetry) -> str:
     return f"{distance_m * 1e3:.1f} mm and {np.degrees(angle_rad):.1f} deg off the goal ({allowed})"
 
 
-def _judged(result: ClimbResult, log: Telemetry) -> list[str]:
-    verdict = result.verdict
-    return [
-        _off(verdict.goal_error_m, verdict.goal_error_rad, log),
-        f"{verdict.slips or 'no'} slip{'' if verdict.slips == 1 else 's'} "
-        f"(largest {verdict.largest_slip_m * 1e3:.2f} mm)",
-        f"a fall ({verdict.fall_reason})" if verdict.fell else "no fall",
-        *([] if result.log_complete else ["log incomplete"]),
-    ]
-
-
 def _estimated(log: Telemetry) -> str:
     """Off the goal as the runtime sees itself at the end."""
     last = log.state[-1]
@@ -69,17 +56,18 @@ def _estimated(log: Telemetry) -> str:
     return _off(distance_m, turn_rad, log)
 
 
-def sentence(log: Telemetry, summary: Summary, least_margin_N: float, result: ClimbResult | None = None) -> str:
-    """The verdict: with `result` that of the judge, who sees physics, else what the log alone can tell."""
+def sentence(log: Telemetry, summary: Summary, least_margin_N: float, verdict: truth_verdict_t | None) -> str:
+    """The `verdict` of the judge, who sees physics; without one what the rest of the log can tell."""
     if log.plan is None:
         return f"Not climbed: no plan was accepted, {_faults(summary.faults)}."
     whose = "" if is_walk(log.plan) else f" {APPLIED}"
     margin = f"least margin {least_margin_N:.2f} N{whose}" if np.isfinite(least_margin_N) else "never in full stance"
-    if result is not None:
-        head = "Climbed" if result.ok else "Failed"
-        return f"{head}: {', '.join([*_judged(result, log), _faults(summary.faults), margin])}."
+    if verdict is not None:
+        off = _off(verdict.goal_error_m, verdict.goal_error_rad, log)
+        told = [off, *judged(verdict), _faults(summary.faults), margin]
+        return f"{'Climbed' if verdict.ok else 'Failed'}: {', '.join(told)}."
     head = "Plan completed" if summary.plan_complete else f"Plan not completed, ended in {summary.final_state}"
     return (
         f"{head}, by the log alone: {_estimated(log)} by the runtime's own estimate, {_faults(summary.faults)}, "
-        f"{margin}; a log does not tell slips and falls, the page of crux climb --report does."
+        f"{margin}; slips and falls are told by the log of a simulation alone, which this is not."
     )

@@ -30,7 +30,7 @@ from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outco
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
 from crux_tools.sim.priority import no_garbage_collection, realtime_priority
-from crux_tools.sim.recorder import Truth, recorded
+from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
@@ -118,10 +118,10 @@ class ClimbResult:
             result["faults"] = [course.as_json() for course in self.courses]
         return result
 
-    def as_message(self) -> truth_verdict_t:
-        """What the log says of it on /truth/verdict."""
+    def as_message(self, world: str = "") -> truth_verdict_t:
+        """What the log says of it on /truth/verdict; `world`: the name of a world file."""
         message, verdict = truth_verdict_t(), self.verdict
-        message.world = ""
+        message.world = world
         message.ok, message.log_complete, message.reason = self.ok, self.log_complete, self.reason
         for name, value in vars(verdict).items():
             setattr(message, name, value)
@@ -216,7 +216,8 @@ def climb(
         last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
     result = _judged(plan, plant, log, outcome, (last_words, unlogged), courses)
-    return replace(result, bus=options.bus, worst_interrupts=interrupts)
+    result = replace(result, bus=options.bus, worst_interrupts=interrupts)
+    return _logged(result, plant, _tags(options).get("world", ""))
 
 
 def _power_on(
@@ -275,7 +276,7 @@ def _judged(
         missed = int(telemetry.state["missed_cycles"][-1])
     look_back(courses, truth, reported, dt_s)
     said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]
-    result = ClimbResult(
+    return ClimbResult(
         outcome=outcome,
         verdict=verdict,
         tracking=tracking,
@@ -286,15 +287,14 @@ def _judged(
         log_complete=not (unlogged or last_words),
         courses=courses,
     )
-    return _truth_logged(result, truth, plant)
 
 
-def _truth_logged(result: ClimbResult, truth: Truth, plant: Plant) -> ClimbResult:
-    """The result, and what happened in physics with it in the log; a log that cannot take it is incomplete."""
+def _logged(result: ClimbResult, plant: Plant, world: str) -> ClimbResult:
+    """Adds what happened in physics, and the verdict, to the log. A log that cannot take it is incomplete."""
     try:
-        log_truth(result.log, truth, plant.robot.face_hold, plant.dt_s, result.as_message())
+        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, result.as_message(world))
     except (OSError, ValueError) as error:
         if result.log_complete:
-            said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}".lower()
+            said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}"
             return replace(result, log_complete=False, reason="; ".join(filter(None, (said, result.reason))))
     return result

@@ -112,12 +112,12 @@ def _print_summary(result: Any) -> None:
 
 
 def _write_report(result: Any, log: Path, page: Path) -> None:
-    """The page about the climb; the climb's verdict stands also where the log is too short for one."""
+    """The page about the climb; the climb's verdict stands there also where the log could not take it."""
     from crux_tools.report.command import write_report
     from crux_tools.telemetry import LogError
 
     try:
-        note(f"  report    {write_report(log, page, result=result).file}")
+        note(f"  report    {write_report(log, page, verdict=result.as_message()).file}")
     except LogError as error:
         note(f"  report    none: {error}")
 

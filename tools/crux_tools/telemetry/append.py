@@ -22,9 +22,10 @@ from typing import IO
 
 from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from mcap.data_stream import RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Schema, Statistics, SummaryOffset
+from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Schema, SummaryOffset
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
@@ -46,59 +47,61 @@ class Series:
 
 
 def append(path: Path, series: Iterable[Series]) -> None:
-    """Adds the messages behind all others. Raises OSError, or ValueError where the file does not end as an MCAP file;
-    the log then is as it was."""
+    """Adds the messages behind all others. Raises OSError, or ValueError for a file that does not end as a log of the
+    runtime does; the log is as it was then.
+    """
     with path.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)
-        old_end_at, crc = _old_end(file, size)
-        file.seek(0)
-        summary = make_reader(file).get_summary()
-        filler = _FRAME.pack(FILLER, size - old_end_at - _FRAME.size)
-        chunks, added = _chunks(_known(file) if summary is None else summary, series, size)
-        if crc:
-            file.seek(old_end_at + _FRAME.size)
-            crc = zlib.crc32(chunks, zlib.crc32(filler + file.read(size), crc))
-        if summary is not None:
-            _merge(summary, added)
-        tail = chunks + _end(summary, crc, size + len(chunks))
         try:
-            _write(file, tail, size)
-        except OSError:
-            file.truncate(size)
-            raise
-        os.pwrite(file.fileno(), filler, old_end_at)
-
-
-def _write(file: IO[bytes], tail: bytes, at: int) -> None:
-    """What is behind `at` ends like an MCAP file, without a summary, until the tail's own end replaces that end."""
-    final = at + len(tail) - _END_BYTES
-    for data, place in ((_end(None, 0, 0), final), (tail[:-_END_BYTES], at)):
-        _write_all(file, data, place)
-    os.fdatasync(file.fileno())
-    _write_all(file, tail[-_END_BYTES:], final)
-
-
-def _write_all(file: IO[bytes], data: bytes, at: int) -> None:
-    rest = memoryview(data)
-    while rest:
-        done = os.pwrite(file.fileno(), rest, at)
-        rest, at = rest[done:], at + done
+            end_at, crc = _old_end(file, size)
+            file.seek(0)
+            summary = make_reader(file).get_summary()
+            chunks, added = _chunks(_known(file) if summary is None else summary, series, size)
+        except (McapError, struct.error) as error:
+            raise ValueError(f"the file is damaged ({type(error).__name__})") from error
+        filler = _FRAME.pack(FILLER, size - end_at - _FRAME.size)
+        if crc:
+            file.seek(end_at + _FRAME.size)
+            crc = zlib.crc32(chunks, zlib.crc32(filler + file.read(), crc))
+        tail = chunks + _end(summary and _merged(summary, added), crc, size + len(chunks))
+        _write(file.fileno(), tail, size)
+        os.pwrite(file.fileno(), filler, end_at)
 
 
 def _old_end(file: IO[bytes], size: int) -> tuple[int, int]:
     """Where the record DataEnd stands, and the checksum in it: of all bytes before it, 0: none."""
-    try:
-        file.seek(size - _FOOTER.size - len(MCAP0_MAGIC))
-        opcode, _, summary_at, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
-        whole = opcode == Opcode.FOOTER and file.read() == MCAP0_MAGIC
-        at = (summary_at or size - _FOOTER.size - len(MCAP0_MAGIC)) - _DATA_END.size
-        file.seek(at)
-        opcode, length, crc = _DATA_END.unpack(file.read(_DATA_END.size))
-    except (OSError, struct.error) as error:
-        raise ValueError("the file is too short for an MCAP file") from error
-    if not whole or opcode != Opcode.DATA_END or length != _DATA_END.size - _FRAME.size:
+    footer_at = max(size - _FOOTER.size - len(MCAP0_MAGIC), 0)
+    file.seek(footer_at)
+    end = file.read()
+    if size < _END_BYTES or end[0] != Opcode.FOOTER or not end.endswith(MCAP0_MAGIC):
         raise ValueError("the file does not end like an MCAP file")
+    summary_at = _FOOTER.unpack_from(end)[2]
+    at = (summary_at or footer_at) - _DATA_END.size
+    file.seek(max(at, 0))
+    opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
+    if at < 0 or opcode != Opcode.DATA_END:
+        raise ValueError("the file's data does not end like that of an MCAP file")
     return at, crc
+
+
+def _write(file: int, tail: bytes, at: int) -> None:
+    """The tail into the file behind its end at `at`; there is always an end of an MCAP file at the end of the file."""
+    final = at + len(tail) - _END_BYTES
+    try:
+        _write_all(file, _end(None, 0, 0), final)
+        _write_all(file, tail[:-_END_BYTES], at)
+        os.fdatasync(file)
+        _write_all(file, tail[-_END_BYTES:], final)
+    except OSError:
+        os.truncate(file, at)
+        raise
+
+
+def _write_all(file: int, data: bytes, at: int) -> None:
+    rest = memoryview(data)
+    while rest:
+        done = os.pwrite(file, rest, at)
+        rest, at = rest[done:], at + done
 
 
 def _known(file: IO[bytes]) -> Summary:
@@ -122,15 +125,13 @@ def _chunks(old: Summary, series: Iterable[Series], at: int) -> tuple[bytes, Sum
     scratch = BytesIO()
     writer = Writer(scratch, compression=CompressionType.LZ4)
     writer.start()
-    known = [
-        writer.register_schema(old.schemas[n].name, old.schemas[n].encoding, old.schemas[n].data)
-        for n in sorted(old.schemas)
+    schemas, channels = sorted(old.schemas), sorted(old.channels)
+    numbers = [
+        *(writer.register_schema(old.schemas[n].name, old.schemas[n].encoding, old.schemas[n].data) for n in schemas),
+        *(writer.register_channel(old.channels[n].topic, "cdr", old.channels[n].schema_id) for n in channels),
     ]
-    for number in sorted(old.channels):
-        channel = old.channels[number]
-        known.append(writer.register_channel(channel.topic, channel.message_encoding, channel.schema_id))
-    if known != [*sorted(old.schemas), *sorted(old.channels)]:
-        raise ValueError("the file's schemas and channels are not numbered 1, 2, 3 … as in a log of crux-runtime")
+    if numbers != [*schemas, *channels]:
+        raise ValueError("its schemas and channels are not numbered 1, 2, 3 … as in a log of crux-runtime")
     for one in series:
         wanted = SCHEMAS[BY_TOPIC[one.topic].type]
         schema_id = writer.register_schema(wanted.name, "ros2msg", wanted.definition.encode())
@@ -141,33 +142,28 @@ def _chunks(old: Summary, series: Iterable[Series], at: int) -> tuple[bytes, Sum
     scratch.seek(0)
     added = make_reader(scratch).get_summary()
     assert added is not None
-    first = added.chunk_indexes[0].chunk_start_offset
-    last = added.chunk_indexes[-1]
+    first, last = added.chunk_indexes[0].chunk_start_offset, added.chunk_indexes[-1]
+    behind = last.chunk_start_offset + last.chunk_length + last.message_index_length
     for index in added.chunk_indexes:
         index.chunk_start_offset += at - first
-        for channel_id in index.message_index_offsets:
-            index.message_index_offsets[channel_id] += at - first
-    behind = last.chunk_start_offset + last.chunk_length + last.message_index_length
-    return scratch.getvalue()[first : first + behind - at], added
+        offsets = index.message_index_offsets
+        index.message_index_offsets = {number: offset + at - first for number, offset in offsets.items()}
+    return scratch.getvalue()[first:behind], added
 
 
-def _merge(summary: Summary, added: Summary) -> None:
-    summary.schemas, summary.channels = added.schemas, added.channels
-    summary.chunk_indexes += added.chunk_indexes
-    old, new = summary.statistics, added.statistics
-    if old is None or new is None:
-        return
-    summary.statistics = Statistics(
-        attachment_count=old.attachment_count,
-        metadata_count=old.metadata_count,
-        schema_count=new.schema_count,
-        channel_count=new.channel_count,
-        chunk_count=old.chunk_count + new.chunk_count,
-        message_count=old.message_count + new.message_count,
-        message_start_time=min(old.message_start_time, new.message_start_time),
-        message_end_time=max(old.message_end_time, new.message_end_time),
-        channel_message_counts=old.channel_message_counts | new.channel_message_counts,
-    )
+def _merged(old: Summary, added: Summary) -> Summary:
+    """`added` has all schemas and channels already."""
+    was, now = old.statistics, added.statistics
+    if was is not None and now is not None:
+        now.attachment_count, now.metadata_count = was.attachment_count, was.metadata_count
+        now.chunk_count += was.chunk_count
+        now.message_count += was.message_count
+        now.message_start_time = min(was.message_start_time, now.message_start_time)
+        now.message_end_time = max(was.message_end_time, now.message_end_time)
+        now.channel_message_counts |= was.channel_message_counts
+    added.chunk_indexes[:0] = old.chunk_indexes
+    added.attachment_indexes, added.metadata_indexes = old.attachment_indexes, old.metadata_indexes
+    return added
 
 
 def _end(summary: Summary | None, crc: int, at: int) -> bytes:
@@ -184,7 +180,8 @@ def _end(summary: Summary | None, crc: int, at: int) -> bytes:
     else:
         Footer(0, 0, 0).write(end)
     end.write(MCAP0_MAGIC)
-    return end.end()  # type: ignore[no-any-return]
+    whole: bytes = end.end()  # type: ignore[no-untyped-call]
+    return whole
 
 
 def _summary_section(summary: Summary, at: int) -> tuple[bytes, int]:
@@ -205,4 +202,5 @@ def _summary_section(summary: Summary, at: int) -> tuple[bytes, int]:
         if section.count > start:
             SummaryOffset(opcode, at + start, section.count - start).write(offsets)
     offsets_at = at + section.count
-    return section.end() + offsets.end(), offsets_at
+    whole: bytes = section.end() + offsets.end()  # type: ignore[no-untyped-call]
+    return whole, offsets_at

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.channels import BY_TOPIC
+from crux_msgs import truth_verdict_t
 from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -110,6 +111,7 @@ class Telemetry:
     robot_files: dict[str, bytes]  # the robot description, empty in logs of earlier runtimes; see description.py
     end: dict[str, str] | None  # cycles, unanswered, missed_deadlines, dropped_records; None: killed, or still running
     notes: list[str]
+    verdict: truth_verdict_t | None  # of the simulation's judge; None in the log of a robot or an earlier crux
 
 
 def _chunk_records(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -292,7 +294,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         notes.append(f"{channels.end['dropped_records']} cycles are missing: the log's queue was full")
     other_robot = difference(channels.metadata, channels.attachments)
     notes += [other_robot] if other_robot else []
-    plans = channels.messages.get("/plan", [])
+    plans, verdicts = channels.messages.get("/plan", []), channels.messages.get("/truth/verdict", [])
     return Telemetry(
         path=path,
         plan=plans[-1] if plans else None,
@@ -312,4 +314,5 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         robot_files=channels.attachments,
         end=channels.end,
         notes=notes,
+        verdict=verdicts[-1] if verdicts else None,
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_msgs.tables import MEMBERS
 
 from crux_tools.telemetry.reader import Telemetry
 
@@ -107,6 +108,8 @@ class Summary:
     timing: Timing | None
     refusals: list[str]
     notes: list[str]
+    verdict: dict[str, Any] | None
+    """the fields of truth_verdict_t; None in the log of a robot"""
 
     def to_json(self) -> dict[str, Any]:
         """Plain dicts, lists and numbers."""
@@ -228,6 +231,13 @@ def _timing(log: Telemetry) -> Timing | None:
     )
 
 
+def _verdict(log: Telemetry) -> dict[str, Any] | None:
+    if log.verdict is None:
+        return None
+    fields = {name: (kind, getattr(log.verdict, name)) for name, kind, _ in MEMBERS["truth_verdict_t"]}
+    return {name: bool(value) if kind == "int8_t" else value for name, (kind, value) in fields.items()}
+
+
 def is_realtime(log: Telemetry) -> bool:
     """Whether the clock paced the runtime, and not the answers of the nodes."""
     return log.metadata.get("pace") == "clock"
@@ -262,4 +272,5 @@ def summarise(log: Telemetry) -> Summary:
         timing=_timing(log),
         refusals=[ack.reason for ack in log.acknowledgements if ack.verdict != 0],
         notes=log.notes,
+        verdict=_verdict(log),
     )

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+from typing import Any
+
 from crux_tools.telemetry.summary import FaultNote, Summary, Wait
 
 
@@ -23,10 +27,27 @@ def wait_line(wait: Wait) -> str:
     )
 
 
+def judged(verdict: Any) -> list[str]:
+    """Slips, fall and log of a verdict with the fields of truth_verdict_t."""
+    return [
+        f"{verdict.slips or 'no'} slip{'' if verdict.slips == 1 else 's'} "
+        f"(largest {verdict.largest_slip_m * 1e3:.2f} mm)",
+        f"a fall ({verdict.fall_reason})" if verdict.fell else "no fall",
+        *([] if verdict.log_complete else ["log incomplete"]),
+    ]
+
+
+def _verdict(verdict: Any) -> str:
+    head = "climbed" if verdict.ok else f"failed: {verdict.reason}"
+    off = f"{verdict.goal_error_m * 1e3:.1f} mm and {math.degrees(verdict.goal_error_rad):.1f} deg off the goal"
+    return f"{head}; {off}, {', '.join(judged(verdict))}"
+
+
 def rows(summary: Summary) -> list[tuple[str, str]]:
     """(what, value) lines of a summary; several lines for one thing are separated by '; '."""
     tracking = summary.tracking
-    table = [
+    table = [("verdict", _verdict(SimpleNamespace(**summary.verdict)))] if summary.verdict else []
+    table += [
         ("plan", f"{summary.scenario or 'none'} ({(summary.plan_id or '–')[:12]})"),
         ("outcome", _outcome(summary)),
         ("duration", f"{summary.duration_s:.2f} s, {summary.cycles} control cycles"),
