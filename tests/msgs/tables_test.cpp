@@ -15,6 +15,7 @@ TEST(Tables, EveryChannelHasASchemaOfItsOwnType) {
     EXPECT_EQ(crux_msgs::ros2_schema(channel.type).name, channel.schema_name);
     EXPECT_FALSE(crux_msgs::ros2_schema(channel.type).definition.empty());
     EXPECT_EQ(channel.logged, !channel.topic.empty());
+    EXPECT_FALSE(channel.topic.starts_with("/truth")) << "the simulation's alone";
     if (channel.logged) {
       EXPECT_TRUE(topics.insert(channel.topic).second) << channel.topic;
     }

@@ -149,6 +149,7 @@ def test_one_process_and_a_runtime_of_its_own_log_the_same(tmp_path: Path) -> No
         assert memory.keys() == udp.keys()
         assert all(memory[topic] == udp[topic] for topic in memory)
         assert len(memory["/control_input"]) > 4000
+        assert len(memory["/truth/contacts"]) > 800
 
 
 def _runtime_of(bench: subprocess.Popen[str]) -> int:
@@ -183,7 +184,12 @@ def test_kill_9_of_the_runtime_leaves_the_robot_on_the_wall(tmp_path: Path) -> N
     assert result["ok"] is False
     assert result["robot_on_wall"] is True
     assert "signal 9" in result["reason"]
-    assert len(read_log(log).state) > 500
+    told = read_log(log)
+    assert len(told.state) > 500
+    assert told.end is None
+    assert told.verdict is not None  # the simulation lives on, and adds it to what the runtime left
+    assert (told.verdict.ok, told.verdict.log_complete, told.verdict.reason) == (False, False, result["reason"])
+    assert len(messages(log)["/truth/body"]) > len(told.state) / 5
 
 
 def test_kill_9_of_the_simulation_ends_the_runtime(tmp_path: Path) -> None:
@@ -205,6 +211,7 @@ def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp
     assert result["reason"] == "log incomplete: file too large"
     assert (result["reached_goal"], result["fell"], result["slips"]) == (True, False, 0)
     assert result["goal_error"]["m"] < 0.01
+    assert "/truth/verdict" not in messages(log)  # there was no space for it, either; the log opens all the same
 
 
 def test_a_log_that_is_being_written_is_not_written_by_a_second_climb(tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ from pathlib import Path
 import made_up_climb
 import numpy as np
 import pytest
+from crux_contracts import cdr
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
+from crux_msgs import truth_verdict_t
 from crux_tools import cli
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
@@ -22,6 +24,7 @@ from crux_tools.report.margins import planned_margin_n
 from crux_tools.sim.climb import ClimbResult
 from crux_tools.sim.judge import Tracking, Verdict
 from crux_tools.sim.loop import Ending, Outcome
+from crux_tools.telemetry.append import Series, append
 from made_up_climb import (
     CYCLE_S,
     DT_S,
@@ -148,8 +151,11 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     result = ClimbResult(
         Outcome(Ending.COMPLETE, 400, 1.0, 0), verdict, Tracking(), 1.0, 0, "it fell", log, log_complete=False
     )
-    page = Page(_written(log, tmp_path / "report.html", result))
-    told = _told(page, "Verdict")
+    pages = [_written(log, tmp_path / "handed.html", result.as_message())]
+    append(log, [Series("/truth/verdict", [4_000_000_000], [cdr.encode(result.as_message())])])
+    pages.append(_written(log, tmp_path / "later.html"))  # the log alone
+    told, later = (_told(Page(page), "Verdict") for page in pages)
+    assert told == later
     assert told.startswith(
         "Failed: 45.0 mm and 5.7 deg off the goal (10 mm and 3 deg allowed), 2 slips (largest 6.60 mm), a fall (limb "
         "LF lost its hold in stance at 3.2 s), log incomplete, no fault, least margin "
@@ -159,8 +165,8 @@ def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Pa
     assert "not recorded" not in told
 
 
-def _written(log: Path, output: Path, result: ClimbResult) -> str:
-    write_report(log, output, result=result)
+def _written(log: Path, output: Path, verdict: truth_verdict_t | None = None) -> str:
+    write_report(log, output, verdict=verdict)
     return output.read_text(encoding="utf-8")
 
 

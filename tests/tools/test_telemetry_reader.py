@@ -21,7 +21,7 @@ FIXED = sorted(name for name in SCHEMAS if fixed_dtype(SCHEMAS[name][1]) is not 
 
 def _value(kind: str) -> st.SearchStrategy[float]:
     if kind in {"double", "float"}:
-        return st.floats(allow_nan=False, width=64)
+        return st.floats(allow_nan=False, width=32 if kind == "float" else 64)
     bits = int(kind.removeprefix("int").removesuffix("_t"))
     return st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 

@@ -69,5 +69,5 @@ def sentence(log: Telemetry, summary: Summary, least_margin_N: float, verdict: t
     head = "Plan completed" if summary.plan_complete else f"Plan not completed, ended in {summary.final_state}"
     return (
         f"{head}, by the log alone: {_estimated(log)} by the runtime's own estimate, {_faults(summary.faults)}, "
-        f"{margin}; slips and falls are told by the log of a simulation alone, which this is not."
+        f"{margin}; without ground truth in it a log does not tell slips and falls."
     )

@@ -64,8 +64,12 @@ def append(path: Path, series: Iterable[Series]) -> None:
             file.seek(end_at + _FRAME.size)
             crc = zlib.crc32(chunks, zlib.crc32(filler + file.read(), crc))
         tail = chunks + _end(summary and _merged(summary, added), crc, size + len(chunks))
-        _write(file.fileno(), tail, size)
-        os.pwrite(file.fileno(), filler, end_at)
+        try:
+            _write(file.fileno(), tail, size)
+            _write_all(file.fileno(), filler, end_at)
+        except OSError:
+            os.truncate(file.fileno(), size)
+            raise
 
 
 def _old_end(file: IO[bytes], size: int) -> tuple[int, int]:
@@ -87,14 +91,10 @@ def _old_end(file: IO[bytes], size: int) -> tuple[int, int]:
 def _write(file: int, tail: bytes, at: int) -> None:
     """The tail into the file behind its end at `at`; there is always an end of an MCAP file at the end of the file."""
     final = at + len(tail) - _END_BYTES
-    try:
-        _write_all(file, _end(None, 0, 0), final)
-        _write_all(file, tail[:-_END_BYTES], at)
-        os.fdatasync(file)
-        _write_all(file, tail[-_END_BYTES:], final)
-    except OSError:
-        os.truncate(file, at)
-        raise
+    _write_all(file, _end(None, 0, 0), final)
+    _write_all(file, tail[:-_END_BYTES], at)
+    os.fdatasync(file)
+    _write_all(file, tail[-_END_BYTES:], final)
 
 
 def _write_all(file: int, data: bytes, at: int) -> None:
