@@ -9,6 +9,8 @@ from __future__ import annotations
 import faulthandler
 import logging
 import os
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +28,7 @@ from crux_tools.output import note, progress
 RETRIES = 1  # of a job that ends with an error
 CONNECT_S = 10.0
 HANGING_S = 3600.0  # by the clock: a worker is ended whose job takes so long
+ONE_AT_A_TIME = threading.Lock()  # in a process: the planner's time limits count all that its process computes
 
 
 class Job(Protocol):
@@ -53,13 +56,14 @@ class Done:
 
 def run_on_worker(job: Job, keep_all: bool) -> Done:
     """Runs a job where this is called, and says where that is and what it cost."""
-    before = _cpu_s()
-    faulthandler.dump_traceback_later(HANGING_S, exit=True)
-    try:
-        outcome = job.run()
-    finally:
-        faulthandler.cancel_dump_traceback_later()
-    outcome.row["cpu_s"] = round(_cpu_s() - before, 3)
+    with ONE_AT_A_TIME:
+        before = _cpu_s()
+        faulthandler.dump_traceback_later(HANGING_S, exit=True)
+        try:
+            outcome = job.run()
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+        outcome.row["cpu_s"] = round(_cpu_s() - before, 3)
     if outcome.ok and not keep_all:
         outcome.files.clear()
     return Done(outcome, get_worker().address, environment())
@@ -76,7 +80,8 @@ def cluster(address: str | None, workers: int) -> Iterator[Client]:
 
     Raises UsageError where there is no scheduler.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is said here
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters of it is said here
     if address is not None:
         try:
             client = Client(address, timeout=CONNECT_S)
@@ -86,7 +91,12 @@ def cluster(address: str | None, workers: int) -> Iterator[Client]:
             yield client
         return
     settings: dict[str, Any] = {"memory_limit": None, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    with LocalCluster(n_workers=workers, threads_per_worker=1, **settings) as local, Client(local) as client:
+    interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for this process, which ends the workers
+    try:
+        local = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
+    finally:
+        signal.signal(signal.SIGINT, interrupted)
+    with local, Client(local) as client:
         yield client
 
 
@@ -132,8 +142,8 @@ def run_jobs(jobs: Sequence[Job], store: Store, client: Client, title: str) -> N
                 future.release()
                 done += 1
                 bar.at(done)
-    except (CancelledError, CommClosedError) as error:
-        raise WorkFailed(f"the scheduler is lost ({error}); what is done is kept: run the same again") from None
+    except (CancelledError, CommClosedError):
+        raise WorkFailed("the scheduler is lost; what is done is kept: give the same command again") from None
     finally:
         store.write_table()
 
