@@ -45,7 +45,7 @@ COMMANDS: dict[str, Command] = {
     "shutdown": Command("end the runtime, --force: on the wall, too", _OPERATOR, "add_shutdown_parser", "run_shutdown"),
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
-    "report": Command("one HTML page about a plan or a climb", "crux_tools.report.command"),
+    "report": Command("one HTML page about a plan, a climb or a campaign", "crux_tools.report.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
     "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
 }

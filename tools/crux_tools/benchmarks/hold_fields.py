@@ -4,43 +4,26 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from crux_contracts.output_file import look_at_folder
 from crux_planner.errors import FOR_ITS_REACH
 
 from crux_tools.arguments import positive, whole
-from crux_tools.benchmarks.cold_process import HANGING, crux_json
-from crux_tools.benchmarks.random_fields import random_field
-from crux_tools.output import note, print_json, progress
+from crux_tools.campaign import job
+from crux_tools.campaign.command import add_cluster_options
+from crux_tools.campaign.store import Row
+from crux_tools.campaign.walls import Wall
+from crux_tools.output import note, print_json
 
 DECIDED_SHARE = 0.9
-LIMIT_S = 20.0  # a field, cold process
-RESERVE_S = 2.0  # of the limit: for the process to start and end
+LIMIT_S = 20.0  # a field
 SOLVED, PROVEN, UNDECIDED, WRONG = "solved", "infeasible", "undecided", "WRONG"
 
 
-@dataclass(frozen=True)
-class FieldResult:
-    """What became of one field; WRONG is a plan reported solved that fails the check."""
-
-    seed: int
-    verdict: str
-    seconds: float
-    why: str
-    plan: dict[str, Any]
-
-    def as_json(self) -> dict[str, Any]:
-        """One entry of the bench's JSON object."""
-        return {
-            "seed": self.seed,
-            "verdict": self.verdict,
-            "seconds": round(self.seconds, 2),
-            "why": self.why,
-            "gait": self.plan.get("gait"),
-        }
+def verdict(row: Row) -> str:
+    """WRONG is a plan reported solved that fails the check."""
+    return {job.PLANNED: SOLVED, job.INFEASIBLE: PROVEN, job.WRONG: WRONG}.get(row["verdict"], UNDECIDED)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,53 +37,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=LIMIT_S,
         metavar="S",
-        help="seconds of computing that a field may take, start of the process included (default: %(default)s)",
+        help="seconds of computing that planning a field may take (default: %(default)s)",
     )
-    parser.add_argument(
-        "--output", type=Path, default=Path("out/bench-fields"), metavar="DIR", help="for scenarios and plans"
-    )
+    parser.add_argument("--output", type=Path, default=Path("out/bench-fields"), metavar="DIR", help="for results")
+    add_cluster_options(parser)
 
 
-def decide_one(seed: int, limit_s: float, folder: Path) -> FieldResult:
-    """Plans one field in a cold process and checks the plan, if there is one, in another."""
-    scenario, plan = folder / f"field-{seed}.yaml", folder / f"field-{seed}.plan.mcap"
-    scenario.write_text(random_field(seed), encoding="utf-8")
-    plan.unlink(missing_ok=True)
-    words = ("plan", str(scenario), "-o", str(plan), "--time-limit", f"{limit_s - RESERVE_S:g}")
-    planned, seconds = crux_json(*words, limit_s=HANGING * limit_s)
-    why = str(planned.get("error", "")).removeprefix(f"{scenario}: ")
-    if planned.get("ok"):
-        checked, _ = crux_json("check", str(plan))
-        verdict = SOLVED if checked.get("ok") else WRONG
-        return FieldResult(seed, verdict, seconds, "" if checked.get("ok") else str(checked), planned)
-    return FieldResult(seed, PROVEN if planned.get("proven") else UNDECIDED, seconds, why, planned)
+def field_job(seed: int, limit_s: float) -> job.ClimbJob:
+    """Plans a field and checks the plan, if there is one."""
+    return job.ClimbJob("field", Wall("field", seed), seed, time_limit_s=limit_s, climbs=False)
 
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when 90 % of the fields were decided in time and no plan failed the check."""
+    from crux_tools.campaign.engine import run_anew
+
     look_at_folder("--output", options.output)
-    results: list[FieldResult] = []
-    if not options.json:
-        note(f"{'field':>5} {'verdict':>10} {'s':>6}  gait, or why not")
-    with progress("deciding random fields", options.count) as bar:
-        for seed in range(options.seed, options.seed + options.count):
-            result = decide_one(seed, options.limit, options.output)
-            results.append(result)
-            bar.at(len(results))
-            if not options.json:
-                what = result.why or " ".join(result.plan.get("gait", []))
-                note(f"{seed:>5} {result.verdict:>10} {result.seconds:>6.1f}  {what}")
-    counts = Counter(result.verdict for result in results)
+    jobs = [field_job(seed, options.limit) for seed in range(options.seed, options.seed + options.count)]
+    rows = run_anew(jobs, options.output, options, "deciding random fields")
+    counts = Counter(map(verdict, rows))
     decided = counts[SOLVED] + counts[PROVEN]
     ok = decided >= DECIDED_SHARE * options.count and not counts[WRONG]
     if options.json:
         shares = {name.lower(): counts[name] for name in (SOLVED, PROVEN, UNDECIDED, WRONG)}
-        fields = [result.as_json() for result in results]
+        fields = [
+            {
+                "seed": row["wall_seed"], "verdict": verdict(row), "seconds": row["cpu_s"], "why": row["reason"],
+                "gait": row["plan"].get("gait"),
+            } for row in rows
+        ]  # fmt: skip
         print_json({"ok": ok, "count": options.count, "decided": decided, **shares, "fields": fields})
-    else:
-        note(
-            f"{decided} of {options.count} decided within {options.limit:g} s of computing each: "
-            f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; "
-            f"{counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
-        )
+        return 0 if ok else 1
+    note(f"{'field':>5} {'verdict':>10} {'s':>6}  gait, or why not")
+    for row in rows:
+        what = row["reason"] or " ".join(row["plan"]["gait"])
+        note(f"{row['wall_seed']:>5} {verdict(row):>10} {row['cpu_s']:>6.1f}  {what}")
+    note(
+        f"{decided} of {options.count} decided within {options.limit:g} s of computing each: "
+        f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; "
+        f"{counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
+    )
     return 0 if ok else 1

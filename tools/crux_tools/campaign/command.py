@@ -55,7 +55,7 @@ def add_cluster_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when every job has its result."""
-    from crux_contracts.output_file import write_whole
+    from crux_contracts.output_file import look_at_folder, write_whole
 
     from crux_tools.campaign.engine import cluster, run_jobs
     from crux_tools.campaign.environment import environment
@@ -64,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
     from crux_tools.campaign.store import TABLE, Store, read_rows
 
     campaign = read_spec(options.spec)
+    look_at_folder("--out", options.out)
     store = Store(options.out, keep_all=options.keep == "all")
     with alone_with(options.out), cluster(options.dask, options.workers) as client:
         scheduler = client.scheduler.address

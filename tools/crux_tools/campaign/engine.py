@@ -6,6 +6,7 @@ writes into the store, so the workers need no file system in common.
 
 from __future__ import annotations
 
+import argparse
 import faulthandler
 import logging
 import os
@@ -14,6 +15,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from distributed import CancelledError, Client, LocalCluster, as_completed, get_worker
@@ -21,9 +23,9 @@ from distributed.comm import CommClosedError
 
 from crux_tools.campaign.environment import Environment, differences, environment
 from crux_tools.campaign.job import ERROR, Outcome
-from crux_tools.campaign.store import Store
+from crux_tools.campaign.store import Row, Store, read_rows
 from crux_tools.errors import UsageError, WorkFailed
-from crux_tools.output import note, progress
+from crux_tools.output import alone_with, note, progress
 
 RETRIES = 1  # of a job that ends with an error
 CONNECT_S = 10.0
@@ -146,6 +148,22 @@ def run_jobs(jobs: Sequence[Job], store: Store, client: Client, title: str) -> N
         raise WorkFailed("the scheduler is lost; what is done is kept: give the same command again") from None
     finally:
         store.write_table()
+
+
+def run_anew(jobs: Sequence[Job], folder: Path, options: argparse.Namespace, title: str) -> list[Row]:
+    """The rows of jobs, in their order, whatever `folder` has had of them; `options`: those of add_cluster_options.
+
+    Raises WorkFailed where a job ended with an error.
+    """
+    store = Store(folder)
+    store.clear()
+    with alone_with(folder), cluster(options.dask, options.workers) as client:
+        run_jobs(jobs, store, client, title)
+    rows = {row["key"]: row for row in read_rows(folder)}
+    for row in rows.values():
+        if row["verdict"] == ERROR:
+            raise WorkFailed(f"{title}: job {row['key']}: {row['reason']}")
+    return [rows[job.key] for job in jobs]
 
 
 def _outcome(future: Any, by_key: dict[str, Job], watch: Watch) -> Outcome:

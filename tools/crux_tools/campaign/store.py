@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from crux_contracts.output_file import look_at_folder, write_whole
+from crux_contracts.output_file import write_whole
 
 from crux_tools.campaign.job import ERROR, Outcome
 
@@ -27,9 +27,9 @@ class Store:
     """Results in a folder."""
 
     def __init__(self, folder: Path, keep_all: bool = False) -> None:
-        """Makes the folder; raises OutputError where it cannot be written. `keep_all`: files of successes, too."""
+        """Makes the folder; raises OSError where it cannot be made. `keep_all`: files of successes, too."""
         self.folder, self.keep_all = folder, keep_all
-        look_at_folder("--out", folder / ROWS)
+        (folder / ROWS).mkdir(parents=True, exist_ok=True)
 
     def clear(self) -> None:
         """Forgets everything."""
@@ -41,14 +41,10 @@ class Store:
         """Keys of the jobs that need not run again; those that ended with an error do."""
         return {row["key"] for row in read_rows(self.folder) if row["verdict"] != ERROR}
 
-    def wants_files(self, outcome: Outcome) -> bool:
-        """Whether `put` would keep them."""
-        return self.keep_all or not outcome.ok
-
     def put(self, outcome: Outcome) -> None:
         """Keeps a result: its files first, its row last, so that whoever finds the row finds everything."""
         key = outcome.row["key"]
-        if outcome.files and self.wants_files(outcome):
+        if outcome.files and (self.keep_all or not outcome.ok):
             _put_folder(self.folder / (SUCCESSES if outcome.ok else FAILURES) / key, outcome.files)
         if outcome.ok:  # what an earlier error left
             shutil.rmtree(self.folder / FAILURES / key, ignore_errors=True)

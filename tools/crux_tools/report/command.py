@@ -1,4 +1,4 @@
-"""`crux report`: one HTML page about a plan or a climb."""
+"""`crux report`: one HTML page about a plan, a climb or a campaign."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crux_tools.arguments import taught
+from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 
 if TYPE_CHECKING:
@@ -16,10 +17,14 @@ if TYPE_CHECKING:
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
 or from the robot): the verdict, pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface
 margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the scenario. Slips and falls
-are told of a climb in simulation, whose log has what happened in physics. Needs no network."""
+are told of a climb in simulation, whose log 
+has what happened in physics. Of a campaign's folder: rates with their 95 % intervals, by walls, world and method, its
+failures with pictures, and --against another one. Needs no
+network."""
 _EXAMPLES = (
     "crux report out/plan.mcap -o out/plan.html",
     "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
+    "crux report out/campaign --against out/campaign-before -o out/campaign.html",
 )
 
 
@@ -28,7 +33,7 @@ class Written:
     """What a report was written about."""
 
     file: Path
-    kind: str  # plan or climb
+    kind: str  # plan, climb or campaign
     bytes: int
 
 
@@ -36,14 +41,17 @@ def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux report`."""
     parser = subparsers.add_parser(
         "report",
-        help="one HTML page about a plan or a climb",
+        help="one HTML page about a plan, a climb or a campaign",
         **taught(_DESCRIPTION, *_EXAMPLES),
     )
-    parser.add_argument("source", type=Path, metavar="PLAN_OR_LOG", help="a plan or a log (.mcap)")
+    parser.add_argument(
+        "source", type=Path, metavar="SOURCE", help="a plan or a log (.mcap), or the folder of a campaign"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.html", help="the page to write")
     parser.add_argument(
         "--picture", type=Path, metavar="FILE.png", help="also write one large picture, of the middle of the climb"
     )
+    parser.add_argument("--against", type=Path, metavar="DIR", help="of a campaign: compare it with this one")
     add_json_option(parser)
     parser.set_defaults(func=run)
 
@@ -86,9 +94,29 @@ def write_report(
     return Written(output, kind, len(html))
 
 
+def write_campaign_report(folder: Path, output: Path, against: Path | None) -> Written:
+    """Writes the page about a campaign's folder. Raises UsageError, OutputError, OSError."""
+    from crux_contracts.output_file import look_at_outputs, write_whole
+
+    from crux_tools.report.campaign import sections_of
+    from crux_tools.report.page import page
+
+    look_at_outputs({"-o": output})
+    html = page(f"Campaign: {folder.name}", f"crux report of {folder}", sections_of(folder, against)).encode()
+    write_whole(output, html)
+    return Written(output, "campaign", len(html))
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the page was written."""
-    written = write_report(options.source, options.output, options.picture)
+    if options.source.is_dir():
+        if options.picture is not None:
+            raise UsageError("--picture: is of a plan or a climb, not of a campaign")
+        written = write_campaign_report(options.source, options.output, options.against)
+    elif options.against is not None:
+        raise UsageError(f"--against: compares campaigns; {options.source} is not the folder of one")
+    else:
+        written = write_report(options.source, options.output, options.picture)
     if options.json:
         print_json({"ok": True, "file": str(written.file), "kind": written.kind, "bytes": written.bytes})
     else:

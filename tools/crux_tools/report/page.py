@@ -23,7 +23,7 @@ figure { margin: 0; overflow: hidden; }
 figure img { width: 100%; display: block; } figcaption { padding: 6px 10px; font-size: 13px; }
 table { border-collapse: collapse; background: white; width: 100%; }
 th, td { text-align: left; padding: 5px 12px; border: 1px solid #dde2e6; vertical-align: top; }
-th { font-weight: 600; width: 34%; }
+th { font-weight: 600; width: 34%; } table.wide { margin: 8px 0; font-size: 13.5px; } .wide th { width: auto; }
 p.note { background: #fff4d6; border-left: 4px solid #e8a33d; padding: 8px 12px; }
 p.explain { color: #566573; font-size: 13.5px; margin: 4px 0; }
 p.verdict { font-size: 19px; line-height: 1.4; margin: 8px 0 14px; }
@@ -51,6 +51,7 @@ class Section:
     plots: Sequence[bytes] = ()  # PNG
     pictures: Sequence[Picture] = ()
     text: str = ""
+    table: Sequence[Sequence[str]] = ()  # its head first
 
     def html(self) -> str:
         """The section's HTML; every word from outside is escaped."""
@@ -63,6 +64,10 @@ class Section:
         if self.rows:
             cells = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in self.rows)
             parts.append(f"<table>{cells}</table>")
+        if self.table:
+            lines = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in self.table]
+            head = lines[0].replace("td>", "th>")
+            parts.append(f'<table class="wide"><tr>{head}</tr><tr>{"</tr><tr>".join(lines[1:])}</tr></table>')
         parts += [
             f'<div class="plot"><img alt="{escape(self.title)}" src="{_data("image/png", plot)}"></div>'
             for plot in self.plots
