@@ -10,10 +10,21 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from crux_tools.campaign.store import read_rows
+from crux_tools.benchmarks.random_walls import random_wall
+from crux_tools.campaign.job import ClimbJob, Outcome
+from crux_tools.campaign.spec import read_spec
+from crux_tools.campaign.statistics import Rate, difference, paired_difference
+from crux_tools.campaign.store import Store, read_rows
+from crux_tools.campaign.walls import Wall
+from crux_tools.cli import main
+from crux_tools.paths import ROOT
+from crux_tools.report.campaign import campaign_rows, comparison_section
+from crux_tools.sim.judge import judge
 from pyarrow import parquet
 
 HERE = Path(__file__).resolve().parent
@@ -151,3 +162,134 @@ def test_a_lost_scheduler_ends_the_campaign_in_one_line_and_keeps_what_is_done(f
     assert "WorkFailed: the scheduler is lost; what is done is kept: give the same command again" in said
     assert "distributed" not in said
     assert parquet.read_table(folder / "out" / "results.parquet")["key"].to_pylist() == ["tiny-0"]
+
+
+def row(key: str, verdict: str, wall_hash: str = "a", walls: str = "wall") -> dict[str, object]:
+    labels = {"walls": walls, "wall_seed": 1, "world": "nominal", "seed": 1, "method": "auto", "wall_hash": wall_hash}
+    return {"key": key, **labels, "verdict": verdict, "reason": "", "check": {"ok": verdict != "infeasible"}}
+
+
+def campaign_of(folder: Path, *rows: dict[str, object]) -> Path:
+    store = Store(folder)
+    for one in rows:
+        store.put(Outcome(one))
+    return folder
+
+
+def test_intervals_are_those_of_their_sources() -> None:
+    wilson, z = Rate(8, 10).interval, 1.959964
+    for bound in (wilson.low, wilson.high):  # where |8/10 - p| is z standard deviations of p's own binomial
+        assert abs(0.8 - bound) == pytest.approx(z * np.sqrt(bound * (1 - bound) / 10), rel=1e-6)
+    newcombe = difference(Rate(48, 80), Rate(56, 70))  # Newcombe (1998), table II, row (a)
+    assert [newcombe.low, newcombe.high] == pytest.approx([0.0524, 0.3339], abs=5e-5)
+
+
+@pytest.mark.parametrize(("p_lost", "p_won"), [(0.1, 0.1), (0.05, 0.2), (0.3, 0.1)])
+def test_the_interval_of_pairs_holds_the_truth_as_often_as_it_says(p_lost: float, p_won: float) -> None:
+    drawn = np.random.default_rng(3).multinomial(60, [p_lost, p_won, 1 - p_lost - p_won], 4000)
+    bounds = [paired_difference(int(lost), int(won), 60) for lost, won, _ in drawn]
+    assert 0.935 <= np.mean([each.low <= p_won - p_lost <= each.high for each in bounds]) <= 0.99
+
+
+def test_two_campaigns_are_compared_job_by_job_where_both_have_the_same(tmp_path: Path) -> None:
+    then = campaign_of(
+        tmp_path / "then", *(row(key, "climbed") for key in "abc"), row("d", "failed"), row("e", "failed")
+    )
+    now = [row("a", "climbed"), row("b", "failed"), row("c", "climbed", wall_hash="other"), row("d", "climbed")]
+    here = campaign_of(tmp_path / "now", *now, row("e", "error"), row("f", "climbed", walls="ladder"))
+    section = comparison_section(campaign_rows(here), campaign_rows(then), then)
+    rows = dict(section.rows)
+    assert rows["jobs that are in both"] == "3"  # c is of another wall now, e has no result
+    assert rows["succeeded there alone"] == "1: b"
+    assert rows["succeeded here alone"] == "1: d"
+    assert section.verdict.startswith("Difference: 0.0 points (")
+    assert [line[0] for line in section.table] == ["", "all", "walls"]  # no ladder there to compare with
+    assert section.table[1][2].startswith("3 of 5: 60.0 %")
+    assert section.table[1][3].startswith("4 of 5: 80.0 %")
+    page = tmp_path / "page.html"
+    assert main(["report", str(here), "--against", str(then), "-o", str(page)]) == 0
+    assert "Against" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("walls: [{draw: wal, count: 3}]", 'walls[0].draw: "wal": expected wall, ladder, field or walk'),
+        ("walls: [{draw: wall, count: 3, slop_deg: 45}]", "walls[0].slop_deg: unknown key; did you mean slope_deg?"),
+        ("walls: [{draw: wall, count: 0}]", "walls[0].count: 0: expected a whole number in 1..1000000"),
+        ("walls: [{draw: wall, count: 1, slope_deg: 120}]", "slope_deg: 120: expected a number in 0..110 deg"),
+        ("walls: [{scenario: none.yaml}]", "none.yaml: no such file"),
+        ("walls: []", "walls: a list of 0: expected one entry or more"),
+        ("walls: [{draw: wall, count: 1}]\nmethods: [fast]", 'methods[0]: "fast": expected auto, two_block'),
+        ("walls: [{draw: wall, count: 1}]\nseed: [1]", "seed: unknown key; did you mean seeds?"),
+        ("walls: [{draw: wall, count: 1}]\nseeds: [-1]", "seeds[0]: -1: expected a whole number in 0.."),
+    ],
+)
+def test_a_wrong_spec_is_refused_with_place_value_and_what_would_be_right(
+    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(f"version: 1\n{line}\n")
+    assert main(["campaign", str(spec), "--out", str(tmp_path / "out")]) == 2
+    (message,) = capsys.readouterr().err.splitlines()
+    assert message.startswith(f"crux campaign: {spec}:")
+    assert said in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_spec_is_walls_by_worlds_by_methods_by_seeds_each_once() -> None:
+    jobs = read_spec(ROOT / "examples" / "four-hold-walls.yaml").jobs
+    assert [(job.wall.seed, job.seed) for job in jobs] == [(seed, seed) for seed in range(1, 301)]
+    assert jobs[6].wall.scenario() == random_wall(7)
+
+
+def test_keys_are_of_what_a_job_depends_on(tmp_path: Path) -> None:
+    spec = tmp_path / "spec.yaml"
+    walls = "walls: [{draw: wall, count: 2, name: a}, {draw: wall, count: 2, first_seed: 2, name: b}]"
+    spec.write_text(f"version: 1\n{walls}\nseeds: [5, 6]\nmethods: [auto, two_block]\n")
+    jobs = read_spec(spec).jobs
+    assert len({job.key for job in jobs}) == len(jobs) == 3 * 2 * 2  # the wall of seed 2 is drawn twice, run once
+    job = ClimbJob("any", Wall("wall", 2, (("slope_deg", 45.0),)), 5)
+    assert job.key == replace(job, walls="other").key
+    others = [
+        replace(job, wall=Wall("wall", 2, (("slope_deg", 50.0),))), replace(job, wall=Wall(text="a")),
+        replace(job, seed=6), replace(job, method="auto"), replace(job, time_limit_s=9.0), replace(job, climbs=False),
+    ]  # fmt: skip
+    assert len({job.key, *(other.key for other in others)}) == 7
+
+
+def test_a_campaign_of_one_wall_planned_checked_climbed_and_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("version: 1\nwalls: [{draw: wall, count: 1, first_seed: 2}]\n")
+    assert main(["campaign", str(spec), "--out", str(tmp_path / "out"), "--workers", "1", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["verdicts"] == {"climbed": 1}
+    assert said["scheduler"] == json.loads((tmp_path / "out" / "campaign.json").read_text())["scheduler"]
+    (result,) = parquet.read_table(said["table"]).to_pylist()
+    assert (result["wall"], result["world"], result["method"]) == ("random-wall-2", "nominal", "auto")
+    assert result["climb.reached_goal"]
+    assert 0.0 < result["climb.goal_error.m"] < 0.01
+    assert not (tmp_path / "out" / "failures").exists()
+
+
+def test_of_a_failed_climb_everything_is_kept_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fallen = {"fell": True, "fall_reason": "made to"}
+    monkeypatch.setattr("crux_tools.sim.climb.judge", lambda *given: replace(judge(*given), **fallen))
+    outcome = ClimbJob("wall", Wall("wall", 2), 2, method="auto").run()
+    Store(tmp_path).put(outcome)
+    kept = tmp_path / "failures" / outcome.row["key"]
+    assert outcome.row["verdict"] == "failed"
+    assert sorted(file.name for file in kept.iterdir()) == ["log.mcap", "plan.mcap", "rerun.sh", "scenario.yaml"]
+    assert (kept / "scenario.yaml").read_text() == random_wall(2)
+    commands = [line.split() for line in (kept / "rerun.sh").read_text().splitlines() if line.startswith("crux")]
+    assert [words[1] for words in commands] == ["plan", "check", "climb"]
+    monkeypatch.chdir(kept)
+    assert main(commands[1][1:]) == 0
+    page = tmp_path / "page.html"
+    assert main(["report", str(tmp_path), "-o", str(page)]) == 0
+    shown = page.read_text()
+    assert "0 of 1: 0.0 % (0.0 to 79.3 %)" in shown
+    assert shown.count('src="data:image/jpeg') == 1
+    assert "random-wall-2, nominal" in shown

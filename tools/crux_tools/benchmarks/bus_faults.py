@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from crux_contracts.output_file import look_at_folder
 
 from crux_tools.benchmarks.cold_process import crux_json
+from crux_tools.campaign.command import add_cluster_options
+from crux_tools.campaign.job import FAILED, HELD, LOG_FILE, NOMINAL, PLAN_FILE, Outcome
 from crux_tools.errors import WorkFailed
-from crux_tools.output import note, print_json, progress
+from crux_tools.output import note, print_json
 from crux_tools.paths import ROOT
 from crux_tools.sim.fault_file import ON_ANY_BUS, ON_SOCKETCAN
 
@@ -52,7 +56,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class Found:
     """One fault and what became of it."""
 
     kind: str
@@ -81,8 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--images", action="store_true", help="the limb's nodes run their images on emulated microcontrollers"
     )
     parser.add_argument(
-        "--output", type=Path, default=Path("out/bench-faults"), metavar="DIR", help="for plan and logs"
+        "--output", type=Path, default=Path("out/bench-faults"), metavar="DIR", help="for results, and logs of failures"
     )
+    add_cluster_options(parser)
 
 
 def cases(kinds: tuple[str, ...]) -> list[Case]:
@@ -99,30 +104,65 @@ def cases(kinds: tuple[str, ...]) -> list[Case]:
     return found
 
 
-def _climb(plan: Path, folder: Path, case: Case, images: bool) -> Row:
-    name = folder / f"{case.kind}-{case.where}-{case.for_s:g}s"
-    faults = name.with_name(f"{name.name}.yaml")
-    faults.write_text(case.document())
-    guest = ["can", "run", "--virtual-time", "-i", BUSES, "--timeout", TIMEOUT_S, "--"]
-    climb = [sys.executable, "-m", "crux_tools.cli", "climb", str(plan), "-o", f"{name}.mcap", "--faults", str(faults)]
-    emulated = ["--emulate", case.limb] if images else []
-    result, _ = crux_json(*guest, *climb, "--bus", "socketcan", "--pace", "realtime", *emulated)
-    if "faults" not in result:
-        raise WorkFailed(f"{case.kind} on {case.where}: {result.get('error', 'no result')}")
-    (course,) = result["faults"]
-    return Row(
-        kind=case.kind,
-        where=case.where,
-        for_s=case.for_s,
-        stopped_s=course["runtime_s"],
-        held_s=course["held_s"],
-        moved_m=course["moved_m"],
-        on_wall=bool(result["robot_on_wall"]),
-        moved_on=bool(course["moved_on"]),
-        slips=int(result["slips"]),
-        cause=course["cause"],
-        reason=str(result["reason"]),
-    )
+@dataclass(frozen=True)
+class FaultJob:
+    """A climb of `plan`, the bytes of its file, with one fault."""
+
+    case: Case
+    images: bool
+    plan: bytes = field(repr=False)
+
+    @property
+    def key(self) -> str:
+        """In words."""
+        return f"{self.case.kind}-{self.case.where}-{self.case.for_s:g}s{'-images' if self.images else ''}"
+
+    def labels(self) -> dict[str, Any]:
+        """As of a climb."""
+        return {"walls": self.case.kind, "wall_seed": 0, "world": NOMINAL, "seed": 0, "method": ""}
+
+    def run(self) -> Outcome:
+        """Climbs under a kernel with virtual time."""
+        with TemporaryDirectory(prefix="crux-fault-") as name:
+            plan, log, faults = (Path(name) / file for file in (PLAN_FILE, LOG_FILE, "faults.yaml"))
+            plan.write_bytes(self.plan)
+            faults.write_text(self.case.document())
+            guest = ["can", "run", "--virtual-time", "-i", BUSES, "--timeout", TIMEOUT_S, "--"]
+            climb = [
+                sys.executable,
+                "-m",
+                "crux_tools.cli",
+                "climb",
+                str(plan),
+                "-o",
+                str(log),
+                "--faults",
+                str(faults),
+            ]
+            emulated = ["--emulate", self.case.limb] if self.images else []
+            result, _ = crux_json(*guest, *climb, "--bus", "socketcan", "--pace", "realtime", *emulated)
+            files = {file.name: file.read_bytes() for file in Path(name).iterdir()}
+        if "faults" not in result:
+            raise WorkFailed(f"{self.case.kind} on {self.case.where}: {result.get('error', 'no result')}")
+        found = self._found(result)
+        row = {"key": self.key, **self.labels(), "verdict": HELD if found.ok else FAILED, "reason": found.reason}
+        return Outcome(row | {"fault": asdict(found)}, files)
+
+    def _found(self, result: dict[str, Any]) -> Found:
+        (course,) = result["faults"]
+        return Found(
+            kind=self.case.kind,
+            where=self.case.where,
+            for_s=self.case.for_s,
+            stopped_s=course["runtime_s"],
+            held_s=course["held_s"],
+            moved_m=course["moved_m"],
+            on_wall=bool(result["robot_on_wall"]),
+            moved_on=bool(course["moved_on"]),
+            slips=int(result["slips"]),
+            cause=course["cause"],
+            reason=str(result["reason"]),
+        )
 
 
 def _ms(seconds: float | None) -> str:
@@ -132,7 +172,7 @@ def _ms(seconds: float | None) -> str:
 HEAD = f"{'fault':16} {'where':5} {'lasts':>6} {'stops':>7} {'holds':>7} {'moves':>7}  {'on wall':8} slips  cause"
 
 
-def _line(row: Row) -> str:
+def _line(row: Found) -> str:
     stays = "yes" if row.on_wall else "FELL"
     mark = "" if row.ok else "  <- not as it must be"
     moves = "?" if row.moved_m is None else f"{row.moved_m * 1e3:.1f} mm"
@@ -145,20 +185,17 @@ def _line(row: Row) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when after every fault the robot held within LONGEST_HOLD_S and stayed on the wall."""
+    from crux_tools.campaign.engine import run_anew
+
     look_at_folder("--output", options.output)
     plan = options.output / "plan.mcap"
     if not crux_json("plan", str(SCENARIO), "-o", str(plan))[0].get("ok"):
         raise WorkFailed(f"{SCENARIO.name} cannot be planned")
     tried = cases(tuple(options.kinds or ON_ANY_BUS + ON_SOCKETCAN))
-    rows = []
-    with progress("faults", len(tried)) as bar:
-        if not options.json:
-            note(HEAD)
-        for done, case in enumerate(tried):
-            rows.append(_climb(plan, options.output, case, options.images))
-            if not options.json:
-                note(_line(rows[-1]))
-            bar.at(done + 1)
+    jobs = [FaultJob(case, options.images, plan.read_bytes()) for case in tried]
+    rows = [Found(**row["fault"]) for row in run_anew(jobs, options.output, options, "breaking the buses")]
     if options.json:
         print_json({"ok": all(row.ok for row in rows), "faults": [asdict(row) for row in rows]})
+    else:
+        note("\n".join([HEAD, *map(_line, rows)]))
     return 0 if all(row.ok for row in rows) else 1

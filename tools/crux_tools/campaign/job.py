@@ -16,9 +16,9 @@ from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
 from crux_tools.campaign.walls import Wall
 from crux_tools.errors import UsageError, WorkFailed
 
-CLIMBED, PLANNED = "climbed", "planned"
+CLIMBED, PLANNED, HELD = "climbed", "planned", "held"
 FAILED, WRONG, INFEASIBLE, UNDECIDED, REFUSED, ERROR = "failed", "wrong", "infeasible", "undecided", "refused", "error"
-SUCCESSES = (CLIMBED, PLANNED)
+SUCCESSES = (CLIMBED, PLANNED, HELD)
 NOMINAL = "nominal"
 SCENARIO_FILE, WORLD_FILE, PLAN_FILE, LOG_FILE, RERUN_FILE = (
     "scenario.yaml", "world.yaml", "plan.mcap", "log.mcap", "rerun.sh",
