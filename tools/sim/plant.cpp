@@ -4,11 +4,13 @@
 #include <array>
 #include <cmath>
 #include <new>
+#include <optional>
 #include <random>
 #include <span>
 #include <vector>
 
 #include "screws.hpp"
+#include "world.hpp"
 
 namespace {
 
@@ -30,7 +32,7 @@ const std::int32_t crux_plant_contact_period = 5;
 
 struct crux_plant {
   crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, const crux_plant_settings& settings,
-             crux_plant_state& state);
+             const crux_world* world, crux_plant_state& state);
   void step(const double* joint_torque_nm, const double* finger_force_n);
   void record(std::int64_t cycle, bool climbing);
 
@@ -40,6 +42,7 @@ struct crux_plant {
   crux_plant_settings settings_;
   std::array<double, CRUX_SIM_JOINTS> torque_share_;
   crux::sim::Screws screws_;
+  std::optional<crux::sim::World> world_;
   crux_plant_state& state_;
   std::vector<crux_plant_truth> truth_;
 
@@ -49,6 +52,7 @@ struct crux_plant {
   void look_at_contacts();
   void take_contact(const mjContact& contact);
   double normal() { return normal_(random_); }
+  [[nodiscard]] double time_s() const { return static_cast<double>(state_.cycle) * model_->opt.timestep; }
 
   std::mt19937_64 random_;
   std::normal_distribution<double> normal_;
@@ -57,7 +61,7 @@ struct crux_plant {
 };
 
 crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, const crux_plant_settings& settings,
-                       crux_plant_state& state)
+                       const crux_world* world, crux_plant_state& state)
     : model_(model),
       data_(data),
       map_(map),
@@ -70,11 +74,21 @@ crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, 
   for (std::size_t i = 0; i < ft_bias_.size(); ++i) ft_bias_[i] = settings.ft_bias[i % 6] * normal();
   std::copy_n(data->qpos, 3, hand_position_.begin());
   truth_.reserve(kFirstSamples);
+  if (world != nullptr) world_.emplace(*model, *data, map_, *world);
   look_at_contacts();
   read_sensors();
 }
 
 void crux_plant::step(const double* joint_torque_nm, const double* finger_force_n) {
+  std::array<double, CRUX_SIM_JOINTS> told_nm;
+  std::array<double, CRUX_SIM_LIMBS> told_n;
+  if (world_) {
+    std::copy_n(joint_torque_nm, told_nm.size(), told_nm.begin());
+    std::copy_n(finger_force_n, told_n.size(), told_n.begin());
+    world_->command(told_nm, told_n);
+    joint_torque_nm = told_nm.data();
+    finger_force_n = told_n.data();
+  }
   for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
     state_.joint_torque_nm[j] += torque_share_[j] * (joint_torque_nm[j] - state_.joint_torque_nm[j]);
     data_->ctrl[map_.joint_actuators[j]] = state_.joint_torque_nm[j];
@@ -83,6 +97,10 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
     data_->ctrl[map_.finger_actuators[p]] = -(finger_force_n[p / 2] + screws_.set(p, state_.pad_force_n[p]));
   std::copy_n(finger_force_n, CRUX_SIM_LIMBS, state_.finger_force_n);
   carry();
+  if (world_) {
+    world_->act(time_s(), time_s() > kHandReleases_s[1] + model_->opt.timestep);
+    world_->heat(state_.joint_torque_nm);
+  }
   mj_step(model_, data_);
   ++state_.cycle;
   if (screws_.any() || state_.cycle % crux_plant_contact_period == kFirstContactStep) look_at_contacts();
@@ -90,9 +108,8 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
 }
 
 void crux_plant::carry() {
-  const double dt_s = model_->opt.timestep, time_s = static_cast<double>(state_.cycle) * dt_s;
-  if (time_s > kHandReleases_s[1] + dt_s) return;
-  const double share = 1 - smoothstep((time_s - kHandReleases_s[0]) / (kHandReleases_s[1] - kHandReleases_s[0]));
+  if (time_s() > kHandReleases_s[1] + model_->opt.timestep) return;
+  const double share = 1 - smoothstep((time_s() - kHandReleases_s[0]) / (kHandReleases_s[1] - kHandReleases_s[0]));
   double turn[9];  // hand <- body
   mju_mulMatMatT(turn, settings_.hand_rotation, data_->xmat + 9 * map_.body, 3, 3, 3);
   const std::array<double, 3> axis{(turn[7] - turn[5]) / 2, (turn[2] - turn[6]) / 2, (turn[3] - turn[1]) / 2};
@@ -118,6 +135,7 @@ void crux_plant::read_sensors() {
     state_.finger_opening_m[l] = (data_->qpos[qpos[0]] + data_->qpos[qpos[1]]) / 2;
     state_.finger_speed_m_s[l] = (data_->qvel[dof[0]] + data_->qvel[dof[1]]) / 2;
   }
+  if (world_) world_->sense(time_s(), state_);
 }
 
 /// Which face each pad touches and how hard; sets the spines' pull accordingly.
@@ -169,8 +187,8 @@ void crux_plant::record(std::int64_t cycle, bool climbing) {
 }
 
 crux_plant* crux_plant_open(mjModel* model, mjData* data, const crux_plant_map* map,
-                            const crux_plant_settings* settings, crux_plant_state* state) {
-  return new (std::nothrow) crux_plant(model, data, *map, *settings, *state);
+                            const crux_plant_settings* settings, const crux_world* world, crux_plant_state* state) {
+  return new (std::nothrow) crux_plant(model, data, *map, *settings, world, *state);
 }
 
 void crux_plant_close(crux_plant* plant) { delete plant; }
@@ -188,6 +206,10 @@ void crux_plant_step(crux_plant* plant, const double* joint_torque_nm, const dou
 }
 
 const crux_plant_state* crux_plant_state_of(const crux_plant* plant) { return &plant->state_; }
+
+const double* crux_plant_temperature(const crux_plant* plant) {
+  return plant->world_ ? plant->world_->temperature().data() : nullptr;
+}
 
 void crux_plant_record(crux_plant* plant, std::int64_t cycle, std::int32_t climbing) {
   plant->record(cycle, climbing != 0);

@@ -6,9 +6,7 @@
 #include <mujoco/mujoco.h>
 #include <stdint.h>
 
-#define CRUX_SIM_LIMBS 4
-#define CRUX_SIM_JOINTS 24
-#define CRUX_SIM_PADS 8
+#include "world.h"
 
 #define CRUX_SIM_API __attribute__((visibility("default")))
 
@@ -69,10 +67,11 @@ typedef struct crux_plant crux_plant;
 /// cycles whose limbs it logs.
 extern CRUX_SIM_API const int32_t crux_plant_contact_period;
 
-/// A plant in the pose that `data` has; mj_forward has been called. NULL when there is no memory. Model, data and `state`
-/// belong to the caller and outlive the plant.
+/// A plant in the pose that `data` has; mj_forward has been called. NULL when there is no memory. Model, data and
+/// `state` belong to the caller and outlive the plant. `world` may be NULL: all is as described.
 CRUX_SIM_API crux_plant *crux_plant_open(mjModel *model, mjData *data, const crux_plant_map *map,
-                                         const crux_plant_settings *settings, crux_plant_state *state);
+                                         const crux_plant_settings *settings, const crux_world *world,
+                                         crux_plant_state *state);
 CRUX_SIM_API void crux_plant_close(crux_plant *plant);
 
 /// From now on the torque of a joint is that of a motor, without the lag that stands for one.
@@ -85,6 +84,9 @@ CRUX_SIM_API void crux_plant_step(crux_plant *plant, const double joint_torque_n
                                   const double finger_force_n[CRUX_SIM_LIMBS]);
 
 CRUX_SIM_API const crux_plant_state *crux_plant_state_of(const crux_plant *plant);
+
+/// (24,) of the joints' motors [degC], NaN where no world heats it; NULL when it heats none.
+CRUX_SIM_API const double *crux_plant_temperature(const crux_plant *plant);
 
 /// Keeps a sample of the truth when contacts were looked at in this step; `cycle` is the runtime's count, `climbing`
 /// its state as the nodes hear it.

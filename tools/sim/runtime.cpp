@@ -1,6 +1,7 @@
 #include "runtime.h"
 
 #include <atomic>
+#include <cmath>
 #include <deque>
 #include <exception>
 #include <filesystem>
@@ -146,6 +147,11 @@ void crux_sim_step(crux_nodes* nodes, crux_plant* plant, double dt_s) {
   crux_nodes_control(nodes, dt_s, state.joint_position_rad, state.joint_velocity_rad_s, state.finger_opening_m,
                      state.finger_speed_m_s, state.finger_force_n, torque_nm, force_n);
   crux_plant_step(plant, torque_nm, force_n);
+  constexpr int kJointsPerLimb = CRUX_SIM_JOINTS / CRUX_SIM_LIMBS;
+  const double* temperature_degc = crux_plant_temperature(plant);
+  for (int j = 0; temperature_degc != nullptr && j < CRUX_SIM_JOINTS; ++j)
+    if (std::isfinite(temperature_degc[j]))
+      crux_nodes_set_temperature(nodes, j / kJointsPerLimb, j % kJointsPerLimb + 1, temperature_degc[j]);
 }
 
 std::int32_t crux_sim_publish(crux_nodes* nodes, crux_plant* plant) {

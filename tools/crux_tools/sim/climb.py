@@ -34,7 +34,10 @@ from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
-from crux_tools.sim.truth_log import log_truth
+from  crux_tools.sim.truth_log import log_truth
+from crux_tools.sim.world_file import World
+from crux_tools.sim.world_model import change_robot, plant_world, true_wall
+
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
@@ -59,6 +62,8 @@ class ClimbOptions:
     """nodes that run their image on an emulated microcontroller"""
     commands: str = "each"
     """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
+    world: World | None = None
+    """what the physics has otherwise than plan and robot description say"""
 
 
 @dataclass(frozen=True)
@@ -153,7 +158,21 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
     """What the runtime cannot know of the run, for its log."""
     from crux_commit import COMMIT
 
-    return {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    world = options.world
+    if world is not None:
+        tags |= {"world": world.name, "world_sha256": world.source_sha256, "world_seed": str(world.seed)}
+    return tags
+
+
+def plant_of(plan: plan_t, robot: Robot, options: ClimbOptions) -> Plant:
+    """The robot on the wall of `plan`, or on what the world has made of it."""
+    world = options.world
+    if world is None:
+        return Plant(build_model(robot, plan), plan, options.seed)
+    wall = true_wall(plan, world)
+    model = build_model(robot, wall, lambda spec: change_robot(spec, robot, world))
+    return Plant(model, wall, options.seed, plant_world(world, model, [hold.name for hold in plan.holds]))
 
 
 def _shut_down(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, realtime_loop: Loop | None) -> None:
@@ -181,8 +200,7 @@ def climb(
             "--bus socketcan: this kernel has no CAN; run it under one that has: "
             f"crux can run --virtual-time -i {','.join(INTERFACES)} -- crux climb …"
         )
-    model = build_model(robot, plan)
-    plant = Plant(model, plan, options.seed)
+    plant = plant_of(plan, robot, options)
     with ExitStack() as stack:
         boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
         if boards is not None:
@@ -232,7 +250,7 @@ def _power_on(
     arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options))
     runtime: RuntimeProcess | RuntimeHere
     if options.bus == "memory":
-        nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards))
+        nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards, options.world))
         runtime = stack.enter_context(RuntimeHere(nodes, arguments))
         link = stack.enter_context(OperatorLink(connection=runtime))
         _start(runtime, link, plan)
@@ -243,7 +261,7 @@ def _power_on(
     runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
     link = stack.enter_context(OperatorLink(ports.lcm_url))
     _start(runtime, link, plan)  # before there are nodes: they would make it begin
-    return runtime, link, stack.enter_context(FirmwareNodes(buses, robot, boards))
+    return runtime, link, stack.enter_context(FirmwareNodes(buses, robot, boards, options.world))
 
 
 def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan_t) -> None:

@@ -69,6 +69,23 @@ def add_parser(subparsers: Any) -> None:
         help="what goes wrong on the buses, and when (tools/README.md has the kinds)",
     )
     parser.add_argument(
+        "--world",
+        type=Path,
+        metavar="WORLD.yaml",
+        help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
+        "runtime know of it (tools/README.md has the keys)",
+    )
+    parser.add_argument(
+        "--world-seed",
+        type=whole(0),
+        default=0,
+        metavar="N",
+        help="of the numbers that the world draws from distributions (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--drawn-world", type=Path, metavar="FILE.yaml", help="also write the world with all its numbers drawn"
+    )
+    parser.add_argument(
         "--emulate",
         metavar="NODES",
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
@@ -132,16 +149,25 @@ def run(options: argparse.Namespace) -> int:
     from crux_tools.sim.climb import ClimbOptions, climb
     from crux_tools.sim.emulated_boards import read_places
     from crux_tools.sim.fault_file import read_faults
+    from crux_tools.sim.world_file import read_world
 
     plan = read_plan(options.plan)
     robot = robot_of_plan(plan, options.plan)
     faults = tuple(read_faults(options.faults)) if options.faults is not None else ()
     emulated = read_places(options.emulate) if options.emulate is not None else ()
-    look_at_outputs({"-o": options.output, "--report": options.report}, (options.plan, options.faults))
+    if options.world is None and (options.drawn_world is not None or options.world_seed):
+        raise UsageError("--world-seed and --drawn-world: there is nothing to draw; give --world WORLD.yaml, too")
+    world = None if options.world is None else read_world(options.world).draw(options.world_seed, plan)
+    look_at_outputs(
+        {"-o": options.output, "--report": options.report, "--drawn-world": options.drawn_world},
+        (options.plan, options.faults, options.world),
+    )
+    if world is not None and options.drawn_world is not None:
+        options.drawn_world.write_text(world.as_yaml(), encoding="utf-8")
     bus = options.bus or ("memory" if options.pace == "lockstep" else "udp")
     if bus == "memory" and options.pace == "realtime":
         raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
-    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands)
+    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands, world)
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

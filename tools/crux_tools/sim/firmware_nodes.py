@@ -14,6 +14,7 @@ from crux_tools.sim.emulated_boards import EmulatedBoards
 from crux_tools.sim.firmware_binding import binding
 from crux_tools.sim.native import library
 from crux_tools.sim.plant import Plant
+from crux_tools.sim.world_file import JOINT_NAMES, World
 
 LIBRARY = "firmware/libcrux_nodes.so"
 
@@ -21,10 +22,21 @@ LIBRARY = "firmware/libcrux_nodes.so"
 class FirmwareNodes:
     """24 joint nodes and 4 gripper nodes on four buses; leaving the context closes the buses."""
 
-    def __init__(self, bus_urls: Sequence[str], robot: Robot, boards: EmulatedBoards | None = None) -> None:
-        """`boards` take the places of nodes. Raises WorkFailed when a bus cannot be opened."""
+    def __init__(
+        self,
+        bus_urls: Sequence[str],
+        robot: Robot,
+        boards: EmulatedBoards | None = None,
+        world: World | None = None,
+    ) -> None:
+        """`boards` take the places of nodes; in a `world` position loops may be slower than described. Raises
+        WorkFailed when a bus cannot be opened."""
         host = binding("host", "crux_nodes")
         joints, grippers = host.joint_parameters(robot), host.gripper_parameters(robot)
+        for name, joint in zip(JOINT_NAMES, joints, strict=True):
+            change = world.joints.get(name) if world is not None else None
+            if change is not None and change.setpoint_time_constant_s is not None:
+                joint.setpoint_time_constant_s = change.setpoint_time_constant_s
         try:
             self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
         except host.NodesError as error:

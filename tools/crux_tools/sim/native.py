@@ -43,6 +43,53 @@ class PlantSettings(ctypes.Structure):
     ]
 
 
+class SensorErrorRow(ctypes.Structure):
+    """crux_sensor_error."""
+
+    _fields_ = [
+        *((name, c_int32) for name in ("sensor", "place", "fault")),
+        ("value", c_double * 6),
+        ("from_s", c_double),
+        ("until_s", c_double),
+    ]
+
+
+class PushRow(ctypes.Structure):
+    """crux_push."""
+
+    _fields_ = [("wrench_w", c_double * 6), ("from_s", c_double), ("until_s", c_double)]
+
+
+class HoldBreakRow(ctypes.Structure):
+    """crux_hold_break."""
+
+    _fields_ = [("body", c_int32), ("load_n", c_double), ("at_s", c_double)]
+
+
+class PlantWorld(ctypes.Structure):
+    """crux_world."""
+
+    _fields_ = [
+        ("seed", c_uint64),
+        *(
+            (name, c_double * JOINTS)
+            for name in (
+                *("torque_factor", "torque_limit_nm", "torque_share"),
+                *("stiction_nm", "heating_k_nm2", "heating_time_s"),
+            )
+        ),
+        ("dead_cycles", c_int32 * JOINTS),
+        *((name, c_double * LIMBS) for name in ("finger_force_factor", "finger_force_limit_n", "jam_m", "jam_s")),
+        ("ft_range", c_double * 6),
+        ("ambient_degc", c_double),
+        ("gone_m", c_double),
+        *((f"{name}_count", c_int32) for name in ("sensor_errors", "pushes", "breaks")),
+        ("sensor_errors", POINTER(SensorErrorRow)),
+        ("pushes", POINTER(PushRow)),
+        ("breaks", POINTER(HoldBreakRow)),
+    ]
+
+
 class PlantState(ctypes.Structure):
     """crux_plant_state."""
 
@@ -82,7 +129,10 @@ def library() -> Any:
     loaded = ctypes.CDLL(str(built(LIBRARY)))
     handle, doubles = c_void_p, POINTER(c_double)
     signatures: dict[str, tuple[Any, list[Any]]] = {
-        "plant_open": (handle, [handle, handle, POINTER(PlantMap), POINTER(PlantSettings), POINTER(PlantState)]),
+        "plant_open": (
+            handle,
+            [handle, handle, POINTER(PlantMap), POINTER(PlantSettings), POINTER(PlantWorld), POINTER(PlantState)],
+        ),
         "plant_close": (None, [handle]),
         "plant_drive_joint": (None, [handle, c_int32]),
         "plant_drive_gripper": (None, [handle, c_int32]),

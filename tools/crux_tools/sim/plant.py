@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.sim.native import PlantMap, PlantSettings, PlantState, library
+from crux_tools.sim.native import PlantMap, PlantSettings, PlantState, PlantWorld, library
 from crux_tools.sim.robot_model import RobotModel
 from crux_tools.sim.start_pose import rotation_from_rpy, take_start_pose
 
@@ -35,7 +35,8 @@ class Plant:
     the last two; pad_force_n, pad_face (8,) of the last look at the contacts.
     """
 
-    def __init__(self, robot: RobotModel, plan: Any, seed: int) -> None:
+    def __init__(self, robot: RobotModel, plan: Any, seed: int, world: PlantWorld | None = None) -> None:
+        """`plan` begins where the robot really stands; `world`: what else is not as described."""
         self.robot = robot
         self.model = robot.model
         self.data = mujoco.MjData(robot.model)
@@ -45,8 +46,11 @@ class Plant:
         settings = self._settings(seed, rotation_from_rpy(plan.knots[0].body_rpy_rad))
         self._native = library()
         self._state = PlantState()
+        self._world = world  # the plant points into it
         self.handle = ctypes.c_void_p(
-            self._native.crux_plant_open(self.model._address, self.data._address, self._map(), settings, self._state)
+            self._native.crux_plant_open(
+                self.model._address, self.data._address, self._map(), settings, world, self._state
+            )
         )
         self.joint_position_rad = self._view("joint_position_rad")
         self.joint_velocity_rad_s = self._view("joint_velocity_rad_s")
