@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
 from crux_tools.sim.climb import ClimbOptions, plant_of
+from crux_tools.sim.native import library
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.world_file import parse_world
 from hand_plan import HALF_HOLD_M, MASS_KG, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
 from holding_controller import HoldingController
+from numpy.typing import NDArray
 
 SCALER = load_robot("scaler")
 SETTLED_S = 4.0  # the hand is gone at 1.5 s
@@ -126,3 +129,215 @@ def test_a_hold_bears_the_net_force_of_its_contacts_and_not_the_squeeze() -> Non
     HoldingController(plant, squeeze_n=25.0).run(SETTLED_S)
     assert plant.pad_force_n.reshape(4, 2).sum(axis=1).min() > 39
     assert plant.limbs_on_holds().all()
+
+
+FROM_S, UNTIL_S, END_S = 0.1, 0.2, 0.3
+RANGE = np.repeat([SCALER.force_torque.range_N, SCALER.force_torque.range_Nm], 3)
+Readings = NDArray[np.float64]
+
+
+def readings(text: str) -> tuple[Readings, Readings, Readings]:
+    """Times (n,) and the readings of RF's force/torque sensor (n, 6) in a world and, with the same noise, without."""
+    told = []
+    for plant in (in_world(text), in_world("")):
+        control = HoldingController(plant)
+        rows = []
+        for _ in range(round(END_S / plant.dt_s)):
+            control.run(plant.dt_s)
+            rows.append([plant.time_s, *plant.ft[6:12]])
+        told.append(np.array(rows))
+    return told[0][:, 0], told[0][:, 1:], told[1][:, 1:]
+
+
+def _cross_talk(true: Readings, _time_s: Readings) -> Readings:
+    shares = true / RANGE
+    return np.asarray(true + 0.1 * RANGE * (shares.sum(axis=1, keepdims=True) - shares))
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        ("bias, N: [1, 2, 3], Nm: [0.1, 0.2, 0.3]", lambda true, _: true + np.array([1, 2, 3, 0.1, 0.2, 0.3])),
+        ("jump, Nm: [0.1, 0, 0]", lambda true, _: true + np.array([0, 0, 0, 0.1, 0, 0])),
+        ("drift, N: [10, 0, 0]", lambda true, t: true + np.outer(t - FROM_S, [10, 0, 0, 0, 0, 0])),
+        ("saturation, N: [1, 1, 1]", lambda true, _: np.clip(true, [-1, -1, -1, *[-9] * 3], [1, 1, 1, *[9] * 3])),
+        ("scale, factor: 0.9", lambda true, _: 0.9 * true),
+        ("cross_talk, share: 0.1", _cross_talk),
+        ("freeze", lambda true, t: np.repeat(true[:1] * 0 + true[0], len(t), axis=0)),
+        ("zero", lambda true, _: 0 * true),
+        ("nan", lambda true, _: np.nan * true),
+    ],
+)
+def test_a_sensor_errs_as_told_for_as_long_as_told(error: str, expected: Callable[..., Any]) -> None:
+    window = f"from_s: {FROM_S}, for_s: {UNTIL_S - FROM_S}"
+    time_s, told, true = readings(f"sensors:\n  - {{sensor: force_torque, on: RF, error: {error}, {window}}}\n")
+    on = (time_s >= FROM_S - 1e-9) & (time_s < UNTIL_S - 1e-9)
+    np.testing.assert_array_equal(told[~on], true[~on])
+    wanted = expected(true[on], time_s[on])
+    if error == "freeze":  # at what it had read last
+        wanted[:] = true[np.argmax(on) - 1]
+    np.testing.assert_allclose(told[on], wanted, atol=1e-12)
+
+
+def test_lost_samples_leave_the_one_before() -> None:
+    _, told, true = readings("sensors:\n  - {sensor: force_torque, on: RF, error: dropout, share: 0.3}\n")
+    fresh = (told == true).all(axis=1)
+    assert fresh.mean() == pytest.approx(0.7, abs=0.12)
+    for row in np.flatnonzero(~fresh[1:]) + 1:
+        np.testing.assert_array_equal(told[row], told[row - 1])
+
+
+def test_errors_add_up_in_their_order_and_concern_their_own_sensor() -> None:
+    entry = "  - {sensor: force_torque, on: RF, error: "
+    bias, scale = entry + "bias, N: [1, 1, 1]}\n", entry + "scale, factor: 2}\n"
+    _, first, true = readings(f"sensors:\n{bias}{scale}")
+    _, second, _ = readings(f"sensors:\n{scale}{bias}")
+    np.testing.assert_allclose(first[:, :3], 2 * (true[:, :3] + 1), atol=1e-12)
+    np.testing.assert_allclose(second[:, :3], 2 * true[:, :3] + 1, atol=1e-12)
+    _, other, same = readings("sensors:\n  - {sensor: force_torque, on: LF, error: zero}\n")
+    np.testing.assert_array_equal(other, same)
+
+
+def test_encoders_and_fingers_err_in_place_and_rate() -> None:
+    plant = in_world(
+        "sensors:\n  - {sensor: encoder, on: RF.2, error: bias, rad: 0.01}\n"
+        "  - {sensor: encoder, on: LR, error: nan}\n  - {sensor: encoder, on: RR.1, error: freeze, from_s: 0.1}\n"
+        "  - {sensor: finger_opening, on: LF, error: bias, m: 0.002}\n"
+        "  - {sensor: finger_force, on: RF, error: scale, factor: 0.5}\n"
+    )
+    held = plant.data.qpos[plant.robot.joint_qpos]
+    torque, last = np.zeros(24), np.zeros(24)
+    for step in range(100):
+        plant.step(torque, np.full(4, 8.0))
+        if step == 48:  # the sample before 0.1 s
+            last = plant.joint_position_rad.copy()
+    true = plant.data.qpos[plant.robot.joint_qpos]
+    assert abs(true[18] - held[18]) > 1e-4  # the joints give way
+    errors = plant.joint_position_rad - true
+    assert errors[7] == pytest.approx(0.01)
+    assert np.isnan(errors[12:18]).all()
+    assert np.isnan(plant.joint_velocity_rad_s[12:18]).all()
+    assert plant.joint_position_rad[18] == last[18]
+    assert plant.joint_velocity_rad_s[18] == 0.0
+    assert np.count_nonzero(errors[[*range(7), *range(8, 12), *range(19, 24)]]) == 0
+    opening = plant.data.qpos[plant.robot.finger_qpos].mean(axis=1)
+    np.testing.assert_allclose(plant.finger_opening_m - opening, [0.002, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(plant.finger_force_n, [8, 4, 8, 8])
+
+
+def test_a_motor_is_slow_late_and_limited_before_its_current_is_read_and_weak_after() -> None:
+    plant = in_world("robot: {joints: {all: {lag_s: 0.01, dead_cycles: 3, torque_limit_Nm: 2, torque_factor: 0.5}}}\n")
+    tau_s, lag_s, dt_s = SCALER.servo.torque_time_constant_s, 0.01, plant.dt_s
+    told = np.full(24, 5.0)
+    current, lagged = 0.0, 0.0
+    for step in range(40):
+        plant.step(told, np.zeros(4))
+        if step >= 3:  # two lags in a row, exactly sampled, of a step that ends at 2 Nm
+            lagged += (1 - math.exp(-dt_s / lag_s)) * (2.0 - lagged)
+            current += (1 - math.exp(-dt_s / tau_s)) * (lagged - current)
+        np.testing.assert_allclose(plant.joint_torque_nm, current, atol=1e-12)
+        np.testing.assert_allclose(plant.data.ctrl[plant.robot.joint_actuators], 0.5 * current, atol=1e-12)
+    assert 1.9 < current < 2.0
+
+
+def in_the_air(text: str) -> Plant:
+    """The hand holds the body, no hold is there, and the limbs hang free."""
+    return in_world(f"holds: {{all: {{present: false}}}}\n{text}")
+
+
+def drive(plant: Plant, joint: int, torque_nm: float, seconds: float) -> float:
+    """Angle [rad] by which a joint moves under a torque besides that which carries it; the other joints hold."""
+    control = HoldingController(plant, squeeze_n=0.0, carries_body=False)
+    begin = float(plant.joint_position_rad[joint])
+    for _ in range(round(seconds / plant.dt_s)):
+        torque, force = control.command()
+        torque[joint] = plant.data.qfrc_bias[plant.robot.joint_dof[joint]] + torque_nm
+        plant.step(torque, force)
+    return float(plant.joint_position_rad[joint]) - begin
+
+
+def test_a_joint_sticks_until_the_torque_breaks_it_away_and_then_slides() -> None:
+    text = "robot: {joints: {LF.1: {friction_Nm: 0.6, stiction_Nm: 0.6}}}\n"
+    plant, free = in_the_air(text), in_the_air("")
+    for other in (plant, free):
+        drive(other, 0, 0.0, 0.2)
+    assert abs(drive(plant, 0, 1.0, 0.1)) < 1e-4
+    assert drive(free, 0, 1.0, 0.1) > 1e-2
+    assert drive(plant, 0, 2.0, 0.1) > 1e-2
+    assert drive(plant, 0, 1.0, 0.1) > 1e-2  # more than friction, less than it takes to break away
+
+
+def _between(plant: Plant, torques_nm: tuple[float, float]) -> tuple[float, float]:
+    """Angles of what lies between motor and link of LF.2 under torques on the link, once at rest."""
+    joint = plant.model.joint(SCALER.limbs[0].joint_names[1])
+    play = plant.model.joint(f"{joint.name}_play")
+    control = HoldingController(plant, squeeze_n=0.0, carries_body=False)
+    angles = []
+    for torque_nm in torques_nm:
+        for _ in range(250):
+            plant.data.xfrc_applied[joint.bodyid[0], 3:] = torque_nm * plant.data.xaxis[joint.id]
+            control.run(plant.dt_s)
+        angles.append(float(plant.data.qpos[play.qposadr[0]]))
+    return angles[0], angles[1]
+
+
+def test_play_lets_the_link_move_from_stop_to_stop_behind_the_encoder() -> None:
+    plant = in_the_air("robot: {joints: {LF.2: {backlash_rad: 0.02}}}\n")
+    np.testing.assert_allclose(_between(plant, (-6.0, 6.0)), (-0.01, 0.01), atol=1e-4)
+
+
+@pytest.mark.parametrize("stiffness", [400, 4000])
+def test_an_elastic_joint_gives_by_torque_over_stiffness(stiffness: int) -> None:
+    plant = in_the_air(f"robot: {{joints: {{LF.2: {{stiffness_Nm_rad: {stiffness}}}}}}}\n")
+    low, high = _between(plant, (-2.0, 2.0))
+    assert high - low == pytest.approx(4.0 / stiffness, rel=0.02)
+
+
+def test_an_elastic_joint_with_play_gives_both() -> None:
+    plant = in_the_air("robot: {joints: {LF.2: {stiffness_Nm_rad: 400, backlash_rad: 0.02}}}\n")
+    low, high = _between(plant, (-6.0, 6.0))
+    assert high - low == pytest.approx(0.02 + 12.0 / 400, rel=0.02)
+
+
+def test_the_robot_stands_with_play_and_elasticity_in_every_joint() -> None:
+    plant = in_world("robot: {joints: {all: {backlash_rad: 0.003, stiffness_Nm_rad: 1000, friction_Nm: 0.1}}}\n")
+    control = HoldingController(plant)
+    control.run(SETTLED_S)
+    carried = []
+    for _ in range(1000):  # it sways within its play
+        control.run(plant.dt_s)
+        carried.append(carried_w(plant))
+    assert plant.limbs_on_holds().all()
+    np.testing.assert_allclose(np.mean(carried, axis=0), -MASS_KG * Wall().gravity, atol=0.3)
+    assert np.abs(plant.data.qvel).max() < 0.05
+
+
+def test_fingers_are_weak_limited_and_jam() -> None:
+    plant = in_the_air(
+        "robot:\n  grippers:\n    LF: {force_factor: 0.5, force_limit_N: 10}\n    RF: {jams_at_m: 0.035}\n"
+        "    RR: {jams_at_s: 0.04}\n"
+    )
+    for _ in range(200):
+        plant.step(np.zeros(24), np.full(4, -20.0))  # open
+    np.testing.assert_allclose(plant.finger_force_n, [-10, -20, -20, -20])
+    np.testing.assert_allclose(plant.data.ctrl[plant.robot.finger_actuators].T, [[5, 20, 20, 20]] * 2)
+    opening = plant.finger_opening_m
+    assert opening[2] > 0.045  # LR is as it should be
+    assert opening[1] == pytest.approx(0.035, abs=1e-3)
+    assert HALF_HOLD_M + 1e-3 < opening[3] < 0.045
+    before = opening.copy()
+    for _ in range(200):
+        plant.step(np.zeros(24), np.full(4, 60.0))  # and close
+    np.testing.assert_allclose(plant.finger_opening_m[[1, 3]], before[[1, 3]], atol=2e-4)
+    assert plant.finger_opening_m[2] < before[2] - 0.01
+
+
+def test_a_motor_warms_with_its_torque_squared() -> None:
+    plant = in_the_air("robot: {ambient_degC: 30, joints: {RF.3: {heating_K_Nm2: 5, heating_time_s: 0.2}}}\n")
+    for _ in range(50):
+        plant.step(np.full(24, 2.0), np.zeros(4))
+    read = library().crux_plant_temperature(plant.handle)
+    told = np.ctypeslib.as_array(read, (24,))
+    assert told[8] == pytest.approx(30 + 20 * (1 - math.exp(-0.1 / 0.2)), rel=0.02)
+    assert np.isnan(np.delete(told, 8)).all()
+    assert not library().crux_plant_temperature(in_the_air("").handle)

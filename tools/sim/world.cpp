@@ -53,6 +53,7 @@ void World::act(double time_s, bool hand_is_gone) {
   for (std::size_t p = 0; p < CRUX_SIM_PADS; ++p)
     data_.ctrl[map_.finger_actuators[p]] *= world_.finger_force_factor[p / 2];
   stick();
+  spring();
   jam(time_s);
   break_holds(time_s);
   if (hand_is_gone) push(time_s);
@@ -63,6 +64,15 @@ void World::stick() {
     if (world_.stiction_nm[j] <= 0) continue;
     const double speed = data_.qvel[map_.joint_dof[j]] / kStandingSpeed_rad_s;
     model_.dof_frictionloss[map_.joint_dof[j]] = friction_nm_[j] + world_.stiction_nm[j] * std::exp(-speed * speed);
+  }
+}
+
+/// Explicit, as stiffness in MuJoCo is: steps of 2 ms bear it up to the stiffness that a world file may give.
+void World::spring() {
+  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
+    if (world_.play_dof[j] < 0) continue;
+    const double angle = data_.qpos[world_.play_qpos[j]], half = world_.half_play_rad[j];
+    data_.qfrc_applied[world_.play_dof[j]] = world_.stiffness_nm_rad[j] * (std::clamp(angle, -half, half) - angle);
   }
 }
 

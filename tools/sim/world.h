@@ -45,9 +45,11 @@ typedef struct crux_world {
   uint64_t seed;  ///< of lost samples
   double torque_factor[CRUX_SIM_JOINTS], torque_limit_nm[CRUX_SIM_JOINTS];
   double torque_share[CRUX_SIM_JOINTS];  ///< of a step in torque made good in one period, besides the motor's own lag
-  double stiction_nm[CRUX_SIM_JOINTS];   ///< of a standing joint, besides the model's friction
+  double half_play_rad[CRUX_SIM_JOINTS], stiffness_nm_rad[CRUX_SIM_JOINTS];  ///< between motor and link
+  double stiction_nm[CRUX_SIM_JOINTS];  ///< of a standing joint, besides the model's friction
   double heating_k_nm2[CRUX_SIM_JOINTS], heating_time_s[CRUX_SIM_JOINTS];  ///< 0 K: its thermometer is left alone
   int32_t dead_cycles[CRUX_SIM_JOINTS];
+  int32_t play_qpos[CRUX_SIM_JOINTS], play_dof[CRUX_SIM_JOINTS];  ///< of elastic joints, what gives; -1: rigid
   double finger_force_factor[CRUX_SIM_LIMBS], finger_force_limit_n[CRUX_SIM_LIMBS];
   double jam_m[CRUX_SIM_LIMBS], jam_s[CRUX_SIM_LIMBS];  ///< opening (NaN: any) and time from which on fingers jam
   double ft_range[6];

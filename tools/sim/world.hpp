@@ -19,8 +19,8 @@ class World {
   /// What the motors of joints and fingers are told, after dead time, limits and lag.
   void command(std::span<double, CRUX_SIM_JOINTS> torque_nm, std::span<double, CRUX_SIM_LIMBS> finger_force_n);
 
-  /// What the motors give of it, joints' friction, jammed fingers, holds that break, pushes. Call it with all of
-  /// `data.ctrl` set, before the step.
+  /// What the motors give of it, joints' friction and elasticity, jammed fingers, holds that break, pushes. Call it
+  /// with all of `data.ctrl` set, before the step.
   void act(double time_s, bool hand_is_gone);
 
   /// Heat of the motors by the torque they were told [Nm].
@@ -43,6 +43,7 @@ class World {
   };
 
   void stick();
+  void spring();
   void jam(double time_s);
   void break_holds(double time_s);
   void push(double time_s);

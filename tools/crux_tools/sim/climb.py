@@ -46,6 +46,7 @@ PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the ru
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
 EXTRA_TIME_SHARE = 1.0  # of the plan's duration
 INTERFACES = [f"can{bus}" for bus in range(4)]
+WATCHED_S = 10.0  # what becomes of a robot that stops in a world that is not the plan
 FAULT_GUARD_S = 0.02  # lockstep with faults: nodes that cannot answer are waited for in every cycle
 
 
@@ -216,7 +217,8 @@ def climb(
         if options.faults:
             interfaces = INTERFACES if options.bus == "socketcan" else None
             disturbance = Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed)
-        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance)
+        watched_s = WATCHED_S if options.world is not None else 0.0
+        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")

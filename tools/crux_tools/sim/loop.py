@@ -81,6 +81,8 @@ class Loop:
     max_cycles: int
     disturbance: Disturbance | None = None
     """faults to live through: a climb that stops is then watched until they are over"""
+    watched_s: float = 0.0
+    """how long the robot is watched besides, after it has stopped climbing"""
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Goes on answering Syncs, unjudged, until `until()`: in real time silent nodes would be a fault."""
@@ -128,7 +130,8 @@ class Loop:
             if end_cycle is None:
                 over = self._over(cycle)
                 if over is not None:
-                    ending, end_cycle = over, cycle + REST_CYCLES
+                    watched_s = self.watched_s if over is Ending.STOPPED else 0.0
+                    ending, end_cycle = over, cycle + REST_CYCLES + round(watched_s / self.plant.dt_s)
             elif cycle >= end_cycle:
                 return Outcome(ending, cycle + 1, time.monotonic() - began_s, missed)
 

@@ -74,11 +74,11 @@ class PlantWorld(ctypes.Structure):
         *(
             (name, c_double * JOINTS)
             for name in (
-                *("torque_factor", "torque_limit_nm", "torque_share"),
+                *("torque_factor", "torque_limit_nm", "torque_share", "half_play_rad", "stiffness_nm_rad"),
                 *("stiction_nm", "heating_k_nm2", "heating_time_s"),
             )
         ),
-        ("dead_cycles", c_int32 * JOINTS),
+        *((name, c_int32 * JOINTS) for name in ("dead_cycles", "play_qpos", "play_dof")),
         *((name, c_double * LIMBS) for name in ("finger_force_factor", "finger_force_limit_n", "jam_m", "jam_s")),
         ("ft_range", c_double * 6),
         ("ambient_degc", c_double),
@@ -137,6 +137,7 @@ def library() -> Any:
         "plant_drive_joint": (None, [handle, c_int32]),
         "plant_drive_gripper": (None, [handle, c_int32]),
         "plant_step": (None, [handle, doubles, doubles]),
+        "plant_temperature": (doubles, [handle]),
         "plant_record": (None, [handle, c_int64, c_int32]),
         "plant_recorded": (POINTER(PlantTruth), [handle, POINTER(c_int64)]),
         "runtime_open": (handle, [handle, c_int32, POINTER(c_char_p)]),

@@ -82,8 +82,8 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
     """Adds to a model what this world puts on the robot and into its joints, before it is compiled."""
     if world.payload.mass_kg > 0:
         spec.body(robot.body_link).add_body(
-            name="payload", ipos=[0, 0, 0], pos=world.payload.position_m, mass=world.payload.mass_kg, inertia=[1e-6] * 3,
-            explicitinertial=True,
+            name="payload", pos=world.payload.position_m, ipos=[0, 0, 0], mass=world.payload.mass_kg,
+            inertia=[1e-6] * 3, explicitinertial=True,
         )  # fmt: skip
     names = [name for limb in robot.limbs for name in limb.joint_names]
     for name, place in zip(names, JOINT_NAMES, strict=True):
@@ -91,7 +91,7 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
             _change_joint(spec.joint(name), world.joints[place])
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
-            spec.joint(name).solimp_friction = STIFF_SOLIMP
+            spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF
 
 
 def _change_joint(joint: Any, change: JointChange) -> None:
@@ -99,19 +99,18 @@ def _change_joint(joint: Any, change: JointChange) -> None:
     if change.friction_Nm + change.stiction_Nm > 0:
         joint.frictionloss += change.friction_Nm
         joint.solimp_friction, joint.solref_friction = STIFF_SOLIMP, PLAY_SOLREF
-    between = {"axis": joint.axis, "pos": joint.pos, "type": joint.type, "armature": PLAY_ARMATURE_KG_M2}
-    if change.backlash_rad > 0:
-        half = change.backlash_rad / 2
+    if change.backlash_rad > 0 or math.isfinite(change.stiffness_Nm_rad):
+        half, rigid = change.backlash_rad / 2, math.isinf(change.stiffness_Nm_rad)
+        stiffness = 0.0 if rigid else change.stiffness_Nm_rad
         joint.parent.add_joint(
-            name=f"{joint.name}_play", range=[-half, half], limited=True, damping=[PLAY_DAMPING_NMS_RAD, 0, 0],
-            solref_limit=PLAY_SOLREF, **between,
+            name=_play(joint.name), axis=joint.axis, pos=joint.pos, type=joint.type, armature=PLAY_ARMATURE_KG_M2,
+            damping=[PLAY_DAMPING_NMS_RAD + 2 * SPRING_DAMPING_RATIO * math.sqrt(stiffness * joint.armature), 0, 0],
+            limited=rigid, range=[-half, half], solref_limit=PLAY_SOLREF, solimp_limit=STIFF_SOLIMP,
         )  # fmt: skip
-    if math.isfinite(change.stiffness_Nm_rad):
-        damping = 2 * SPRING_DAMPING_RATIO * math.sqrt(change.stiffness_Nm_rad * float(joint.armature))
-        joint.parent.add_joint(
-            name=f"{joint.name}_spring", stiffness=[change.stiffness_Nm_rad, 0, 0], damping=[damping, 0, 0],
-            limited=False, **between,
-        )  # fmt: skip
+
+
+def _play(joint: str) -> str:
+    return f"{joint}_play"
 
 
 def _rows(kind: Any, rows: Sequence[Any]) -> Any:
@@ -146,11 +145,18 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
         PushRow((ctypes.c_double * 6)(*push.force_N, *push.moment_Nm), push.at_s, push.at_s + push.for_s)
         for push in world.pushes
     ]
+    names_of_joints = [_play(name) for limb in robot.robot.limbs for name in limb.joint_names]
+    elastic = [math.isfinite(joint.stiffness_Nm_rad) for joint in joints]
+    plays = [robot.model.joint(name) if yes else None for name, yes in zip(names_of_joints, elastic, strict=True)]
     numbers = PlantWorld(seed=world.seed, ambient_degc=world.ambient_degC, gone_m=GONE_M)
     columns: dict[str, Any] = {
         "torque_factor": [joint.torque_factor for joint in joints],
         "torque_limit_nm": [joint.torque_limit_Nm for joint in joints],
         "torque_share": np.where(lags > 0, 1 - np.exp(-dt_s / np.maximum(lags, 1e-9)), 1.0),
+        "half_play_rad": [joint.backlash_rad / 2 for joint in joints],
+        "stiffness_nm_rad": [joint.stiffness_Nm_rad for joint in joints],
+        "play_qpos": [-1 if play is None else play.qposadr[0] for play in plays],
+        "play_dof": [-1 if play is None else play.dofadr[0] for play in plays],
         "stiction_nm": [joint.stiction_Nm for joint in joints],
         "heating_k_nm2": [joint.heating_K_Nm2 for joint in joints],
         "heating_time_s": [joint.heating_time_s for joint in joints],
