@@ -34,10 +34,9 @@ from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
-from  crux_tools.sim.truth_log import log_truth
+from crux_tools.sim.truth_log import log_truth
 from crux_tools.sim.world_file import World
 from crux_tools.sim.world_model import change_robot, plant_world, true_wall
-
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
