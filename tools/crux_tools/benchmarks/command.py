@@ -46,6 +46,7 @@ BENCHES = {
     "replan": Bench(
         "plan again, warm, from every stance of a route over sixteen holds", f"{_HERE}.replans", "--walls 0 --plain"
     ),
+    "worlds": Bench("climb in worlds with all ordinary errors at once", f"{_HERE}.worlds", "--count 10 --seed 7"),
     "faults": Bench(
         "break the buses in mid-climb in every way and time the hold", f"{_HERE}.bus_faults", "--kinds cut reset"
     ),

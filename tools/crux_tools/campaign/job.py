@@ -12,6 +12,7 @@ from typing import Any
 from crux_contracts.plan_file import read_plan, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
+from crux_contracts.yaml_document import DocumentError
 
 from crux_tools.campaign.walls import Wall
 from crux_tools.errors import UsageError, WorkFailed
@@ -26,10 +27,17 @@ SCENARIO_FILE, WORLD_FILE, PLAN_FILE, LOG_FILE, RERUN_FILE = (
 
 
 @dataclass(frozen=True)
-class World:
-    """The world that a plan is climbed in, by the name of its file."""
+class WorldFile:
+    """The world that a plan is climbed in: the text of its file, drawn by the job's seed; none: as the plan says."""
 
     name: str = NOMINAL
+    text: str = ""
+
+    def draw(self, seed: int, plan: Any) -> Any:
+        """The world for ClimbOptions; raises WorldError."""
+        from crux_tools.sim.world_file import parse_world
+
+        return parse_world(self.text.encode(), self.name).draw(seed, plan) if self.text else None
 
 
 @dataclass
@@ -53,7 +61,7 @@ class ClimbJob:
     """the name of the spec's entry; no part of the key"""
     wall: Wall
     seed: int = 0
-    world: World = World()
+    world: WorldFile = WorldFile()
     method: str | None = None
     """the scenario's where None"""
     time_limit_s: float | None = None
@@ -108,7 +116,7 @@ class ClimbJob:
             return WRONG, f"the plan fails the check: {first.constraint}: {first.detail}"
         if not self.climbs:
             return PLANNED, ""
-        row["climb"] = self._climb(plan, robot, folder / LOG_FILE)
+        row["climb"] = self._climb(plan, robot, folder)
         return CLIMBED if row["climb"]["ok"] else FAILED, row["climb"].get("reason") or row["climb"].get("error", "")
 
     def _plan(self, scenario: Scenario, path: Path) -> dict[str, Any]:
@@ -124,13 +132,16 @@ class ClimbJob:
         said = {**result.to_json(), "plan_id": result.plan.plan_id}
         return {name: value for name, value in said.items() if name not in ("check", "history", "alone")}
 
-    def _climb(self, plan: Any, robot: Any, log: Path) -> dict[str, Any]:
-        """What `crux climb --json` prints, but for the log's place."""
+    def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
+        """What `crux climb --json` prints, but for the log's place; log and drawn world go into `folder`."""
         from crux_tools.sim.climb import ClimbOptions, climb
 
         try:
-            result = climb(plan, robot, log, ClimbOptions(seed=self.seed)).as_json()
-        except (UsageError, WorkFailed) as error:
+            world = self.world.draw(self.seed, plan)
+            if world is not None:
+                (folder / WORLD_FILE).write_text(world.as_yaml(), encoding="utf-8")
+            result = climb(plan, robot, folder / LOG_FILE, ClimbOptions(seed=self.seed, world=world)).as_json()
+        except (UsageError, WorkFailed, DocumentError) as error:
             return {"ok": False, "error": str(error)}
         return {name: value for name, value in result.items() if name != "log"}
 
@@ -141,7 +152,8 @@ class ClimbJob:
         lines = ["#!/bin/sh -e", 'cd "$(dirname "$0")"', f"crux plan {SCENARIO_FILE} -o {PLAN_FILE}{method}{limit}"]
         lines.append(f"crux check {PLAN_FILE}")
         if self.climbs:
-            lines.append(f"crux climb {PLAN_FILE} -o again.mcap --seed {self.seed} --report report.html")
+            world = f" --world {WORLD_FILE}" if self.world.text else ""
+            lines.append(f"crux climb {PLAN_FILE} -o again.mcap --seed {self.seed}{world} --report report.html")
         return "\n".join(lines) + "\n"
 
 

@@ -4,7 +4,7 @@ version: 1
 walls:
   - {draw: wall, count: 300, slope_deg: 45}
   - {scenario: ../msgs/scenarios/climb-four-holds.yaml}
-worlds: [nominal]
+worlds: [nominal, ../tools/worlds/ordinary.yaml]
 seeds: [1, 2, 3]
 methods: [auto]
 
@@ -22,8 +22,9 @@ from crux_contracts.reading import Checker
 from crux_contracts.scenario import METHODS, load_scenario
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
-from crux_tools.campaign.job import NOMINAL, ClimbJob, World
+from crux_tools.campaign.job import NOMINAL, ClimbJob, WorldFile
 from crux_tools.campaign.walls import GENERATORS, Wall
+from crux_tools.sim.world_file import WorldError, read_world
 
 VERSION = 1
 MAX_COUNT, MAX_SEED, MAX_ENTRIES = 1_000_000, 2**31 - 1, 1000
@@ -52,7 +53,7 @@ def read_spec(path: Path) -> Campaign:
         check.integer(root["version"], VERSION, VERSION)
     name = check.text(root["name"]) if "name" in root else path.stem
     entries = [_walls(check, node, path.parent) for node in _some(check, root.get("walls"))]
-    worlds = [_world(check, node) for node in _some(check, root.get("worlds"))] or [World()]
+    worlds = [_world(check, node, path.parent) for node in _some(check, root.get("worlds"))] or [WorldFile()]
     seeds = [check.integer(node, 0, MAX_SEED) for node in _some(check, root.get("seeds"))]
     methods: list[str | None] = [check.choice(node, METHODS) for node in _some(check, root.get("methods"))]
     climbs = check.flag(root["climb"]) if "climb" in root else True
@@ -76,9 +77,17 @@ def _some(check: Checker, node: Node | None) -> list[Node]:
     return check.items(node, MAX_ENTRIES)
 
 
-def _world(check: Checker, node: Node) -> World:
-    """A world by its name."""
-    return World(check.choice(node, [NOMINAL]))
+def _world(check: Checker, node: Node, folder: Path) -> WorldFile:
+    """The world as planned, or one of a file."""
+    name = check.text(node)
+    if name == NOMINAL or not name:
+        return WorldFile()
+    try:
+        read_world(folder / name)
+    except WorldError as error:
+        check.note(node, f"expected {NOMINAL} or a world file: {str(error).splitlines()[0]}")
+        return WorldFile()
+    return WorldFile(Path(name).stem, (folder / name).read_text(encoding="utf-8"))
 
 
 def _walls(check: Checker, node: Node, folder: Path) -> tuple[str, list[Wall]]:
