@@ -16,6 +16,8 @@ from typing import Any
 
 from crux_contracts.output_file import look_at_folder
 
+from crux_tools.arguments import whole
+from crux_tools.benchmarks import world_faults
 from crux_tools.benchmarks.cold_process import crux_json
 from crux_tools.campaign.command import add_cluster_options
 from crux_tools.campaign.job import FAILED, HELD, LOG_FILE, NOMINAL, PLAN_FILE, Outcome
@@ -83,6 +85,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kinds", nargs="+", choices=ON_ANY_BUS + ON_SOCKETCAN, metavar="KIND", help="not all of them")
     parser.add_argument(
         "--images", action="store_true", help="the limb's nodes run their images on emulated microcontrollers"
+    )
+    parser.add_argument(
+        "--world", action="store_true", help="single faults of holds, sensors and drives instead of the buses'"
+    )
+    parser.add_argument(
+        "--count", type=whole(1), default=300, metavar="N", help="with --world: climbs (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="with --world: of the first (default: %(default)s)"
     )
     parser.add_argument(
         "--output", type=Path, default=Path("out/bench-faults"), metavar="DIR", help="for results, and logs of failures"
@@ -188,6 +199,8 @@ def run(options: argparse.Namespace) -> int:
     from crux_tools.campaign.engine import run_anew
 
     look_at_folder("--output", options.output)
+    if options.world:
+        return world_faults.run(options)
     plan = options.output / "plan.mcap"
     if not crux_json("plan", str(SCENARIO), "-o", str(plan))[0].get("ok"):
         raise WorkFailed(f"{SCENARIO.name} cannot be planned")

@@ -35,16 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cluster_options(parser)
 
 
+def wall_of(index: int, seed: int) -> Wall:
+    """Shipped scenes and random walls in turn."""
+    if index % 2 == 1:
+        return Wall("wall", seed, (("all_limbs", True), ("slope_deg", 45.0)))
+    return Wall(text=(SCENARIOS / f"{SCENES[index // 2 % len(SCENES)]}.yaml").read_text(encoding="utf-8"))
+
+
 def jobs_of(count: int, first_seed: int, world: WorldFile) -> list[ClimbJob]:
-    """Shipped scenes and random walls in turn, each in a world of its own."""
-    shipped = [Wall(text=(SCENARIOS / f"{scene}.yaml").read_text(encoding="utf-8")) for scene in SCENES]
-    found = []
-    for index in range(count):
-        seed = first_seed + index
-        scene, at_random = index // 2 % len(SCENES), index % 2 == 1
-        wall = Wall("wall", seed, (("all_limbs", True), ("slope_deg", 45.0))) if at_random else shipped[scene]
-        found.append(ClimbJob("random wall" if at_random else SCENES[scene], wall, seed, world))
-    return found
+    """Each wall in a world of its own."""
+    walls = [wall_of(index, first_seed + index) for index in range(count)]
+    return [
+        ClimbJob("random wall" if wall.kind else "shipped scene", wall, first_seed + index, world)
+        for index, wall in enumerate(walls)
+    ]
 
 
 def fell(row: Row) -> bool:
