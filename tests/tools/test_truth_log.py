@@ -8,6 +8,7 @@ import resource
 import shutil
 import struct
 import subprocess
+import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -121,6 +122,15 @@ def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.Cli
     assert message.world == ""
     summary = summarise(read_log(result.log)).to_json()["verdict"]
     assert summary == {name: getattr(message, name) for name in summary}
+
+
+def test_rerun_finds_nothing_amiss(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    done = subprocess.run([rerun, "mcap", "check", climbed[0].log], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines() if "/" in line][1:]
+    assert {row[0] for row in rows} == {"ok"}
+    assert {"/truth/body", "/truth/contacts", "/truth/verdict"} <= {row[3] for row in rows}
 
 
 def test_the_table_says_how_often_the_simulation_looks() -> None:
