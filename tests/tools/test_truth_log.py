@@ -65,6 +65,7 @@ def climbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[climbing.ClimbRes
     log = tmp_path_factory.mktemp("climb") / "log.mcap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(climbing, "recorded", spied)
+        patch.setattr(climbing, "_tags", lambda _options: {"world": "windy"})  # as the log is told of a world file
         result = climbing.climb(climbing_plan(limbs_to_move=(0,)), load_robot("scaler"), log, climbing.ClimbOptions())
     return result, seen[0]
 
@@ -119,7 +120,7 @@ def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.Cli
         assert getattr(message, name) == printed[name], name
     assert (message.goal_error_m, message.goal_error_rad) == tuple(printed["goal_error"].values())
     assert message.ok
-    assert message.world == ""
+    assert message.world == "windy"
     summary = summarise(read_log(result.log)).to_json()["verdict"]
     assert summary == {name: getattr(message, name) for name in summary}
 

@@ -15,10 +15,11 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
+from crux_msgs import truth_contacts_t
 from crux_planner import plan
 from crux_tools.report.command import write_report
 from crux_tools.sim.judge import pad_travel
-from crux_tools.telemetry.reader import read_log
+from crux_tools.telemetry.reader import read_channels, read_log
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
@@ -40,6 +41,10 @@ def test_the_flat_walk_reaches_its_goal(tmp_path: Path) -> None:
     force_n = climb.limbs["force_reference_w_n"][climb.state["plan_time_s"] > 0]
     along, normal = np.hypot(force_n[..., 0], force_n[..., 1]), force_n[..., 2]
     assert np.all(along < 0.25 * normal + 0.1)
+
+    # In truth feet touch nothing but the wall.
+    touched = read_channels(log).tables["/truth/contacts"]["pad_hold"]
+    assert set(np.unique(touched)) == {truth_contacts_t.WALL, truth_contacts_t.NOTHING}
 
     # Its report: a foot bears no moment, and feet do not squeeze.
     page = tmp_path / "walk.html"
