@@ -28,6 +28,7 @@ from crux_tools.sim.robot_model import build_model
 from crux_tools.telemetry import read_channels, read_log
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.summary import summarise
+from crux_tools.telemetry.wording import rows
 from hand_plan import climbing_plan
 from mcap.reader import make_reader
 from mcap.records import Chunk, MessageIndex
@@ -121,17 +122,22 @@ def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.Cli
     assert (message.goal_error_m, message.goal_error_rad) == tuple(printed["goal_error"].values())
     assert message.ok
     assert message.world == "windy"
-    summary = summarise(read_log(result.log)).to_json()["verdict"]
-    assert summary == {name: getattr(message, name) for name in summary}
+    summary = summarise(read_log(result.log))
+    told = summary.to_json()["verdict"]
+    assert told == {name: getattr(message, name) for name in told}
+    head, text = rows(summary)[0]  # of crux replay
+    assert head == "verdict"
+    assert text.startswith("climbed; ")
+    assert text.endswith(f"no slips (largest {message.largest_slip_m * 1e3:.2f} mm), no fall")
 
 
 def test_rerun_finds_nothing_amiss(climbed: tuple[climbing.ClimbResult, Truth]) -> None:
     rerun = Path(sys.executable).with_name("rerun")
     done = subprocess.run([rerun, "mcap", "check", climbed[0].log], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    rows = [line.split() for line in done.stdout.splitlines() if "/" in line][1:]
-    assert {row[0] for row in rows} == {"ok"}
-    assert {"/truth/body", "/truth/contacts", "/truth/verdict"} <= {row[3] for row in rows}
+    found = [line.split() for line in done.stdout.splitlines() if "/" in line][1:]
+    assert {row[0] for row in found} == {"ok"}
+    assert {"/truth/body", "/truth/contacts", "/truth/verdict"} <= {row[3] for row in found}
 
 
 def test_the_table_says_how_often_the_simulation_looks() -> None:
