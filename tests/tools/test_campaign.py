@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from crux_tools.campaign.walls import Wall
 from crux_tools.cli import main
 from crux_tools.paths import ROOT
 from crux_tools.report.campaign import campaign_rows, comparison_section
-from crux_tools.sim.judge import judge
+from crux_tools.sim.judge import Verdict, judge
 from pyarrow import parquet
 
 HERE = Path(__file__).resolve().parent
@@ -275,8 +276,10 @@ def test_a_campaign_of_one_wall_planned_checked_climbed_and_judged(
 
 
 def test_of_a_failed_climb_everything_is_kept_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fallen = {"fell": True, "fall_reason": "made to"}
-    monkeypatch.setattr("crux_tools.sim.climb.judge", lambda *given: replace(judge(*given), **fallen))
+    def fallen(*given: Any) -> Verdict:
+        return replace(judge(*given), fell=True, fall_reason="made to")
+
+    monkeypatch.setattr("crux_tools.sim.climb.judge", fallen)
     outcome = ClimbJob("wall", Wall("wall", 2), 2, method="auto").run()
     Store(tmp_path).put(outcome)
     kept = tmp_path / "failures" / outcome.row["key"]
