@@ -170,6 +170,26 @@ def test_every_mistake_of_a_file_has_a_line_of_its_own(tmp_path: Path, capsys: p
     assert json.loads(said.out)["error"].count("faults.yaml:1: ") == 2
 
 
+def test_a_world_that_does_not_fit_the_plan_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, world, log = tmp_path / "plan.mcap", tmp_path / "world.yaml", tmp_path / "log.mcap"
+    write_plan(plan, standing_plan())
+    words = ["climb", str(plan), "-o", str(log), "--world", str(world)]
+    assert main(words) == 2
+    assert f"{world}: no such file" in capsys.readouterr().err
+    world.write_text("version: 1\nname: x\nholds:\n  h8: {present: false}\n  h1: {friction: rough}\n")
+    assert main(words) == 2
+    assert "world.yaml:5: holds.h1.friction" in capsys.readouterr().err
+    world.write_text("version: 1\nname: x\nholds:\n  h8: {present: false}\n")
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "world.yaml:4: holds.h8: no such hold in the plan" in said
+    assert "Traceback" not in said
+    assert main([*words[:4], "--world-seed", "3"]) == 2
+    assert "give --world" in capsys.readouterr().err
+    assert main([*words, "--drawn-world", str(world)]) == 2  # the world itself
+    assert not log.exists()
+
+
 def test_a_report_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = tmp_path / "plan.mcap"
     write_plan(plan, standing_plan())

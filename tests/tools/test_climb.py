@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -23,6 +24,7 @@ from crux_tools.output import alone_with
 from crux_tools.replay import recompute
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.reader import read_channels, read_log, read_payloads
+from crux_tools.telemetry.summary import summarise
 from hand_plan import Wall, climbing_plan, finish, standing_plan
 from mcap.reader import make_reader
 
@@ -138,10 +140,18 @@ def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(
 
 def test_one_process_and_a_runtime_of_its_own_log_the_same(tmp_path: Path) -> None:
     faults = tmp_path / "faults.yaml"
-    faults.write_text("faults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]")
+    faults.write_text("version: 1\nfaults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]")
+    world = tmp_path / "world.yaml"
+    world.write_text(
+        "version: 1\nname: rough\nholds: {all: {offset_m: {normal: [0, 0.003]}}}\n"
+        "robot: {payload: {mass_kg: 0.5}, joints: {all: {backlash_rad: 0.002, setpoint_time_constant_s: 0.03}}}\n"
+        "sensors: [{sensor: force_torque, on: all, error: dropout, share: 0.1}]\n"
+        "pushes: [{at_s: 5, for_s: 1, force_N: [0, 9, 0]}]\n"
+    )
     plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
-    for options in ([], ["--faults", str(faults)]):
-        logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("memory", "udp")}
+    first: dict[str, list[tuple[int, bytes]]] = {}
+    for number, options in enumerate(([], ["--faults", str(faults)], ["--world", str(world), "--world-seed", "5"])):
+        logs = {bus: tmp_path / f"{bus}{number}.mcap" for bus in ("memory", "udp")}
         runs = {bus: start_climb(plan, log, "--bus", bus, *options) for bus, log in logs.items()}
         results = {bus: finish_climb(run) for bus, run in runs.items()}
         assert results["memory"][1].get("faults") == results["udp"][1].get("faults")
@@ -150,6 +160,32 @@ def test_one_process_and_a_runtime_of_its_own_log_the_same(tmp_path: Path) -> No
         assert all(memory[topic] == udp[topic] for topic in memory)
         assert len(memory["/control_input"]) > 4000
         assert len(memory["/truth/contacts"]) > 800
+        first = first or memory
+        assert (memory["/control_input"] == first["/control_input"]) == (number == 0)
+    tags = read_log(logs["udp"]).metadata
+    assert (tags["world"], tags["world_seed"]) == ("rough", "5")
+    assert tags["world_sha256"] == hashlib.sha256(world.read_bytes()).hexdigest()
+
+
+def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path) -> None:
+    """From the torque in physics by the node's thermometer over the bus to the runtime's fault."""
+    world = tmp_path / "world.yaml"
+    world.write_text("version: 1\nname: hot\nrobot: {joints: {RF.2: {heating_K_Nm2: 100, heating_time_s: 3}}}\n")
+    log = tmp_path / "log.mcap"
+    climb = start_climb(saved(tmp_path, climbing_plan(limbs_to_move=(0,))), log, "--world", str(world))
+    status, result = finish_climb(climb)
+    assert status == 1
+    (fault,) = summarise(read_log(log)).faults
+    assert (fault.code, fault.limb) == (2, "RF")
+    assert "node_fault" in result["reason"]
+
+
+def test_slow_position_loops_of_a_world_let_grippers_lag(tmp_path: Path) -> None:
+    world, plan = tmp_path / "world.yaml", saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    world.write_text("version: 1\nname: slow\nrobot: {joints: {all: {setpoint_time_constant_s: 0.1}}}\n")
+    runs = [start_climb(plan, tmp_path / f"{n}.mcap", *given) for n, given in enumerate(([], ["--world", str(world)]))]
+    described, slow = (finish_climb(run)[1]["tracking"]["finger_m"] for run in runs)
+    assert slow > 2 * described
 
 
 def _runtime_of(bench: subprocess.Popen[str]) -> int:

@@ -32,6 +32,7 @@ LEAST_SIZE_M = 0.005
 PLAY_ARMATURE_KG_M2 = 1e-4  # of what is between motor and link
 PLAY_DAMPING_NMS_RAD = 0.05
 PLAY_SOLREF = (0.004, 1.0)  # the stiffest that steps of 2 ms bear
+PLAY_SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)  # stops that give 0.2 mrad at 5 Nm; stiffer ones let loaded pads creep
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # friction that holds instead of creeping
 SPRING_DAMPING_RATIO = 0.1  # against the motor's inertia
 
@@ -105,7 +106,7 @@ def _change_joint(joint: Any, change: JointChange) -> None:
         joint.parent.add_joint(
             name=_play(joint.name), axis=joint.axis, pos=joint.pos, type=joint.type, armature=PLAY_ARMATURE_KG_M2,
             damping=[PLAY_DAMPING_NMS_RAD + 2 * SPRING_DAMPING_RATIO * math.sqrt(stiffness * joint.armature), 0, 0],
-            limited=rigid, range=[-half, half], solref_limit=PLAY_SOLREF, solimp_limit=STIFF_SOLIMP,
+            limited=rigid, range=[-half, half], solref_limit=PLAY_SOLREF, solimp_limit=PLAY_SOLIMP,
         )  # fmt: skip
 
 
