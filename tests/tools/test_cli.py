@@ -12,10 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from crux_contracts.plan_file import write_plan
+from crux_contracts.plan_file import read_plan, write_plan
 from crux_planner.errors import InfeasibleError
 from crux_tools.cli import COMMANDS, main
 from crux_tools.paths import ROOT, built
+from crux_tools.sim.world_file import read_world
 from hand_plan import standing_plan
 
 HEAVY = ("casadi", "mujoco", "matplotlib", "scipy", "lcm")
@@ -188,6 +189,16 @@ def test_a_world_that_does_not_fit_the_plan_is_refused(tmp_path: Path, capsys: p
     assert "give --world" in capsys.readouterr().err
     assert main([*words, "--drawn-world", str(world)]) == 2  # the world itself
     assert not log.exists()
+
+
+def test_a_climb_writes_its_world_with_all_numbers_drawn(tmp_path: Path) -> None:
+    plan, world, drawn = (tmp_path / name for name in ("plan.mcap", "world.yaml", "drawn.yaml"))
+    write_plan(plan, standing_plan())
+    world.write_text("version: 1\nname: x\nholds: {all: {offset_m: {normal: [0, 0.001]}}}\n")
+    words = ["climb", str(plan), "-o", str(tmp_path / "log.mcap"), "--world"]
+    assert main([*words, str(world), "--world-seed", "4", "--drawn-world", str(drawn)]) == 0
+    made = read_plan(plan)
+    assert read_world(drawn).draw(0, made).holds == read_world(world).draw(4, made).holds
 
 
 def test_a_report_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

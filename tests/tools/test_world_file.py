@@ -174,3 +174,11 @@ def test_the_table_has_every_key_and_no_other() -> None:
     }
     assert first == keys
     assert inner <= {word for row in rows for word in re.findall(r"`([^`]+)`", row[1])}
+
+
+def test_the_worlds_that_ship_are_worlds_and_stand_in_the_readme() -> None:
+    paths = sorted((ROOT / "tools" / "worlds").glob("*.yaml"))
+    page = (ROOT / "tools" / "README.md").read_text()
+    assert set(re.findall(r"^\| `([\w.-]+)\.yaml`", page, re.MULTILINE)) == {path.stem for path in paths}
+    for path in paths:
+        assert read_world(path).name == path.stem

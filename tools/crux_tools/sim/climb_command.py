@@ -19,6 +19,7 @@ fall, and the log is complete; tools/README.md says what these mean."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
+    "crux climb out/plan.mcap -o out/climb.mcap --world tools/worlds/combined.yaml --world-seed 3",
     "crux climb out/plan.mcap -o out/climb.mcap --emulate LF.1 --report out/climb.html",
     "crux can run --virtual-time -i can0,can1,can2,can3 -- \\\n"
     "    crux climb out/plan.mcap -o out/climb.mcap --bus socketcan --pace realtime",
@@ -73,7 +74,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         metavar="WORLD.yaml",
         help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
-        "runtime know of it (tools/README.md has the keys)",
+        "runtime know of it (tools/README.md has the keys, tools/worlds examples)",
     )
     parser.add_argument(
         "--world-seed",
@@ -141,7 +142,7 @@ def _write_report(result: Any, log: Path, page: Path) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the robot reached the goal without slip or fall and the log is complete, 1 otherwise."""
-    from crux_contracts.output_file import look_at_outputs
+    from crux_contracts.output_file import look_at_outputs, write_whole
     from crux_contracts.plan_file import read_plan
 
     from crux_tools.output import alone_with
@@ -163,7 +164,7 @@ def run(options: argparse.Namespace) -> int:
         (options.plan, options.faults, options.world),
     )
     if world is not None and options.drawn_world is not None:
-        options.drawn_world.write_text(world.as_yaml(), encoding="utf-8")
+        write_whole(options.drawn_world, world.as_yaml().encode())
     bus = options.bus or ("memory" if options.pace == "lockstep" else "udp")
     if bus == "memory" and options.pace == "realtime":
         raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
