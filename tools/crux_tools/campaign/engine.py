@@ -92,10 +92,10 @@ def cluster(address: str | None, workers: int) -> Iterator[Client]:
         with client:
             yield client
         return
-    settings: dict[str, Any] = {"memory_limit": None, "dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
+    settings: dict[str, Any] = {"memory_limit": None, "dashboard_address": "127.0.0.1:0"}
     interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for this process, which ends the workers
     try:
-        local = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
+        local = LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **settings)
     finally:
         signal.signal(signal.SIGINT, interrupted)
     with local, Client(local) as client:
