@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 
 #include "core/gravity.hpp"
 #include "core/internal_wrench.hpp"
@@ -70,6 +71,10 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
   write(in, out);
 }
 
+double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
+  return faults_.lost(limb) ? 0.0 : reference.load;
+}
+
 void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   faults_.observe(in);
   PerLimb<Vector3> anchors_W_m, grippers_B_m;
@@ -79,7 +84,7 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
     anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
     grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
     const bool found = limbs_[l].in_contact() || !reference_.limbs[l].point_foot;
-    weights[l] = found ? reference_.limbs[l].load : 0.0;
+    weights[l] = found ? load(l, reference_.limbs[l]) : 0.0;
   }
   if (!plan_) return;
   body_.update(anchors_W_m, grippers_B_m, weights);
@@ -124,6 +129,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (rearm_cycles_ > 0) --rearm_cycles_;
   const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
   FaultEvent fault = faults_.node_fault(in, engaged_);
+  for (int l = 0; l < kLimbs && !fault && engaged_; ++l) fault = limbs_[l].encoder_fault();
   if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
   const Reason off = idle ? off_start(reference_) : Reason{};
@@ -138,6 +144,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
   if (supervisor_.rearm_requested()) {
+    faults_.forgive();
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
   }
@@ -185,7 +192,8 @@ PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noex
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), limb.load, limb.wrench_W};
+    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb),
+                  faults_.lost(l) ? Wrench() : limb.wrench_W};
   }
   return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
                            robot_.control.twist_length_m);
@@ -216,8 +224,9 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
-    loads[l] = limb.load;
-    if (limb.gripping() || limb.closing()) errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
+    if (faults_.distrusted(l)) continue;
+    loads[l] = load(l, limb);
+    if (!faults_.lost(l) && (limb.gripping() || limb.closing())) errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
   }
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
 }
@@ -265,9 +274,12 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   }
 }
 
+double ControlCore::max_normal_N() const noexcept {
+  return std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N);
+}
+
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  const double max_normal_N = std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N);
-  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N, reference.finger_opening_m};
+  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
   return required_grasp_force_N(wrench_W, finger_axis(reference), contact, robot_.control);
 }
 
@@ -280,11 +292,13 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
   // feels beyond the plan. A sensor that fails leaves what it felt last.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
   const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
+  const bool any_lost = std::ranges::any_of(std::views::iota(0, kLimbs), [&](int l) { return faults_.lost(l); });
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
-    if (now.gripping()) force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
+    if (now.gripping() && any_lost) force_N = max_normal_N();
+    if (now.gripping() && !faults_.distrusted(l)) force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
       force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
     }
@@ -300,6 +314,9 @@ LoopErrors ControlCore::loop_errors() const noexcept {
     errors.ik_error_m[l] = limbs_[l].ik_error_m();
     errors.finger_force_N[l] = limbs_[l].finger_force_N();
     errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
+    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
+    errors.ft_residual_Nm[l] = started_ ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
   }
   if (supervisor_.state() == SupervisorState::kClimbing) {
     errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;

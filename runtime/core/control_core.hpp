@@ -62,6 +62,9 @@ class ControlCore {
   void localise(const PlanReference& reference, double dt_s) noexcept;
   void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
+  /// Share of its load that a limb bears; nothing once it has lost its hold.
+  double load(int limb, const LimbReference& reference) const noexcept;
+  double max_normal_N() const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors() const noexcept;

@@ -14,6 +14,8 @@ using crux_msgs::bus_health_t;
 
 // One cycle whose frames found no room is a hiccup; the nodes' watchdogs wait for more as well.
 constexpr int kMaxFullCycles = 1;
+constexpr double kHoldGone_s = 0.008;    // without force in fingers and F/T sensor
+constexpr double kFtResidual_s = 0.030;  // longer than a contact's shock
 
 bool finite(const double* values, int n) {
   for (int i = 0; i < n; ++i) {
@@ -236,14 +238,27 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
             p.max_tracking_error_rad});
     }
     const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
-    if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s)) {
+    // Where fingers and F/T sensor say the same, a moment is enough.
+    const bool gone = lasts(lost && errors.feels_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
+    if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
+      lost_[l] = true;
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
+    }
+    const bool unexplained = errors.ft_residual_Nm[l] > errors.ft_limit_Nm[l];
+    if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s)) {
+      distrusted_[l] = true;
+      tell({FaultCode::kFtImplausible, l, can_.gripper_node, errors.ft_residual_Nm[l], errors.ft_limit_Nm[l]});
     }
     if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kIkFailed, l, 0, errors.ik_error_m[l], p.max_ik_error_m});
     }
   }
   return fault;
+}
+
+void FaultMonitor::forgive() noexcept {
+  lost_.fill(false);
+  distrusted_.fill(false);
 }
 
 }  // namespace crux

@@ -30,6 +30,9 @@ struct LoopErrors {
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
   PerLimb<bool> must_grip{};  ///< bears load: its fingers must press
+  PerLimb<bool> feels_nothing{};  ///< the F/T sensor says that nothing holds the gripper
+  PerLimb<double> ft_residual_Nm{};  ///< torque of the limb's joints that its F/T sensor does not explain
+  PerLimb<double> ft_limit_Nm{};     ///< the most that this may be
   double waited_s = 0.0;      ///< for the plan clock's event
   int waiting_limb = -1;
 };
@@ -58,6 +61,13 @@ class FaultMonitor {
   /// Faults of the loop. Errors count when they last for persistence_s.
   FaultEvent loop_fault(const LoopErrors& errors, double dt_s) noexcept;
 
+  /// The limb has lost its hold; it bears nothing from then on.
+  bool lost(int limb) const noexcept { return lost_[limb]; }
+  /// The limb's F/T sensor does not fit its joints' torques; nothing is done on its word.
+  bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
+  /// An operator has looked: what was lost or distrusted is tried again.
+  void forgive() noexcept;
+
   /// A node's watchdog has latched its hold: only REARM leads on.
   bool any_latched(const crux_msgs::control_input_t& in) const noexcept;
   bool force_torque_well(const crux_msgs::control_input_t& in) const noexcept;
@@ -84,6 +94,10 @@ class FaultMonitor {
   PerLimb<double> tracking_error_time_s_{};
   PerLimb<double> ik_error_time_s_{};
   PerLimb<double> grip_error_time_s_{};
+  PerLimb<double> hold_gone_time_s_{};
+  PerLimb<double> ft_residual_time_s_{};
+  PerLimb<bool> lost_{};
+  PerLimb<bool> distrusted_{};
 };
 
 }  // namespace crux

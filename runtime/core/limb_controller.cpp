@@ -9,6 +9,10 @@ namespace crux {
 
 namespace {
 
+Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
+  return {rotation * wrench.force_N, rotation * wrench.moment_Nm};
+}
+
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -30,17 +34,21 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       kinematics_(robot.limbs[limb]),
       inverse_(robot.limbs[limb], kinematics_),
       wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
+      encoders_(robot, limb),
       admittance_(robot.admittance),
       grasp_(robot.gripper, robot.control) {
   kinematics_.evaluate(q_rad_, state_);
 }
 
 void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
+  encoders_.begin_cycle();
   for (int j = 0; j < kJoints; ++j) {
     const int i = limb_ * kJoints + j;
-    if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i]))
+    if (in.joint_fresh[i] == 0 || !std::isfinite(in.joint_position_rad[i]) || !std::isfinite(in.joint_torque_nm[i])) {
+      encoders_.skip(j, in.dt_s);
       continue;
-    q_rad_[j] = in.joint_position_rad[i];
+    }
+    q_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_q_rad_[j], in.dt_s);
     torque_Nm_[j] = in.joint_torque_nm[i];
   }
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
@@ -58,6 +66,18 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
 
 void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
   wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
+  const Matrix3 rotation_BW = rotation_WB.transpose();
+  const JointVector unexplained_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2) -
+                                     contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
+  residual_Nm_ += dt_s / (control_.force_filter_s + dt_s) * (unexplained_Nm - residual_Nm_);
+}
+
+double LimbController::ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept {
+  const auto torque_Nm = [&](const Wrench& wrench_W) {
+    return contact_torque(state_, turned(wrench_W, rotation_WB.transpose())).norm();
+  };
+  return supervisor_.max_ft_residual_Nm +
+         supervisor_.max_ft_residual_share * std::max(torque_Nm(wrench_.wrench_W()), torque_Nm(planned_W));
 }
 
 void LimbController::pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
@@ -168,8 +188,8 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   command_q_rad_ = ik_.q_rad + (1.0 - engagement) * held_offset_rad_;
 
   const Matrix3 rotation_BW = body_estimate_W.rotation.transpose();
-  const Wrench wrench_B = {rotation_BW * wrench_W.force_N, rotation_BW * wrench_W.moment_Nm};
-  JointVector model_Nm = gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, wrench_B);
+  JointVector model_Nm =
+      gravity_torque(state_, rotation_BW * gravity_W_m_s2) + contact_torque(state_, turned(wrench_W, rotation_BW));
   for (int j = 0; j < kJoints; ++j) {
     model_Nm[j] += servo_.damping_Nms_rad[j] * command_dq_rad_s_[j];
     const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
@@ -198,8 +218,9 @@ void LimbController::write(NodeMode joint_mode, NodeMode gripper_mode,
     const JointLimits& limits = joints_[j];
     // A lead beyond what a node takes would be clamped there, and reported.
     const double q_rad = command_q_rad_[j];
-    out.joint_position_rad[i] =
+    const double led_rad =
         std::clamp(q_rad + setpoint_lead_rad_[j], std::min(q_rad, limits.lower_rad), std::max(q_rad, limits.upper_rad));
+    out.joint_position_rad[i] = encoders_.raw_rad(j, led_rad);
     out.joint_velocity_rad_s[i] =
         std::clamp(command_dq_rad_s_[j] + velocity_lead_rad_s_[j], -limits.velocity_rad_s, limits.velocity_rad_s);
     out.joint_torque_nm[i] = command_torque_Nm_[j];

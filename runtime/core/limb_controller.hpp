@@ -7,6 +7,7 @@
 #include <crux_msgs/limb_telemetry_t.hpp>
 
 #include "core/admittance.hpp"
+#include "core/encoder_watch.hpp"
 #include "core/grasp_force.hpp"
 #include "core/inverse_kinematics.hpp"
 #include "core/limb_kinematics.hpp"
@@ -68,6 +69,14 @@ class LimbController {
   void write(NodeMode joint_mode, NodeMode gripper_mode, crux_msgs::control_output_t& out) const noexcept;
   void write(const Pose& body_W, const Wrench& wrench_reference_W, crux_msgs::limb_telemetry_t& out) const noexcept;
 
+  /// An encoder that has frozen or jumped in this cycle, or none.
+  const FaultEvent& encoder_fault() const { return encoders_.fault(); }
+
+  /// Torque [Nm] of the joints that gravity and the wrench felt do not explain, and the most that it may be where the
+  /// limb is planned to bear `planned_W`.
+  double ft_residual_Nm() const { return residual_Nm_.norm(); }
+  double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
+
   const LimbState& state() const { return state_; }
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   bool force_torque_tared() const { return wrench_.tared(); }
@@ -92,6 +101,7 @@ class LimbController {
   LimbKinematics kinematics_;
   InverseKinematics inverse_;
   WrenchEstimator wrench_;
+  EncoderWatch encoders_;
   Admittance admittance_;
   GraspController grasp_;
 
@@ -101,6 +111,7 @@ class LimbController {
   double finger_opening_m_ = 0.0;
   double finger_force_N_ = 0.0;
   Wrench raw_G_;
+  JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is
   LimbState state_;
 
   // Commanded.

@@ -216,6 +216,9 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                       .max_tracking_error_rad = s.positive("max_tracking_error_rad"),
                       .min_stance_force_N = s.positive("min_stance_force_N"),
                       .max_ik_error_m = s.positive("max_ik_error_m"),
+                      .encoder_standstill_rad = s.positive("encoder_standstill_rad"),
+                      .max_ft_residual_Nm = s.positive("max_ft_residual_Nm"),
+                      .max_ft_residual_share = s.positive("max_ft_residual_share"),
                       .persistence_s = s.positive("persistence_s")};
 }
 

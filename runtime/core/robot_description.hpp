@@ -114,6 +114,9 @@ struct SupervisorParameters {
   double max_tracking_error_rad = 0.0;
   double min_stance_force_N = 0.0;
   double max_ik_error_m = 0.0;
+  double encoder_standstill_rad = 0.0;
+  double max_ft_residual_Nm = 0.0;
+  double max_ft_residual_share = 0.0;
   double persistence_s = 0.0;
 };
 

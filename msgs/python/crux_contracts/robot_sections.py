@@ -213,6 +213,9 @@ class SupervisorLimits:
     max_tracking_error_rad: float
     min_stance_force_N: float
     max_ik_error_m: float
+    encoder_standstill_rad: float
+    max_ft_residual_Nm: float
+    max_ft_residual_share: float
     persistence_s: float
 
 

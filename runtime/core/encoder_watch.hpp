@@ -1,0 +1,41 @@
+// Joint encoders of a limb that freeze or jump.
+#pragma once
+
+#include "core/fault_monitor.hpp"
+#include "core/geometry.hpp"
+#include "core/robot_description.hpp"
+
+namespace crux {
+
+class EncoderWatch {
+ public:
+  EncoderWatch(const RobotDescription& robot, int limb) noexcept;
+
+  /// Takes a joint's reading with its command of the cycle before; returns the angle to go by. A jump is taken for the
+  /// encoder's, not the joint's: the angles go on from where they were.
+  double look(int joint, double raw_rad, double command_rad, double dt_s) noexcept;
+
+  /// No reading came in this cycle.
+  void skip(int joint, double dt_s) noexcept { silent_s_[joint] += dt_s; }
+
+  /// What an encoder reads where the joint has `angle_rad`.
+  double raw_rad(int joint, double angle_rad) const noexcept { return angle_rad + shift_rad_[joint]; }
+
+  /// The first fault since the last call of begin_cycle.
+  const FaultEvent& fault() const noexcept { return fault_; }
+  void begin_cycle() noexcept { fault_ = {}; }
+
+ private:
+  int limb_;
+  double standstill_rad_;
+  std::array<JointLimits, kJoints> joints_;
+  std::array<int, kJoints> nodes_;
+  JointVector last_rad_ = JointVector::Zero();     ///< raw
+  JointVector still_at_rad_ = JointVector::Zero(); ///< command when the reading changed last
+  JointVector silent_s_ = JointVector::Zero();     ///< since the last reading
+  JointVector shift_rad_ = JointVector::Zero();
+  bool seen_[kJoints]{};
+  FaultEvent fault_;
+};
+
+}  // namespace crux
