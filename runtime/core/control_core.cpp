@@ -226,7 +226,8 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
     if (faults_.distrusted(l)) continue;
     loads[l] = load(l, limb);
-    if (!faults_.lost(l) && (limb.gripping() || limb.closing())) errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
+    if (!faults_.lost(l) && (limb.gripping() || limb.closing()))
+      errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
   }
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
 }
@@ -298,7 +299,8 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
     if (now.gripping() && any_lost) force_N = max_normal_N();
-    if (now.gripping() && !faults_.distrusted(l)) force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
+    if (now.gripping() && !faults_.distrusted(l))
+      force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
       force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
     }

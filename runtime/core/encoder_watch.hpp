@@ -15,6 +15,9 @@ class EncoderWatch {
   /// encoder's, not the joint's: the angles go on from where they were.
   double look(int joint, double raw_rad, double command_rad, double dt_s) noexcept;
 
+  /// Commands begin anew: what was commanded before says nothing.
+  void restart() noexcept { seen_.fill(false); }
+
   /// No reading came in this cycle.
   void skip(int joint, double dt_s) noexcept { silent_s_[joint] += dt_s; }
 
@@ -30,11 +33,11 @@ class EncoderWatch {
   double standstill_rad_;
   std::array<JointLimits, kJoints> joints_;
   std::array<int, kJoints> nodes_;
-  JointVector last_rad_ = JointVector::Zero();     ///< raw
-  JointVector still_at_rad_ = JointVector::Zero(); ///< command when the reading changed last
-  JointVector silent_s_ = JointVector::Zero();     ///< since the last reading
+  JointVector last_rad_ = JointVector::Zero();      ///< raw
+  JointVector still_at_rad_ = JointVector::Zero();  ///< command when the reading changed last
+  JointVector silent_s_ = JointVector::Zero();      ///< since the last reading
   JointVector shift_rad_ = JointVector::Zero();
-  bool seen_[kJoints]{};
+  std::array<bool, kJoints> seen_{};
   FaultEvent fault_;
 };
 

@@ -104,6 +104,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
     held_offset_rad_[j] = (torque_Nm_[j] - held_torque_Nm_[j]) / servo_.position_gain_Nm_rad[j];
   }
   gripped_time_s_ = 0.0;
+  encoders_.restart();
 }
 
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {

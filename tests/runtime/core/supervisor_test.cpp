@@ -307,9 +307,10 @@ TEST_F(Faults, NotANumberStopsControlAndNeverReachesTheNodes) {
 }
 
 TEST_F(Faults, AJointThatDoesNotFollowIsNamed) {
-  const double stuck = input().joint_position_rad[7];
-  spoil_ = [stuck](crux_msgs::control_input_t& in) { in.joint_position_rad[7] = stuck + 0.35; };
-  expect_fault(FaultCode::kTrackingError, SupervisorState::kHolding, 1, 2);
+  run_->steps(3600);  // into LF's swing: nothing else is amiss where its joint goes
+  double limp_rad = input().joint_position_rad[1];
+  spoil_ = [&limp_rad](crux_msgs::control_input_t& in) { in.joint_position_rad[1] = limp_rad -= 0.01; };
+  expect_fault(FaultCode::kTrackingError, SupervisorState::kHolding, 0, 2);
 }
 
 TEST_F(Faults, ALostGripIsNamed) {

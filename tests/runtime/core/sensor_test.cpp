@@ -1,0 +1,113 @@
+// Sensors that say wrong things, and a hold that is gone: what is told, and what the robot does then.
+#include <algorithm>
+#include <utility>
+
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+constexpr int kIntoSwing = 3600;  // LF is in the air
+
+class Sensors : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+    run_.steps(1000);
+    run_.step(command_t::START);
+    run_.steps(100);
+    ASSERT_GT(run_.result.state.plan_time_s, 0.1);
+  }
+  /// Cycles until a fault is told, at most n; what `spoil` does to the inputs comes before each.
+  template <class Spoil>
+  int until_fault(Spoil spoil, int n) {
+    for (int i = 1; i <= n; ++i) {
+      spoil(run_.plant.input());
+      if (run_.step().has_fault) return i;
+    }
+    return n + 1;
+  }
+  void expect_fault(FaultCode code, int limb, int node) const {
+    EXPECT_EQ(run_.result.fault.code, static_cast<int>(code));
+    EXPECT_EQ(run_.result.fault.limb, limb);
+    EXPECT_EQ(run_.result.fault.node, node);
+    EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
+  }
+  Vector3 offset_m(int limb) const { return Vector3(run_.result.telemetry[limb].admittance_offset_m); }
+  Vector3 planned_force_N(int limb) const { return Vector3(run_.result.telemetry[limb].force_reference_w_n); }
+
+  Climber run_{sample_plan()};
+};
+
+TEST_F(Sensors, AnEncoderThatJumpsIsNamedAtOnceAndItsJointStaysWhereItIs) {
+  const double before_rad = run_.result.output.joint_position_rad[13];
+  double jump_rad = 0.1;
+  const auto jumped = [&](crux_msgs::control_input_t& in) {
+    in.joint_position_rad[13] += std::exchange(jump_rad, 0.0);
+  };
+  EXPECT_EQ(until_fault(jumped, 10), 1);
+  expect_fault(FaultCode::kEncoderJumped, 2, 2);
+  EXPECT_NEAR(run_.result.output.joint_position_rad[13] - before_rad, 0.1, 1e-3);  // as its encoder counts now
+}
+
+TEST_F(Sensors, AJointAsQuickAsItMayBeIsNoJump) {
+  const double most_rad = robot().limbs[2].joints[1].velocity_rad_s * run_.plant.input().dt_s;
+  EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[13] += most_rad; }, 3), 4);
+}
+
+TEST_F(Sensors, AnEncoderThatFreezesInASwingIsNamed) {
+  run_.steps(kIntoSwing);
+  const double frozen_rad = run_.plant.input().joint_position_rad[1];
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.joint_position_rad[1] = frozen_rad; };
+  EXPECT_LT(until_fault(freeze, 500), 250);
+  expect_fault(FaultCode::kEncoderFrozen, 0, 2);
+}
+
+TEST_F(Sensors, AJointThatIsToStandStillMayReadTheSameForEver) {
+  run_.step(command_t::HOLD);
+  const double still_rad = run_.plant.input().joint_position_rad[1];
+  EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[1] = still_rad; }, 2000), 2001);
+}
+
+TEST_F(Sensors, AForceTorqueSensorThatReadsZeroIsNamedAndNotYieldedTo) {
+  run_.steps(kIntoSwing);
+  const auto zero = [](crux_msgs::control_input_t& in) {
+    std::fill_n(in.ft_force_g_n + 9, 3, 0.0);
+    std::fill_n(in.ft_moment_g_nm + 9, 3, 0.0);
+  };
+  EXPECT_LT(until_fault(zero, 500), 50);  // 0.1 s
+  expect_fault(FaultCode::kFtImplausible, 3, 7);
+  const Vector3 before_m = offset_m(3);
+  for (int i = 0; i < 1000; ++i) {
+    zero(run_.plant.input());
+    run_.step();
+  }
+  EXPECT_LT((offset_m(3) - before_m).norm(), 2e-4);
+}
+
+TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
+  const double before_N = planned_force_N(2).norm();
+  ASSERT_GT(before_N, 5.0);
+  const auto gone = [](crux_msgs::control_input_t& in) {
+    in.finger_force_n[2] = 0.0;
+    std::fill_n(in.ft_force_g_n + 6, 3, 0.0);
+  };
+  EXPECT_LT(until_fault(gone, 100), 30);
+  expect_fault(FaultCode::kGripLost, 2, 7);
+  gone(run_.plant.input());
+  run_.step();
+  EXPECT_EQ(planned_force_N(2).norm(), 0.0);
+  Vector3 sum_N = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) sum_N += planned_force_N(l);
+  const Vector3 weight_N = robot().total_mass_kg * Vector3(sample_plan().gravity_w_m_s2);
+  EXPECT_LT((sum_N + weight_N).norm(), 0.1);
+  run_.steps(5);
+  run_.step(command_t::CLEAR_FAULT);  // somebody has looked
+  run_.steps(100);
+  EXPECT_GT(planned_force_N(2).norm(), 5.0);
+}
+
+}  // namespace
+}  // namespace crux_test
