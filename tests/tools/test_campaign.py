@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_tools.benchmarks.random_walls import random_wall
+from crux_tools.campaign.engine import run_jobs
 from crux_tools.campaign.job import ClimbJob, Outcome
 from crux_tools.campaign.spec import read_spec
 from crux_tools.campaign.statistics import Rate, difference, paired_difference
@@ -24,9 +25,11 @@ from crux_tools.campaign.store import Store, read_rows
 from crux_tools.campaign.walls import Wall
 from crux_tools.cli import main
 from crux_tools.paths import ROOT
-from crux_tools.report.campaign import campaign_rows, comparison_section
+from crux_tools.report.campaign import campaign_rows, comparison_section, success
 from crux_tools.sim.judge import Verdict, judge
+from distributed import Client, LocalCluster
 from pyarrow import parquet
+from tiny_campaign import TinyJob
 
 HERE = Path(__file__).resolve().parent
 SCRIPTS = Path(sys.executable).parent
@@ -67,7 +70,8 @@ def started(*words: str | Path, **environment: str) -> Iterator[subprocess.Popen
 
 
 def campaign(folder: Path, count: int, *address: str) -> AbstractContextManager[subprocess.Popen[str]]:
-    return started(HERE / "tiny_campaign.py", folder, str(count), *address)
+    impatient = {"DASK_DISTRIBUTED__DEPLOY__LOST_WORKER_TIMEOUT": "10ms"}  # as on a busy machine
+    return started(HERE / "tiny_campaign.py", folder, str(count), *address, **impatient)
 
 
 def let(folder: Path, *names: str) -> None:
@@ -163,6 +167,32 @@ def test_a_lost_scheduler_ends_the_campaign_in_one_line_and_keeps_what_is_done(f
     assert "WorkFailed: the scheduler is lost; what is done is kept: give the same command again" in said
     assert "distributed" not in said
     assert parquet.read_table(folder / "out" / "results.parquet")["key"].to_pylist() == ["tiny-0"]
+
+
+class Broken(TinyJob):
+    """Ends with an error unless it may go on."""
+
+    def run(self) -> Outcome:
+        if not (self.folder / "go" / self.name).exists():
+            with (self.folder / "ran" / self.name).open("a") as file:
+                file.write("0\n")
+            raise ValueError("of its\nown")
+        return super().run()
+
+
+def test_a_job_that_ends_with_an_error_has_a_row_that_says_so_and_is_tried_again(folder: Path) -> None:
+    let(folder, "1")
+    here = {"processes": False, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(n_workers=1, **here) as local, Client(local) as client:
+        run_jobs([Broken("0", folder), TinyJob("1", folder)], Store(folder / "out"), client, "")
+        error, good = read_rows(folder / "out")
+        assert (error["verdict"], error["reason"]) == ("error", "ValueError: of its own")
+        assert len(ran(folder, "0")) == 2
+        assert success([error, good]) == Rate(1, 1)
+        let(folder, "0")
+        run_jobs([Broken("0", folder), TinyJob("1", folder)], Store(folder / "out"), client, "")
+    assert [row["verdict"] for row in read_rows(folder / "out")] == ["failed", "climbed"]
+    assert [len(ran(folder, name)) for name in "01"] == [3, 1]
 
 
 def row(key: str, verdict: str, wall_hash: str = "a", walls: str = "wall") -> dict[str, object]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import dask
 from distributed import CancelledError, Client, LocalCluster, as_completed, get_worker
 from distributed.comm import CommClosedError
 
@@ -29,6 +30,7 @@ from crux_tools.output import alone_with, note, progress
 
 RETRIES = 1  # of a job that ends with an error
 CONNECT_S = 10.0
+RESTART_S = "1h"  # that a worker may take to start anew, on a busy machine: after that it is given up
 HANGING_S = 3600.0  # by the clock: a worker is ended whose job takes so long
 ONE_AT_A_TIME = threading.Lock()  # in a process: the planner's time limits count all that its process computes
 
@@ -98,7 +100,7 @@ def cluster(address: str | None, workers: int) -> Iterator[Client]:
         local = LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **settings)
     finally:
         signal.signal(signal.SIGINT, interrupted)
-    with local, Client(local) as client:
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": RESTART_S}), local, Client(local) as client:
         yield client
 
 
