@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> int:
         scheduler = client.scheduler.address
         about = {"name": campaign.name, "jobs": len(campaign.jobs), "scheduler": scheduler} | environment()
         write_whole(options.out / "campaign.json", json.dumps(about).encode())
-        note(f"campaign {campaign.name}: {len(campaign.jobs)} jobs; workers may join: dask worker {scheduler}")
+        note(f"campaign {campaign.name}: {len(campaign.jobs)} jobs")
+        note(f"workers may join: dask worker {scheduler}")
         run_jobs(campaign.jobs, store, client, f"campaign {campaign.name}")
     keys = {job.key for job in campaign.jobs}
     verdicts = Counter(row["verdict"] for row in read_rows(options.out) if row["key"] in keys)
