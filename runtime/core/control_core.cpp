@@ -293,7 +293,8 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
   // feels beyond the plan. A sensor that fails leaves what it felt last.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
   const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
-  const bool any_lost = std::ranges::any_of(std::views::iota(0, kLimbs), [&](int l) { return faults_.lost(l); });
+  bool any_lost = false;
+  for (int l = 0; l < kLimbs; ++l) any_lost = any_lost || faults_.lost(l);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
     double force_N = 0.0;
