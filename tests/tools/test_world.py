@@ -13,6 +13,7 @@ from crux_msgs import plan_t
 from crux_tools.sim.climb import ClimbOptions, plant_of
 from crux_tools.sim.native import library
 from crux_tools.sim.plant import Plant
+from crux_tools.sim.start_pose import rotation_from_rpy
 from crux_tools.sim.world_file import parse_world
 from hand_plan import HALF_HOLD_M, MASS_KG, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
 from holding_controller import HoldingController
@@ -81,6 +82,8 @@ def test_a_hold_stands_where_the_world_has_it_and_the_robot_begins_on_it() -> No
     )
     np.testing.assert_allclose(plant.finger_opening_m, [HALF_HOLD_M + 0.005, *[HALF_HOLD_M] * 3], atol=1e-9)
     np.testing.assert_allclose(plant.model.body("hold1").pos[:2], NOMINAL_M[1])
+    turned = plant.data.site_xmat[plant.robot.gripper_sites[0]].reshape(3, 3)
+    np.testing.assert_allclose(turned, rotation_from_rpy([0, 0, yaw]), atol=1e-5)
     HoldingController(plant).run(SETTLED_S)
     assert plant.limbs_on_holds().all()
 

@@ -74,7 +74,7 @@ crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, 
   for (std::size_t i = 0; i < ft_bias_.size(); ++i) ft_bias_[i] = settings.ft_bias[i % 6] * normal();
   std::copy_n(data->qpos, 3, hand_position_.begin());
   truth_.reserve(kFirstSamples);
-  if (world != nullptr) world_.emplace(*model, *data, map_, *world);
+  if (world != nullptr) world_.emplace(*model, *data, map_, *world, settings.seed);
   look_at_contacts();
   read_sensors();
 }

@@ -16,13 +16,13 @@ double opening(const mjData& data, const crux_plant_map& map, std::size_t limb) 
 
 }  // namespace
 
-World::World(mjModel& model, mjData& data, const crux_plant_map& map, const crux_world& world)
+World::World(mjModel& model, mjData& data, const crux_plant_map& map, const crux_world& world, std::uint64_t seed)
     : model_(model),
       data_(data),
       map_(map),
       world_(world),
       broken_(static_cast<std::size_t>(world.breaks_count), false),
-      random_(world.seed) {
+      random_(seed + 1) {
   for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
     friction_nm_[j] = model.dof_frictionloss[map.joint_dof[j]];
     const bool warms = world.heating_k_nm2[j] > 0;

@@ -42,7 +42,6 @@ typedef struct crux_hold_break {
 
 /// The arrays pointed at belong to the caller and outlive the plant.
 typedef struct crux_world {
-  uint64_t seed;  ///< of lost samples
   double torque_factor[CRUX_SIM_JOINTS], torque_limit_nm[CRUX_SIM_JOINTS];
   double torque_share[CRUX_SIM_JOINTS];  ///< of a step in torque made good in one period, besides the motor's own lag
   double half_play_rad[CRUX_SIM_JOINTS], stiffness_nm_rad[CRUX_SIM_JOINTS];  ///< between motor and link

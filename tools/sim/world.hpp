@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <random>
 #include <span>
 #include <vector>
@@ -14,7 +15,8 @@ namespace crux::sim {
 
 class World {
  public:
-  World(mjModel& model, mjData& data, const crux_plant_map& map, const crux_world& world);
+  /// @param seed of the samples that are lost
+  World(mjModel& model, mjData& data, const crux_plant_map& map, const crux_world& world, std::uint64_t seed);
 
   /// What the motors of joints and fingers are told, after dead time, limits and lag.
   void command(std::span<double, CRUX_SIM_JOINTS> torque_nm, std::span<double, CRUX_SIM_LIMBS> finger_force_n);

@@ -70,7 +70,6 @@ class PlantWorld(ctypes.Structure):
     """crux_world."""
 
     _fields_ = [
-        ("seed", c_uint64),
         *(
             (name, c_double * JOINTS)
             for name in (

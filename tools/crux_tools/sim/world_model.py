@@ -149,7 +149,7 @@ def plant_world(world: World, robot: RobotModel, names: Sequence[str]) -> PlantW
     names_of_joints = [_play(name) for limb in robot.robot.limbs for name in limb.joint_names]
     elastic = [math.isfinite(joint.stiffness_Nm_rad) for joint in joints]
     plays = [robot.model.joint(name) if yes else None for name, yes in zip(names_of_joints, elastic, strict=True)]
-    numbers = PlantWorld(seed=world.seed, ambient_degc=world.ambient_degC, gone_m=GONE_M)
+    numbers = PlantWorld(ambient_degc=world.ambient_degC, gone_m=GONE_M)
     columns: dict[str, Any] = {
         "torque_factor": [joint.torque_factor for joint in joints],
         "torque_limit_nm": [joint.torque_limit_Nm for joint in joints],
