@@ -159,68 +159,57 @@ void World::spoil(Fault& fault, double time_s, std::span<double> channels, doubl
   const bool on = time_s >= what.from_s && time_s < what.until_s;
   double no_rate = 0.0;
   double& speed = rate != nullptr ? *rate : no_rate;
-  const std::array<double, 6> true_values = [&] {
-    std::array<double, 6> values{};
-    std::ranges::copy(channels, values.begin());
-    return values;
-  }();
-  const auto each = [&](auto&& of) {
-    for (std::size_t i = 0; i < channels.size(); ++i) channels[i] = of(i);
-  };
-  const auto keep = [&] {
-    fault.last = true_values;
-    fault.last_rate = speed;
-    fault.has_last = true;
-  };
-  if (!on) {
-    keep();
+  const bool freezes = what.fault == CRUX_FREEZE;
+  if (!on || freezes || what.fault == CRUX_DROPOUT) {
+    repeat(fault, on, channels, speed);
+    if (on && freezes) speed = 0.0;
     return;
   }
-  switch (what.fault) {
-    case CRUX_BIAS:
-    case CRUX_JUMP:
-      each([&](std::size_t i) { return channels[i] + what.value[i]; });
-      break;
-    case CRUX_DRIFT:
-      each([&](std::size_t i) { return channels[i] + what.value[i] * (time_s - what.from_s); });
-      speed += what.value[0];
-      break;
-    case CRUX_SATURATION:
-      each([&](std::size_t i) { return std::clamp(channels[i], -what.value[i], what.value[i]); });
-      break;
-    case CRUX_SCALE:
-      each([&](std::size_t i) { return channels[i] * what.value[0]; });
-      speed *= what.value[0];
-      break;
-    case CRUX_CROSS_TALK:
-      each([&](std::size_t i) {
-        double others = 0.0;
-        for (std::size_t k = 0; k < channels.size(); ++k)
-          if (k != i) others += true_values[k] / world_.ft_range[k];
-        return channels[i] + what.value[0] * world_.ft_range[i] * others;
-      });
-      break;
-    case CRUX_DROPOUT:
-      if (fault.has_last && std::uniform_real_distribution<double>{}(random_) < what.value[0]) {
-        each([&](std::size_t i) { return fault.last[i]; });
-        speed = fault.last_rate;
-      } else {
-        keep();
-      }
-      break;
-    case CRUX_FREEZE:
-      if (!fault.has_last) keep();
-      each([&](std::size_t i) { return fault.last[i]; });
-      speed = 0.0;
-      break;
-    case CRUX_ZERO:
-      each([](std::size_t) { return 0.0; });
-      speed = 0.0;
-      break;
-    default:
-      each([](std::size_t) { return std::numeric_limits<double>::quiet_NaN(); });
-      speed = std::numeric_limits<double>::quiet_NaN();
-      break;
+  constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+  double shares = 0.0;  // of the range, all channels together
+  if (what.fault == CRUX_CROSS_TALK)
+    for (std::size_t i = 0; i < channels.size(); ++i) shares += channels[i] / world_.ft_range[i];
+  for (std::size_t i = 0; i < channels.size(); ++i) {
+    double& reading = channels[i];
+    const double value = what.value[i];
+    switch (what.fault) {
+      case CRUX_BIAS:
+      case CRUX_JUMP:
+        reading += value;
+        break;
+      case CRUX_DRIFT:
+        reading += value * (time_s - what.from_s);
+        speed += value;
+        break;
+      case CRUX_SATURATION:
+        reading = std::clamp(reading, -value, value);
+        break;
+      case CRUX_SCALE:
+        reading *= what.value[0];
+        speed *= what.value[0];
+        break;
+      case CRUX_CROSS_TALK:
+        reading += what.value[0] * (world_.ft_range[i] * shares - reading);
+        break;
+      default:
+        reading = speed = what.fault == CRUX_ZERO ? 0.0 : kNoNumber;
+        break;
+    }
+  }
+}
+
+/// While `on`, the last sample in place of this one where that is lost or the sensor frozen; else this is the last.
+void World::repeat(Fault& fault, bool on, std::span<double> channels, double& speed) {
+  const bool lost =
+      on && fault.has_last &&
+      (fault.what.fault == CRUX_FREEZE || std::uniform_real_distribution<double>{}(random_) < fault.what.value[0]);
+  if (lost) {
+    std::copy_n(fault.last.begin(), channels.size(), channels.begin());
+    speed = fault.last_rate;
+  } else {
+    std::ranges::copy(channels, fault.last.begin());
+    fault.last_rate = speed;
+    fault.has_last = true;
   }
 }
 

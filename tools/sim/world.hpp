@@ -51,6 +51,7 @@ class World {
   void push(double time_s);
   [[nodiscard]] double load_n(int body) const;
   void spoil(Fault& fault, double time_s, std::span<double> channels, double* rate);
+  void repeat(Fault& fault, bool on, std::span<double> channels, double& speed);
 
   mjModel& model_;
   mjData& data_;
