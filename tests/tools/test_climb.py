@@ -177,6 +177,7 @@ def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path)
     assert status == 1
     (fault,) = summarise(read_log(log)).faults
     assert (fault.code, fault.limb) == (2, "RF")
+    assert result["cycles"] * 0.002 - fault.time_s > 10.0  # watched on
     assert "node_fault" in result["reason"]
 
 
