@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ranges>
 
 #include "core/gravity.hpp"
 #include "core/internal_wrench.hpp"
