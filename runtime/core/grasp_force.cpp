@@ -13,8 +13,8 @@ constexpr double kTouchShare = 0.3;
 
 }  // namespace
 
-double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
-                              const ControlParameters& control) {
+double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                            const ControlParameters& control) {
   const double normal_N = wrench_W.force_N.dot(finger_axis_W);
   const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
   const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
@@ -24,7 +24,12 @@ double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis
     const double demand_N = std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N);
     return control.grasp_force_factor * demand_N / contact.friction - side * 0.5 * normal_N;
   };
-  const double needed_N = std::max(pressed_N(1.0), pressed_N(-1.0)) + control.grasp_force_reserve_N;
+  return std::max(pressed_N(1.0), pressed_N(-1.0)) + control.grasp_force_reserve_N;
+}
+
+double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                              const ControlParameters& control) {
+  const double needed_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
   return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
 }
 
