@@ -33,7 +33,7 @@ _MARGIN = (
     "surface, after the micro-spines' share. Below zero it slips."
 )
 _PLANNED = (
-    f" Here {PLANNED}, which J counts too; the robot does not press so: it works out its own squeeze from the load, "
+    f" Here {PLANNED}, which J counts too; the robot presses so, or harder where its own rule asks for more, "
     "and the page of a climb has the margins with that."
 )
 _APPLIED = (
