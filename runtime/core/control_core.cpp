@@ -132,11 +132,16 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
   const Reason off = idle ? off_start(reference_) : Reason{};
+  const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
   supervisor_.update({.command = in.operator_command,
+                      .command_value = in.command_value,
                       .plan_loaded = plan_ != nullptr,
                       .may_take_over = well && idle && !off,
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
+                      .walks = plan_ && plan_->point_feet,
+                      .arrived = plan_ && clock_.arrived(*plan_),
+                      .can_reverse = reverses && plan_ && clock_.can_reverse(*plan_),
                       .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
                       .fault = fault,
@@ -152,7 +157,10 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   } else if (!engaged_ && well) {
     engage(reference_);
   }
-  if (in.operator_command == crux_msgs::command_t::RESUME) clock_.forget_wait();
+  if (supervisor_.departs()) {
+    clock_.depart(*plan_, supervisor_.motion());
+    reference_ = play(*plan_, clock_.now());
+  }
   if (supervisor_.state() != SupervisorState::kClimbing) settling_time_s_ = 0.0;
 }
 
@@ -183,7 +191,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     started_ = settling_limb_ < 0 && engaged_time_s_ >= robot_.supervisor.settle_time_s;
     if (engaged_time_s_ >= robot_.supervisor.settle_time_s) settling_time_s_ += dt_s;
   }
-  if (started_) clock_.advance(*plan_, events, dt_s);
+  if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
 }
 
 PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noexcept {
@@ -279,8 +287,19 @@ double ControlCore::max_normal_N() const noexcept {
 }
 
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
-  return required_grasp_force_N(wrench_W, finger_axis(reference), contact, robot_.control);
+  return required_grasp_force_N(wrench_W, finger_axis(reference), contact_of(reference), robot_.control);
+}
+
+Contact ControlCore::contact_of(const LimbReference& reference) const noexcept {
+  return {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
+}
+
+double ControlCore::utilisation(int limb) const noexcept {
+  const LimbReference& reference = reference_.limbs[limb];
+  if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
+  const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
+  return limit_surface_utilisation(wrench_W, finger_axis(reference), contact_of(reference),
+                                   limbs_[limb].finger_force_N());
 }
 
 void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {

@@ -66,6 +66,9 @@ class ControlCore {
   double load(int limb, const LimbReference& reference) const noexcept;
   double max_normal_N() const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
+  Contact contact_of(const LimbReference& reference) const noexcept;
+  /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
+  double utilisation(int limb) const noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors() const noexcept;
   PerLimb<Wrench> balanced(const PlanReference& reference) const noexcept;

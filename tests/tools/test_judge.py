@@ -174,6 +174,21 @@ def test_a_limb_that_loses_its_hold_after_its_swing_fell() -> None:
     assert "LF lost its hold" in verdict_on(truth, plan).fall_reason
 
 
+@pytest.mark.parametrize(("way", "fell"), [(-1, False), (1, True)])
+def test_a_limb_that_goes_back_to_its_old_hold_in_reverse_has_not_fallen(way: int, fell: bool) -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]
+    lets_go_s, lands_s = plan.knots[air[0]].time_s, plan.knots[air[-1] + 1].time_s - 0.3
+    there = swing_truth(plan, lets_go_s, lands_s)
+    n = round((lands_s + 2.0) / (PERIOD * CYCLE_S))  # LF stands on its new hold, and bears
+    rows = [*range(n), *reversed(range(n))]
+    again = replace(there, **{name: table[rows] for name, table in vars(there).items()})
+    climbing = np.where(np.arange(2 * n) < n, 1, way)
+    truth = replace(again, cycle=1 + np.arange(2 * n) * PERIOD, climbing=climbing)
+    verdict = verdict_on(truth, plan, complete=False)
+    assert verdict.fell is fell, verdict.fall_reason
+
+
 def test_where_the_runtime_stops_climbing_the_plan_waits() -> None:
     plan = climbing_plan(limbs_to_move=(0,))
     truth = make_truth(2000)
