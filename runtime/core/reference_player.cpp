@@ -127,6 +127,7 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
   reference.body_W = body_pose(plan, k, u);
   for (int l = 0; l < kLimbs; ++l) {
     LimbReference& limb = reference.limbs[l];
+    limb.back = at.back;
     if (plan.point_feet) {
       play_foot(plan, k, u, l, limb);
     } else {

@@ -153,6 +153,34 @@ TEST_F(Operator, ALimbLeavesItsNewHoldAgainAndTheClimbEndsWhereItBegan) {
   EXPECT_EQ(order(command_t::REVERSE), CommandVerdict::kRefused);
 }
 
+TEST_F(Operator, ALimbGoesBackToWhereItGrippedNotToWhereThePlanThoughtItWould) {
+  Climber run(sample_plan());
+  run.plant.input().joint_position_rad[0] += 0.04;  // LF stands some 5 mm beside its place
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(1000);
+  // Seen from the other grippers, which stay: the robot's map of the wall may move.
+  const auto away_m = [](const auto& limbs) {
+    const auto place_m = [&limbs](int l) { return Vector3(limbs[l].gripper_position_w_m); };
+    return Vector3((place_m(0) - place_m(1)).norm(), (place_m(0) - place_m(2)).norm(),
+                   (place_m(0) - place_m(3)).norm());
+  };
+  const Vector3 gripped_m = away_m(run.result.telemetry);
+  ASSERT_GT((gripped_m - away_m(sample_plan().knots[0].limbs)).norm(), 0.003);
+  run.step(command_t::START);
+  for (const double turn_s : {kMidSwing_s, kOnNewHold_s}) {
+    for (int i = 0; i < kLong && run.result.state.plan_time_s < turn_s; ++i) run.step();
+    do {
+      run.step(command_t::HOLD);
+      ASSERT_EQ(run.step(command_t::REVERSE).command_verdict, CommandVerdict::kAccepted);
+      ASSERT_TRUE(run.until(SupervisorState::kHolding, kLong));
+    } while (run.result.state.plan_time_s > 4.001);
+    EXPECT_LT((away_m(run.result.telemetry) - gripped_m).norm(), 1e-3) << "from " << turn_s << " s";
+    run.step(command_t::RESUME);
+  }
+  EXPECT_TRUE(run.until(SupervisorState::kHolding, kLong));
+  EXPECT_EQ(run.result.state.plan_complete, 1);
+}
+
 TEST_F(Operator, HoldStopsTheWayBackAndResumeClimbsForwardFromThere) {
   run_.step(command_t::START);
   climb_to(kOnNewHold_s);
