@@ -47,7 +47,7 @@ def make_truth(samples: int = SAMPLES) -> Truth:
         pad_face=np.tile(np.repeat(FACE, 2), (samples, 1)),
         hand_wrench_g=wrench,
         link_contact_force_n=np.zeros(samples),
-        climbing=np.ones(samples, dtype=bool),
+        climbing=np.ones(samples, dtype=np.int64),
     )
 
 
@@ -192,7 +192,7 @@ def test_a_limb_that_goes_back_to_its_old_hold_in_reverse_has_not_fallen(way: in
 def test_where_the_runtime_stops_climbing_the_plan_waits() -> None:
     plan = climbing_plan(limbs_to_move=(0,))
     truth = make_truth(2000)
-    climbing = truth.cycle < 1000  # 2 s of 20: the body, which the plan would lean 30 mm, stays
+    climbing = (truth.cycle < 1000).astype(np.int64)  # 2 s of 20: the body, which the plan would lean 30 mm, stays
     verdict = verdict_on(replace(truth, climbing=climbing), plan, complete=False)
     assert not verdict.fell
     assert not verdict.reached_goal
