@@ -17,6 +17,10 @@ namespace {
 constexpr double kStandingLoad = 0.9;
 // Cycles in which latched nodes are told to re-arm: frames may be lost.
 constexpr int kRearmCycles = 50;
+// A new grasp is pulled with this share of the heaviest load it is planned to bear,
+constexpr double kTestShare = 1.2;
+// while the other limbs bear all the rest.
+constexpr double kTestedLoad = 1e-3;
 
 Vector3 finger_axis(const LimbReference& limb) {
   return {std::cos(limb.gripper_yaw_W_rad), std::sin(limb.gripper_yaw_W_rad), 0.0};
@@ -48,6 +52,7 @@ Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noe
   clock_.reset();
   started_ = false;
   engaged_ = false;
+  test_.reset();
   reference_ = {};
   if (plan_) {
     reference_ = play(*plan_, clock_.now());
@@ -82,8 +87,7 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
     limbs_[l].sense(in);
     anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
     grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
-    const bool found = limbs_[l].in_contact() || !reference_.limbs[l].point_foot;
-    weights[l] = found ? load(l, reference_.limbs[l]) : 0.0;
+    weights[l] = limbs_[l].found() ? load(l, reference_.limbs[l]) : 0.0;
   }
   if (!plan_) return;
   body_.update(anchors_W_m, grippers_B_m, weights);
@@ -141,6 +145,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .plan_complete = plan_ && clock_.complete(*plan_),
                       .walks = plan_ && plan_->point_feet,
                       .arrived = plan_ && clock_.arrived(*plan_),
+                      .testing = test_.limb() >= 0,
                       .can_reverse = reverses && plan_ && clock_.can_reverse(*plan_),
                       .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
@@ -149,6 +154,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .not_ready_reason = not_ready(in, well, off)});
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
+    test_.reset();
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
   }
@@ -191,19 +197,57 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     started_ = settling_limb_ < 0 && engaged_time_s_ >= robot_.supervisor.settle_time_s;
     if (engaged_time_s_ >= robot_.supervisor.settle_time_s) settling_time_s_ += dt_s;
   }
+  for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    if (!limb.closing()) continue;
+    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) test_.begin(l, load_to_come_W(l));
+    events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
+  }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
 }
 
-PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noexcept {
-  if (plan_->point_feet) return balanced_on_feet(reference);
+Wrench ControlCore::load_to_come_W(int limb) const noexcept {
+  const LimbReference& reference = reference_.limbs[limb];
+  const Contact grasp = contact(reference);
+  const double reserve_N = robot_.control.grasp_force_reserve_N;
+  Wrench heaviest_W;
+  double most_N = reserve_N;
+  const int step = clock_.now().back ? -1 : 1;
+  for (int k = clock_.now().interval + step; k >= 0 && k <= plan_->intervals() && !plan_->limbs[k][limb].air;
+       k += step) {
+    const Wrench& wrench_W = plan_->limbs[k][limb].wrench_W;
+    const double needed_N = needed_grasp_force_N(wrench_W, finger_axis(reference), grasp, robot_.control);
+    if (needed_N > most_N) most_N = needed_N, heaviest_W = wrench_W;
+  }
+  // Not more than the fingers hold by the plan's own friction.
+  const double room = (grasp.max_normal_N - reserve_N) / std::max(most_N - reserve_N, 1e-9);
+  return heaviest_W * std::min(kTestShare, room);
+}
+
+PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexcept {
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb),
                   faults_.lost(l) ? Wrench() : limb.wrench_W};
+    if (test_.limb() == l) bearers[l].load = kTestedLoad, bearers[l].planned_W = test_.pull_W();
   }
+  return bearers;
+}
+
+PerLimb<Wrench> ControlCore::balanced(const PerLimb<Bearer>& bearers) const noexcept {
   return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
                            robot_.control.twist_length_m);
+}
+
+PerLimb<Wrench> ControlCore::shared(const PlanReference& reference) noexcept {
+  if (plan_->point_feet) return balanced_on_feet(reference);
+  const PerLimb<Bearer> bearing = bearers(reference);
+  const Matrix3& rotation_WB = body_.body_W().rotation;
+  PerLimb<Capacity> capacities;
+  for (int l = 0; l < kLimbs; ++l)
+    capacities[l] = limbs_[l].capacity(contact(reference.limbs[l]), rotation_WB, plan_->gravity_W_m_s2);
+  return sharing_.within_limits(balanced(bearing), bearing, capacities, com_W_m_, rotation_WB, robot_.control);
 }
 
 PerLimb<Wrench> ControlCore::balanced_on_feet(const PlanReference& reference) const noexcept {
@@ -262,7 +306,8 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   const double engagement = smoothstep(engaged_time_s_ / robot_.control.engage_time_s);
 
   localise(reference, dt_s);
-  wrenches_W_ = balanced(reference);
+  test_grasps(reference, dt_s);
+  wrenches_W_ = shared(reference);
   // Before the plan has begun somebody may carry the body: an integral would only push against him.
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
@@ -282,24 +327,30 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   }
 }
 
-double ControlCore::max_normal_N() const noexcept {
-  return std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N);
+Contact ControlCore::contact(const LimbReference& reference) const noexcept {
+  return {reference.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
+          reference.finger_opening_m};
 }
 
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  return required_grasp_force_N(wrench_W, finger_axis(reference), contact_of(reference), robot_.control);
-}
-
-Contact ControlCore::contact_of(const LimbReference& reference) const noexcept {
-  return {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
+  Contact trusted = contact(reference);
+  trusted.friction *= robot_.control.trusted_friction;
+  return std::max(reference.squeeze_N,
+                  required_grasp_force_N(wrench_W, finger_axis(reference), trusted, robot_.control));
 }
 
 double ControlCore::utilisation(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
   const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
-  return limit_surface_utilisation(wrench_W, finger_axis(reference), contact_of(reference),
-                                   limbs_[limb].finger_force_N());
+  return limit_surface_utilisation(wrench_W, finger_axis(reference), contact(reference), limbs_[limb].finger_force_N());
+}
+
+void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
+    if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), dt_s);
+  }
 }
 
 void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {
@@ -307,17 +358,19 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     for (int l = 0; l < kLimbs; ++l) limbs_[l].grasp(reference.limbs[l], 0.0, dt_s);
     return;
   }
-  // The grasp leads the load: it is strong enough for what comes within the lead time as well, and for what its sensor
+  // The plan's squeeze, and at least what the load needs where the hold has less friction than it was planned with. The
+  // grasp leads the load: it is strong enough for what comes within the lead time as well, and for what its sensor
   // feels beyond the plan. A sensor that fails leaves what it felt last.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
-  const PerLimb<Wrench> wrenches_ahead_W = balanced(ahead);
+  const PerLimb<Wrench> wrenches_ahead_W = balanced(bearers(ahead));
   bool any_lost = false;
   for (int l = 0; l < kLimbs; ++l) any_lost = any_lost || faults_.lost(l);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
-    if (now.gripping() && any_lost) force_N = max_normal_N();
+    if (test_.limb() == l) force_N = wanted_grasp_force_N(now, test_.load_W());
+    if (now.gripping() && any_lost) force_N = contact(now).max_normal_N;
     if (now.gripping() && !faults_.distrusted(l))
       force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
@@ -336,9 +389,13 @@ LoopErrors ControlCore::loop_errors() const noexcept {
     errors.finger_force_N[l] = limbs_[l].finger_force_N();
     errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
     errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
-    errors.ft_residual_Nm[l] = started_ ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
+    // Legs that swing have inertia of their own.
+    const bool slow = !reference_.limbs[l].point_foot || reference_.limbs[l].load > kStandingLoad;
+    errors.ft_residual_Nm[l] = started_ && slow ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
   }
+  errors.gave_way_m = test_.gave_way_m();
   if (supervisor_.state() == SupervisorState::kClimbing) {
     errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;
     errors.waiting_limb = started_ ? clock_.waiting_limb() : settling_limb_;

@@ -13,6 +13,7 @@
 
 #include "core/body_estimator.hpp"
 #include "core/fault_monitor.hpp"
+#include "core/grasp_test.hpp"
 #include "core/limb_controller.hpp"
 #include "core/map_localisation.hpp"
 #include "core/plan_clock.hpp"
@@ -64,14 +65,19 @@ class ControlCore {
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
   /// Share of its load that a limb bears; nothing once it has lost its hold.
   double load(int limb, const LimbReference& reference) const noexcept;
-  double max_normal_N() const noexcept;
+  Contact contact(const LimbReference& reference) const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
-  Contact contact_of(const LimbReference& reference) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
+  /// The heaviest load planned for the grasp that the limb makes now, and a margin.
+  Wrench load_to_come_W(int limb) const noexcept;
+  void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors() const noexcept;
-  PerLimb<Wrench> balanced(const PlanReference& reference) const noexcept;
+  PerLimb<Bearer> bearers(const PlanReference& reference) const noexcept;
+  PerLimb<Wrench> balanced(const PerLimb<Bearer>& bearers) const noexcept;
+  /// What the limbs are to bear: balanced, and within what fingers and joints can.
+  PerLimb<Wrench> shared(const PlanReference& reference) noexcept;
   PerLimb<Wrench> balanced_on_feet(const PlanReference& reference) const noexcept;
   void write(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept;
   void write_reference(CycleResult& out) const noexcept;
@@ -83,6 +89,8 @@ class ControlCore {
   BodyEstimator body_;
   BodyCorrection correction_;
   MapLocalisation localisation_;
+  LoadSharing sharing_;
+  GraspTest test_;
   FaultMonitor faults_;
   Supervisor supervisor_;
   PlanClock clock_;

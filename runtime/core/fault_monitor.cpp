@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 
+#include "core/grasp_test.hpp"
 #include "core/node_protocol.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 
@@ -244,6 +245,8 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
       lost_[l] = true;
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
     }
+    if (errors.grasp_failed[l])
+      tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, GraspTest::kMaxCreep_m});
     const bool unexplained = errors.ft_residual_Nm[l] > errors.ft_limit_Nm[l];
     if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s)) {
       distrusted_[l] = true;

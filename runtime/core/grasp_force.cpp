@@ -34,13 +34,18 @@ std::array<PadLoad, 2> pad_loads(const Wrench& wrench_W, const Vector3& finger_a
 
 }  // namespace
 
-double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
-                              const ControlParameters& control) {
+double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                            const ControlParameters& control) {
   double needed_N = 0.0;
   for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
     needed_N = std::max(needed_N, control.grasp_force_factor * pad.demand_N / contact.friction - pad.pressed_N);
   }
-  needed_N += control.grasp_force_reserve_N;
+  return needed_N + control.grasp_force_reserve_N;
+}
+
+double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                              const ControlParameters& control) {
+  const double needed_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
   return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
 }
 

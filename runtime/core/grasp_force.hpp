@@ -18,6 +18,10 @@ struct Contact {
 /// shear and twist; a moment across e is a couple of tangential forces on the arm 2a:
 ///   t = F_t/2 ± M×e/(2a),  m = M·e/2,  normal forces squeeze ± F·e/2,
 /// so by (2) the larger of  factor·√(|t|² + (m/k)²)/μ ∓ F·e/2  of the two pads, and a reserve.
+double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                            const ControlParameters& control);
+
+/// The same between the least grasp force and the most that the contact allows.
 double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                               const ControlParameters& control);
 

@@ -90,7 +90,7 @@ void LimbController::pose_error(const LimbReference& reference, const Pose& body
 void LimbController::engage(const LimbReference& reference, const Pose& body_W) noexcept {
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
-  in_contact_ = on_hold(reference);
+  found_ = in_contact_ = on_hold(reference);
   back_ = reference.back;
   known_ = {};
   contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
@@ -124,34 +124,43 @@ Pose LimbController::target_W(const LimbReference& reference) const noexcept {
           anchor_W_m(reference) + admittance_.offset_m()};
 }
 
+/// The limb grips at `place_W_m`, and goes on aiming at `target_W`.
+void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept {
+  contact_offset_W_m_ = clamped_norm(place_W_m - reference.gripper_position_W_m, control_.max_contact_offset_m);
+  admittance_.rebase(target_W.position_m - anchor_W_m(reference),
+                     rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+}
+
 bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
                                     const Pose& body_command_W) noexcept {
   const bool contact = on_hold(reference);
-  const bool found = contact && !in_contact_;
   const Pose aim_W = contact ? body_command_W : body_estimate_W;
+  Vector3 place_W_m = gripper_W_m(body_estimate_W);
+  if (reference.point_foot) place_W_m.z() = reference.gripper_position_W_m.z();  // the surface is where it is
   if (contact != in_contact_ || (!contact && reference.back != back_)) {
     // The same gripper pose seen from the body, expressed from the new aim.
     const Pose continued_W = aim_W * (aim_W_.inverse() * target_W(reference));
     const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
     if (contact) {
       known_[ends] = {};
-      Vector3 found_m = (body_estimate_W * state_.gripper_B).position_m - reference.gripper_position_W_m;
-      if (reference.point_foot) found_m.z() = 0.0;  // the surface is where it is
-      contact_offset_W_m_ = clamped_norm(found_m, control_.max_contact_offset_m);
     } else {
       // Fingers that turn back before they have left close where they are.
       if (in_contact_) {
         known_[reference.closing() ? ends : begins] = {true, reference.gripper_position_W_m, anchor_W_m(reference)};
       }
-      contact_offset_W_m_ = known_[ends].offset_m();
+      place_W_m = reference.gripper_position_W_m + known_[ends].offset_m();
     }
-    admittance_.reset(continued_W.position_m - anchor_W_m(reference),
-                      rotation_log(continued_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+    grip_at(place_W_m, continued_W, reference);
+    admittance_.reset(admittance_.offset_m(), admittance_.rotation_rad());
     in_contact_ = contact;
     back_ = reference.back;
+    found_ = false;
   }
   aim_W_ = aim_W;
-  return found;
+  if (!contact || found_) return false;
+  found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
+  if (!reference.point_foot) grip_at(place_W_m, target_W(reference), reference);
+  return found_;
 }
 
 void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {
@@ -160,11 +169,18 @@ void LimbController::relocate(const Pose& motion, const LimbReference& reference
     contact_offset_W_m_ = known_[back_ ? 0 : 1].offset_m();
     return;
   }
-  const Pose target = motion * target_W(reference);
+  const Pose target_W = motion * this->target_W(reference);
   contact_offset_W_m_ = motion * anchor_W_m(reference) - reference.gripper_position_W_m;
-  admittance_.rebase(target.position_m - anchor_W_m(reference),
-                     rotation_log(target.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+  admittance_.rebase(target_W.position_m - anchor_W_m(reference),
+                     rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
   aim_W_ = motion * aim_W_;
+}
+
+Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotation_WB,
+                                  const Vector3& gravity_W_m_s2) const noexcept {
+  Capacity capacity{contact, &state_, gravity_torque(state_, rotation_WB.transpose() * gravity_W_m_s2)};
+  for (int j = 0; j < kJoints; ++j) capacity.max_torque_Nm[j] = joints_[j].effort_Nm;
+  return capacity;
 }
 
 void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,

@@ -11,6 +11,7 @@
 #include "core/grasp_force.hpp"
 #include "core/inverse_kinematics.hpp"
 #include "core/limb_kinematics.hpp"
+#include "core/load_sharing.hpp"
 #include "core/node_protocol.hpp"
 #include "core/plan_clock.hpp"
 #include "core/reference_player.hpp"
@@ -41,16 +42,22 @@ class LimbController {
     return reference.gripper_position_W_m + contact_offset_W_m_;
   }
 
-  /// The limb's place in W is known: it stands or grips there.
+  /// The limb is on a hold or the ground.
   bool in_contact() const { return in_contact_; }
+  /// It bears its load there, and where it grips is known: load takes up the play of its joints, so that the gripper
+  /// seems to move until then.
+  bool found() const { return found_; }
 
   /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
-  /// one in the air. Commands are continuous over both. True in the cycle in which contact is found.
+  /// one in the air. Commands are continuous over both. True in the cycle in which the limb's place is found.
   bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
 
   /// The world the body's poses are counted in turns out to lie elsewhere by `motion`: where the limb holds moves
   /// along. With body poses moved likewise its commands stay what they are.
   void relocate(const Pose& motion, const LimbReference& reference) noexcept;
+
+  /// What the limb can bear where it is, of a grip with `contact`.
+  Capacity capacity(const Contact& contact, const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2) const noexcept;
 
   /// Yields to the wrench error on a hold, fades in the air, learns the F/T bias in free swing.
   void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
@@ -77,6 +84,7 @@ class LimbController {
   double ft_residual_Nm() const { return residual_Nm_.norm(); }
   double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
 
+  Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   bool force_torque_tared() const { return wrench_.tared(); }
@@ -99,6 +107,7 @@ class LimbController {
   };
 
   Pose target_W(const LimbReference& reference) const noexcept;
+  void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
   int limb_;
   ControlParameters control_;
@@ -131,7 +140,8 @@ class LimbController {
   bool back_ = false;        ///< the swing is played in reverse
   Pose aim_W_;               ///< body pose the limb aims from
   bool in_contact_ = false;  ///< aims from the commanded body pose
-  IkResult ik_;              ///< its q is the command before the engagement blend
+  bool found_ = false;
+  IkResult ik_;  ///< its q is the command before the engagement blend
   JointVector command_q_rad_ = JointVector::Zero();
   JointVector command_dq_rad_s_ = JointVector::Zero();
   JointVector setpoint_lead_rad_ = JointVector::Zero();  ///< so that the nodes' filter comes out where the command is

@@ -23,6 +23,12 @@ Wrench gripper_wrench(const crux_msgs::limb_knot_t& knot) {
   return sum;
 }
 
+/// The finger at the positive end of the axis is pressed towards it, the other one away.
+double squeeze_N(const crux_msgs::limb_knot_t& knot) {
+  const Vector3 axis(std::cos(knot.gripper_yaw_w_rad), std::sin(knot.gripper_yaw_w_rad), 0.0);
+  return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
+}
+
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
 template <class Value, class Slope>
 void fill_slopes(std::size_t knots, int dimensions, double dt_s, Value value, Slope slope) {
@@ -116,11 +122,15 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
                                .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
                                .finger_opening_m = 0.5 * from.finger_separation_m,
                                .friction = from.friction,
-                               .wrench_W = gripper_wrench(from)};
+                               .wrench_W = gripper_wrench(from),
+                               .squeeze_N = squeeze_N(from)};
     }
   }
   // Forces act over the interval that begins at a knot: the last knot has none of its own.
-  for (int l = 0; l < kLimbs; ++l) prepared->limbs[n - 1][l].wrench_W = prepared->limbs[n - 2][l].wrench_W;
+  for (int l = 0; l < kLimbs; ++l) {
+    prepared->limbs[n - 1][l].wrench_W = prepared->limbs[n - 2][l].wrench_W;
+    prepared->limbs[n - 1][l].squeeze_N = prepared->limbs[n - 2][l].squeeze_N;
+  }
   for (int k = 0; k < static_cast<int>(n); ++k) {
     for (int l = 0; l < kLimbs; ++l) {
       if (prepared->lets_go(k, l)) prepared->release[k] = 1;

@@ -19,7 +19,9 @@ struct LimbKnot {
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;  ///< pad face to gripper centre
   double friction = 0.0;
-  Wrench wrench_W;  ///< on the robot about the gripper centre, piecewise constant over the interval that begins here
+  // On the robot about the gripper centre, piecewise constant over the interval that begins here.
+  Wrench wrench_W;
+  double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them
 };
 
 using FootPose = Eigen::Vector4d;  ///< x, y, z, yaw

@@ -100,13 +100,15 @@ void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& 
   out.gripper_yaw_W_rad = pose[3];
 }
 
-Wrench planned_wrench(const PreparedPlan& plan, int k, double u, int l) {
-  const Wrench& here = plan.limbs[k][l].wrench_W;
+/// What is constant over each interval, between the intervals.
+template <class Value>
+Value blended(const PreparedPlan& plan, int k, double u, int l, Value LimbKnot::* value) {
+  const Value& here = plan.limbs[k][l].*value;
   // Where a limb has just let go the shift was made before.
-  const Wrench& before = k == 0 || plan.release[k] ? here : plan.limbs[k - 1][l].wrench_W;
-  Wrench wrench = before + (here - before) * load_ramp(u);
-  if (plan.release[k + 1]) wrench = wrench + (plan.limbs[k + 1][l].wrench_W - wrench) * unload_ramp(u);
-  return wrench;
+  const Value& before = k == 0 || plan.release[k] ? here : plan.limbs[k - 1][l].*value;
+  Value now = before + (here - before) * load_ramp(u);
+  if (plan.release[k + 1]) now = now + (plan.limbs[k + 1][l].*value - now) * unload_ramp(u);
+  return now;
 }
 
 }  // namespace
@@ -133,7 +135,8 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
     } else {
       plan.limbs[k][l].air ? play_air(plan, k, u, l, at.back, limb) : play_stance(plan, k, u, l, at.back, limb);
     }
-    limb.wrench_W = planned_wrench(plan, k, u, l);
+    limb.wrench_W = blended(plan, k, u, l, &LimbKnot::wrench_W);
+    limb.squeeze_N = blended(plan, k, u, l, &LimbKnot::squeeze_N);
   }
   return reference;
 }

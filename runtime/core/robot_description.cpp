@@ -184,6 +184,7 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                    .unload_force_N = c.positive("unload_force_N"),
                    .grasp_force_factor = c.positive("grasp_force_factor"),
                    .grasp_force_reserve_N = c.not_negative("grasp_force_reserve_N"),
+                   .trusted_friction = c.positive("trusted_friction"),
                    .min_grasp_force_N = c.positive("min_grasp_force_N"),
                    .grasp_damping_Ns_m = c.positive("grasp_damping_Ns_m"),
                    .grasp_force_time_constant_s = c.positive("grasp_force_time_constant_s"),

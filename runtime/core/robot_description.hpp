@@ -79,6 +79,7 @@ struct ControlParameters {
   double unload_force_N = 0.0;
   double grasp_force_factor = 0.0;
   double grasp_force_reserve_N = 0.0;
+  double trusted_friction = 0.0;
   double min_grasp_force_N = 0.0;
   double grasp_damping_Ns_m = 0.0;
   double grasp_force_time_constant_s = 0.0;

@@ -89,6 +89,8 @@ void Supervisor::go_on(const Observation& seen, Motion motion) noexcept {
   if (fault_) return refuse(kFaultStands);
   if (seen.rearming) return refuse("nodes are being re-armed; try again in a moment");
   if (motion != Motion::kReverse && seen.plan_complete) return refuse(kPlanComplete);
+  if (seen.testing && (motion == Motion::kReverse) != (motion_ == Motion::kReverse))
+    return refuse("a new grasp is being tested by a pull, which ends by itself; try again in a moment");
   depart(motion);
 }
 

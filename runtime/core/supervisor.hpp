@@ -37,6 +37,7 @@ class Supervisor {
     bool plan_complete = false;
     bool walks = false;          ///< the plan is a walk: its balance is that of its speed
     bool arrived = false;        ///< the plan's clock stands where its motion ends
+    bool testing = false;        ///< a new grasp is being pulled
     bool can_reverse = false;    ///< a verified stance lies behind
     bool link_restored = false;  ///< buses and nodes have been well for long enough
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past

@@ -11,7 +11,7 @@ from shutil import which
 from crux_tools.paths import BUILD_DIR, ROOT, built
 
 GENERATED_C = ROOT / "build" / "gen" / "c"
-MONOCYPHER = ROOT / ".venv" / "share" / "monocypher"
+MONOCYPHER = ROOT / ".venv" / "share" / "pymonocypher"
 INCLUDES = [
     *(
         f"-I{ROOT / folder}"

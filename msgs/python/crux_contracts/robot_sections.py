@@ -175,6 +175,7 @@ class Control:
     unload_force_N: float
     grasp_force_factor: float
     grasp_force_reserve_N: float
+    trusted_friction: float
     min_grasp_force_N: float
     grasp_damping_Ns_m: float
     grasp_force_time_constant_s: float

@@ -164,7 +164,7 @@ TEST_F(Operator, ALimbGoesBackToWhereItGrippedNotToWhereThePlanThoughtItWould) {
     return Vector3((place_m(0) - place_m(1)).norm(), (place_m(0) - place_m(2)).norm(),
                    (place_m(0) - place_m(3)).norm());
   };
-  const Vector3 gripped_m = away_m(run.result.telemetry);
+  Vector3 gripped_m = away_m(run.result.telemetry);
   ASSERT_GT((gripped_m - away_m(sample_plan().knots[0].limbs)).norm(), 0.003);
   run.step(command_t::START);
   for (const double turn_s : {kMidSwing_s, kOnNewHold_s}) {
@@ -175,6 +175,7 @@ TEST_F(Operator, ALimbGoesBackToWhereItGrippedNotToWhereThePlanThoughtItWould) {
       ASSERT_TRUE(run.until(SupervisorState::kHolding, kLong));
     } while (run.result.state.plan_time_s > 4.001);
     EXPECT_LT((away_m(run.result.telemetry) - gripped_m).norm(), 1e-3) << "from " << turn_s << " s";
+    gripped_m = away_m(run.result.telemetry);
     run.step(command_t::RESUME);
   }
   EXPECT_TRUE(run.until(SupervisorState::kHolding, kLong));
@@ -214,11 +215,11 @@ TEST_F(Operator, AnOldHoldThatIsGoneStopsTheWayBackWithTheLimbNamed) {
 }
 
 TEST_F(Operator, TheUseOfTheLimitSurfaceIsThatOfTheSqueezeThatTheLoadNeeds) {
-  // The runtime presses 1.25 times what friction needs, and a reserve: so a bit less than 1/1.25 is used.
+  // The runtime presses as the plan does, and at least 1.25 times what friction needs: so less than 1/1.25 is used.
   run_.step(command_t::START);
   run_.steps(1500);
   for (const crux_msgs::limb_telemetry_t& limb : run_.result.telemetry) {
-    EXPECT_GT(limb.utilisation, 0.05);
+    EXPECT_GT(limb.utilisation, 0.01);
     EXPECT_LT(limb.utilisation, 1.0 / robot().control.grasp_force_factor);
   }
   climb_to(kMidSwing_s);

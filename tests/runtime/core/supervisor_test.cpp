@@ -193,6 +193,22 @@ TEST_F(SupervisorTest, GoesBackOnlyFromHoldingAndWhereAVerifiedStanceLies) {
   EXPECT_NE(refusal(command_t::STEP).find("a walk"), std::string::npos);
 }
 
+TEST_F(SupervisorTest, NoHandTurnsBackWhileItsGraspIsPulled) {
+  reach_climbing();
+  seen_.can_reverse = seen_.testing = true;
+  update(with(command_t::HOLD));
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kHolding);
+  EXPECT_NE(std::string(supervisor_.refusal().text).find("being tested by a pull"), std::string::npos);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+  update(with(command_t::HOLD));
+  seen_.testing = false;
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kClimbing);
+  update(with(command_t::HOLD));
+  seen_.testing = true;
+  EXPECT_EQ(update(with(command_t::STEP)), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kClimbing);
+}
+
 TEST_F(SupervisorTest, TheSpeedIsBetweenStandingStillAndThePlans) {
   Supervisor::Observation seen = with(command_t::SPEED);
   for (const double scale : {0.0, 0.3, 1.0}) {

@@ -3,8 +3,8 @@
 The clock runs while the runtime climbs, which the simulation hears on the bus. It waits before a knot at which a limb
 lets go until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
 within the interval before their knot set it there. So it follows the runtime's clock to within the time that fingers
-need to open and to close, and no error adds up, also where an operator has slowed it down. In reverse it runs back, and
-what takes hold and what releases change places. A walk waits for nothing.
+need to open and to close, and no error adds up. An operator's speed it does not know: it leads a slower climb until the
+next contact. In reverse it runs back, and what takes hold and what releases change places. A walk waits for nothing.
 """
 
 from __future__ import annotations

@@ -1,0 +1,47 @@
+// A pull on each grasp just made, towards the load to come, before another limb lets go.
+#pragma once
+
+#include "core/geometry.hpp"
+
+namespace crux {
+
+/// The pull on one grasp at a time: the fingers press first, the load grows, stands and goes. A grasp that gives way is
+/// let off as slowly as it was loaded.
+class GraspTest {
+ public:
+  enum class Result { kNone, kPassed, kFailed };
+
+  // How far a grasp may give way, as joints and the other limbs' grips say: under the standing load, and in all, where
+  // the play of the joints counts as well.
+  static constexpr double kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
+
+  void reset() noexcept { *this = GraspTest(); }
+
+  /// The limb grips anew: nothing is known of its grasp.
+  void forget(int limb) noexcept { result_[limb] = Result::kNone; }
+
+  /// Begins on `limb` with a pull up to `load_W`; nothing where another is on its way.
+  void begin(int limb, const Wrench& load_W) noexcept;
+
+  /// One period; where the gripper under test is.
+  void advance(const Vector3& gripper_W_m, double dt_s) noexcept;
+
+  int limb() const { return limb_; }                                       ///< under test; -1: none
+  Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now
+  const Wrench& load_W() const { return load_W_; }
+  double gave_way_m() const { return gave_way_m_; }  ///< in the present or last test
+  Result result(int limb) const { return result_[limb]; }
+
+ private:
+  int limb_ = -1;
+  double time_s_ = 0.0;  ///< of pressing, then of standing
+  double share_ = 0.0;   ///< of the load
+  bool easing_ = false;
+  bool failed_ = false;
+  double gave_way_m_ = 0.0;
+  Wrench load_W_;
+  Vector3 unloaded_W_m_ = Vector3::Zero(), loaded_W_m_ = Vector3::Zero();
+  PerLimb<Result> result_{};
+};
+
+}  // namespace crux

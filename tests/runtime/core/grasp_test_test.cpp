@@ -1,0 +1,141 @@
+// The pull on a new grasp: what it asks of the limb, when it passes, and that the plan waits for it.
+#include "core/grasp_test.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+constexpr double kDt_s = 0.002;
+const Wrench kLoad{{15.0, 0.0, 20.0}, {0.1, 0.0, 0.2}};
+
+/// Runs a test on limb 2 to its end; `way_m(pull share)` is where the gripper goes along x.
+template <class Way>
+GraspTest pulled(Way way_m) {
+  GraspTest test;
+  test.begin(2, kLoad);
+  double last = 0.0;
+  for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
+    const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+    EXPECT_LE(std::abs(share - last), 0.01) << "no jump of the pull, at cycle " << i;
+    last = share;
+    test.advance({way_m(share), 0.0, 0.0}, kDt_s);
+  }
+  EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
+  return test;
+}
+
+TEST(GraspTest, AGraspThatStandsPassesWithPlayOfItsJoints) {
+  double most = 0.0;
+  const GraspTest test = pulled([&](double share) {
+    most = std::max(most, share);
+    return share > 0.3 ? 0.011 : 0.0;
+  });
+  EXPECT_EQ(test.result(2), GraspTest::Result::kPassed);
+  EXPECT_EQ(test.result(1), GraspTest::Result::kNone);
+  EXPECT_NEAR(most, 1.0, 1e-6);
+}
+
+TEST(GraspTest, AGraspThatCreepsUnderItsLoadFails) {
+  double creep_m = 0.0;
+  const GraspTest test = pulled([&](double share) { return creep_m += share > 0.999 ? 20e-6 : 0.0; });
+  EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
+  EXPECT_GT(test.gave_way_m(), GraspTest::kMaxCreep_m);
+  EXPECT_LT(test.gave_way_m(), 1.1 * GraspTest::kMaxCreep_m);
+}
+
+TEST(GraspTest, AGraspThatComesOffIsNotPulledToTheEnd) {
+  double most = 0.0;
+  const GraspTest test = pulled([&](double share) {
+    most = std::max(most, share);
+    return share > 0.2 ? 0.030 : 0.0;
+  });
+  EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
+  EXPECT_LT(most, 0.3);
+}
+
+TEST(GraspTest, ALimbThatGripsAnewIsTestedAnew) {
+  GraspTest test = pulled([](double) { return 0.0; });
+  test.forget(2);
+  EXPECT_EQ(test.result(2), GraspTest::Result::kNone);
+}
+
+class PulledGrasp : public testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+    run_.steps(1000);
+    run_.step(command_t::START);
+  }
+  double force_N() const { return Vector3(run_.result.telemetry[0].force_reference_w_n).norm(); }
+  int phase() const { return run_.result.reference[0].phase; }
+  /// Most that LF is asked to bear while it closes; ends where it begins to bear for good, or at a fault.
+  double pull_N() {
+    double most_N = 0.0;
+    for (int i = 0; i < 12000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+      run_.step();
+      if (phase() == static_cast<int>(LimbPhase::kClose)) most_N = std::max(most_N, force_N());
+    }
+    return most_N;
+  }
+
+  Climber run_{sample_plan()};
+};
+
+TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
+  const double pull_N = this->pull_N();
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  double most_N = 0.0;
+  for (int i = 0; i < 3000 && !run_.result.state.plan_complete; ++i) {
+    run_.step();
+    most_N = std::max(most_N, force_N());
+  }
+  EXPECT_TRUE(run_.result.state.plan_complete);
+  EXPECT_GT(most_N, 5.0);
+  EXPECT_GT(pull_N, 1.1 * most_N);
+}
+
+TEST_F(PulledGrasp, ThatGivesWayIsToldAndThePlanStands) {
+  double creep_rad = 0.0;
+  for (int i = 0; i < 12000 && !run_.result.has_fault; ++i) {
+    if (phase() == static_cast<int>(LimbPhase::kClose) && force_N() > 1.0) creep_rad += 1e-4;
+    run_.plant.input().joint_position_rad[1] += creep_rad;
+    run_.step();
+  }
+  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kGraspFailed));
+  EXPECT_EQ(run_.result.fault.limb, 0);
+  EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
+  EXPECT_EQ(phase(), static_cast<int>(LimbPhase::kClose));
+}
+
+double pressed_N(const crux_msgs::plan_t& plan, int limb) {
+  Climber run(plan);
+  EXPECT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(3000);
+  return run.result.telemetry[limb].grasp_force_n;
+}
+
+TEST(PlannedSqueeze, IsWhatTheFingersPressWithWhereItIsMore) {
+  crux_msgs::plan_t plan = sample_plan();
+  const double before_N = pressed_N(plan, 1);
+  double planned_N = 0.0;
+  for (crux_msgs::plan_knot_t& knot : plan.knots) {
+    // 25 N more on both fingers of RF, along the axis through them: the gripper's wrench stays.
+    crux_msgs::limb_knot_t& limb = knot.limbs[1];
+    planned_N = 0.0;
+    for (int i = 0; i < 2; ++i) {
+      const double along = i == 0 ? std::cos(limb.gripper_yaw_w_rad) : std::sin(limb.gripper_yaw_w_rad);
+      limb.finger_force_w_n[i] += 25.0 * along;
+      limb.finger_force_w_n[3 + i] -= 25.0 * along;
+      planned_N += 0.5 * along * (limb.finger_force_w_n[i] - limb.finger_force_w_n[3 + i]);
+    }
+  }
+  sign(plan);
+  const double after_N = pressed_N(plan, 1);
+  EXPECT_GT(after_N, before_N + 1.0);
+  EXPECT_NEAR(after_N, planned_N, 0.25);
+}
+
+}  // namespace
+}  // namespace crux_test
