@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+LEAD_INTERVALS = 3
 FULL = 1.0  # of PlanReference.load: neither in the air, nor unloading before, nor loading after
 
 
@@ -37,6 +38,10 @@ class ReferenceClock:
         their holds."""
         length_s, back = self._reference.dt_s, dt_s < 0
         if back:
+            # The pull on a new grasp, for which the clock does not wait, makes it lead: what releases sets it back.
+            for knot in range(self._interval - 1, max(self._interval - LEAD_INTERVALS, 0), -1):
+                if np.any(off[self._arriving[knot]]):
+                    self._interval, self._elapsed_s = knot, 0.0
             knot, leaving, arriving = self._interval, self._arriving, self._leaving
         else:
             knot, leaving, arriving = self._interval + 1, self._leaving, self._arriving
