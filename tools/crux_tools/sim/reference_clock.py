@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-LEAD_INTERVALS = 3
+LEAD_INTERVALS = 3  # that a pull on a new grasp, at most, puts between the clocks
 FULL = 1.0  # of PlanReference.load: neither in the air, nor unloading before, nor loading after
 
 
@@ -32,16 +32,29 @@ class ReferenceClock:
         self._arriving = [[limb for limb in limbs if waits and reference.takes_hold(k, limb)] for k in knots]
         self._interval = 0
         self._elapsed_s = 0.0
+        self._turned = False
+
+    def _set_by_releases(self, back: bool, off: Bools) -> None:
+        """The pull on a new grasp, for which the clock does not wait, makes it lead, and lag behind once it is turned
+        round: what releases near by sets it."""
+        last = self._reference.intervals
+        if back:
+            for knot in range(self._interval - 1, max(self._interval - LEAD_INTERVALS, 0), -1):
+                if np.any(off[self._arriving[knot]]):
+                    self._interval, self._elapsed_s = knot, 0.0
+        else:
+            for knot in range(self._interval + 2, min(self._interval + LEAD_INTERVALS + 1, last)):
+                if np.any(off[self._leaving[knot]]):
+                    self._interval, self._elapsed_s = knot - 1, self._reference.dt_s
 
     def advance(self, dt_s: float, off: Bools) -> None:
         """Moves on by `dt_s` (negative: back), or up to the next knot that is not due; `off` (4,): limbs that have left
         their holds."""
         length_s, back = self._reference.dt_s, dt_s < 0
+        self._turned = self._turned or back
+        if self._turned:
+            self._set_by_releases(back, off)
         if back:
-            # The pull on a new grasp, for which the clock does not wait, makes it lead: what releases sets it back.
-            for knot in range(self._interval - 1, max(self._interval - LEAD_INTERVALS, 0), -1):
-                if np.any(off[self._arriving[knot]]):
-                    self._interval, self._elapsed_s = knot, 0.0
             knot, leaving, arriving = self._interval, self._arriving, self._leaving
         else:
             knot, leaving, arriving = self._interval + 1, self._leaving, self._arriving
