@@ -24,9 +24,9 @@ constexpr auto kSilenceReport = 5s;
 constexpr auto kStopPatience = 100ms;  // pace bus: for answers after a stop has been asked for
 constexpr auto kFullLogPause = 100us;
 constexpr double kHeartbeatRate_Hz = 10.0;
-constexpr double kIdentifyRate_Hz = 100.0;    // a bus, while it has nodes that have not said who they are
-constexpr int kHoldCycles = 10;               // HOLD is sent so often before the program ends: frames may be lost
-constexpr std::uint8_t kPlanComplete = 0x10;  // in HostHeartbeat.HostState, beside the supervisor state
+constexpr double kIdentifyRate_Hz = 100.0;  // a bus, while it has nodes that have not said who they are
+constexpr int kHoldCycles = 10;             // HOLD is sent so often before the program ends: frames may be lost
+constexpr std::uint8_t kInReverse = 0x08, kPlanComplete = 0x10;  // in HostHeartbeat.HostState, beside the state
 
 std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
 
@@ -178,13 +178,16 @@ void CycleLoop::run_by_clock() {
 }
 
 /// The operator's command of this cycle; once a stop is asked for it is HOLD.
-std::int8_t CycleLoop::operator_command() noexcept {
+void CycleLoop::take_command(crux_msgs::control_input_t& input) noexcept {
   if (desk_.shutdown()) exchange_.stop.store(true, std::memory_order_release);
   if (stop_asked()) {
     --hold_cycles_;
-    return command_t::HOLD;
+    input.operator_command = command_t::HOLD;
+    input.command_value = 0.0;
+    return;
   }
-  return desk_.begin_cycle(cycle_, static_cast<std::int8_t>(core_.state()), *this, events_);
+  input.operator_command = desk_.begin_cycle(cycle_, static_cast<std::int8_t>(core_.state()), *this, events_);
+  input.command_value = desk_.value();
 }
 
 void CycleLoop::compute(CycleRecord& record) noexcept {
@@ -196,7 +199,7 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   record.input.dt_s = 1.0 / robot_.can.rate_Hz;
   for (const LimbBus& limb : limbs_) limb.fill(record.input);
   report_health(record);
-  record.input.operator_command = operator_command();
+  take_command(record.input);
   core_.step(record.input, record.result);
 
   const CycleResult& result = record.result;
@@ -252,8 +255,9 @@ void CycleLoop::report_health(CycleRecord& record) const noexcept {
 void CycleLoop::send(CycleRecord& record) noexcept {
   const std::int64_t begin_ns = now_ns();
   const robot_state_t& state = record.result.state;
-  const auto host_state =
-      static_cast<std::uint8_t>(state.supervisor_state | (state.plan_complete != 0 ? kPlanComplete : 0));
+  const bool in_reverse = state.supervisor_state == robot_state_t::CLIMBING && state.motion == robot_state_t::REVERSE;
+  const auto host_state = static_cast<std::uint8_t>(state.supervisor_state | (in_reverse ? kInReverse : 0) |
+                                                    (state.plan_complete != 0 ? kPlanComplete : 0));
   const HostHeartbeat heartbeat{host_state, static_cast<std::uint32_t>(cycle_time_ns(cycle_) / 1'000'000)};
   const bool due = cycle_ % heartbeat_cycles_ == 0 || host_state != host_state_;
   host_state_ = host_state;

@@ -76,7 +76,7 @@ class CycleLoop : private PlanTaker {
   void report_nodes() noexcept;
   bool collect_answers() noexcept;
   [[nodiscard]] bool all_answered() const noexcept;
-  std::int8_t operator_command() noexcept;
+  void take_command(crux_msgs::control_input_t& input) noexcept;
 
   CycleRecord* next_record() noexcept;
   void push(CycleRecord& record) noexcept;

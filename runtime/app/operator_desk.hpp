@@ -29,6 +29,11 @@ class OperatorDesk {
   std::int8_t begin_cycle(std::int64_t cycle, std::int8_t supervisor_state, PlanTaker& taker,
                           EventList& events) noexcept;
 
+  /// command_t.value of what begin_cycle() returned.
+  [[nodiscard]] double value() const noexcept {
+    return current_.command == crux_msgs::command_t::NONE ? 0.0 : current_.value;
+  }
+
   /// Answers the command that begin_cycle() returned. `refused_because`: the control core's reason, empty when it
   /// obeyed.
   void end_cycle(std::int8_t supervisor_state, const Reason& refused_because, EventList& events) noexcept;

@@ -136,11 +136,17 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
   const Reason off = idle ? off_start(reference_) : Reason{};
+  const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
   supervisor_.update({.command = in.operator_command,
+                      .command_value = in.command_value,
                       .plan_loaded = plan_ != nullptr,
                       .may_take_over = well && idle && !off,
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
+                      .walks = plan_ && plan_->point_feet,
+                      .arrived = plan_ && clock_.arrived(*plan_),
+                      .testing = test_.limb() >= 0,
+                      .can_reverse = reverses && plan_ && clock_.can_reverse(*plan_),
                       .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
                       .fault = fault,
@@ -157,7 +163,10 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   } else if (!engaged_ && well) {
     engage(reference_);
   }
-  if (in.operator_command == crux_msgs::command_t::RESUME) clock_.forget_wait();
+  if (supervisor_.departs()) {
+    clock_.depart(*plan_, supervisor_.motion());
+    reference_ = play(*plan_, clock_.now());
+  }
   if (supervisor_.state() != SupervisorState::kClimbing) settling_time_s_ = 0.0;
 }
 
@@ -194,7 +203,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) test_.begin(l, load_to_come_W(l));
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
-  if (started_) clock_.advance(*plan_, events, dt_s);
+  if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
 }
 
 Wrench ControlCore::load_to_come_W(int limb) const noexcept {
@@ -203,7 +212,9 @@ Wrench ControlCore::load_to_come_W(int limb) const noexcept {
   const double reserve_N = robot_.control.grasp_force_reserve_N;
   Wrench heaviest_W;
   double most_N = reserve_N;
-  for (int k = clock_.now().interval + 1; k <= plan_->intervals() && !plan_->limbs[k][limb].air; ++k) {
+  const int step = clock_.now().back ? -1 : 1;
+  for (int k = clock_.now().interval + step; k >= 0 && k <= plan_->intervals() && !plan_->limbs[k][limb].air;
+       k += step) {
     const Wrench& wrench_W = plan_->limbs[k][limb].wrench_W;
     const double needed_N = needed_grasp_force_N(wrench_W, finger_axis(reference), grasp, robot_.control);
     if (needed_N > most_N) most_N = needed_N, heaviest_W = wrench_W;
@@ -326,6 +337,13 @@ double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const W
   trusted.friction *= robot_.control.trusted_friction;
   return std::max(reference.squeeze_N,
                   required_grasp_force_N(wrench_W, finger_axis(reference), trusted, robot_.control));
+}
+
+double ControlCore::utilisation(int limb) const noexcept {
+  const LimbReference& reference = reference_.limbs[limb];
+  if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
+  const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
+  return limit_surface_utilisation(wrench_W, finger_axis(reference), contact(reference), limbs_[limb].finger_force_N());
 }
 
 void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {

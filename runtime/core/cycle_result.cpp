@@ -51,6 +51,7 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     copy(from.wrench_W.moment_Nm, to.moment_w_nm);
     to.friction = from.friction;
     limbs_[l].write(body_.body_W(), wrenches_W_[l], out.telemetry[l]);
+    out.telemetry[l].utilisation = utilisation(l);
   }
 }
 
@@ -67,6 +68,7 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   state.cycle = in.cycle;
   state.time_s = static_cast<double>(in.cycle) * in.dt_s;
   state.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
+  state.motion = static_cast<std::int8_t>(supervisor_.motion());
   state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
   state.waiting_for = static_cast<std::int8_t>(waiting_for);
   state.waiting_limb = static_cast<std::int8_t>(!climbing ? -1 : started_ ? clock_.waiting_limb() : settling_limb_);
@@ -74,6 +76,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   state.missed_cycles = faults_.missed_cycles();
   state.plan_time_s = plan_ ? clock_.now().seconds(*plan_) : 0.0;
   state.plan_end_s = plan_ ? plan_->end_s() : 0.0;
+  state.verified_time_s = plan_ && clock_.verified().interval >= 0 ? clock_.verified().seconds(*plan_) : -1.0;
+  state.speed_scale = supervisor_.speed_scale();
   copy(body_.body_W().position_m, state.body_position_w_m);
   copy_rotation(body_.body_W().rotation, state.body_quaternion_w);
   copy(reference_.body_W.position_m, state.body_reference_position_w_m);

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace crux {
@@ -11,26 +12,52 @@ namespace {
 // Fingers that press less than this share of the contact force are still on their way.
 constexpr double kTouchShare = 0.3;
 
-}  // namespace
+constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
-double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
-                            const ControlParameters& control) {
+/// What one pad bears along its face, and how much harder than the squeeze the wrench presses it [N].
+struct PadLoad {
+  double demand_N = 0.0;
+  double pressed_N = 0.0;
+};
+
+/// Of the pads at +axis and −axis.
+std::array<PadLoad, 2> pad_loads(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact) {
   const double normal_N = wrench_W.force_N.dot(finger_axis_W);
   const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
   const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
   const double twist_N = 0.5 * wrench_W.moment_Nm.dot(finger_axis_W) / contact.patch_k_m;
-  // Of the pad at +axis (side 1) or −axis (−1).
-  const auto pressed_N = [&](double side) {
-    const double demand_N = std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N);
-    return control.grasp_force_factor * demand_N / contact.friction - side * 0.5 * normal_N;
+  const auto pad = [&](double side) {
+    return PadLoad{std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N), side * 0.5 * normal_N};
   };
-  return std::max(pressed_N(1.0), pressed_N(-1.0)) + control.grasp_force_reserve_N;
+  return {pad(1.0), pad(-1.0)};
+}
+
+}  // namespace
+
+double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                            const ControlParameters& control) {
+  double needed_N = 0.0;
+  for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
+    needed_N = std::max(needed_N, control.grasp_force_factor * pad.demand_N / contact.friction - pad.pressed_N);
+  }
+  return needed_N + control.grasp_force_reserve_N;
 }
 
 double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                               const ControlParameters& control) {
   const double needed_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
   return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
+}
+
+double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                                 double squeeze_N) {
+  double worst = 0.0;
+  for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
+    const double bearable_N = contact.friction * std::max(squeeze_N + pad.pressed_N, 0.0);
+    const bool slight = pad.demand_N < kMostUtilisation * bearable_N;
+    worst = std::max(worst, slight ? pad.demand_N / bearable_N : kMostUtilisation);
+  }
+  return worst;
 }
 
 void GraspController::reset(double opening_m, double force_N) noexcept {

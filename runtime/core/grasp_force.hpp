@@ -25,6 +25,11 @@ double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W
 double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                               const ControlParameters& control);
 
+/// Share of the limit surface (2) that `wrench_W` uses where the fingers press with `squeeze_N`, of the pad that is
+/// closer to slipping; spines are not counted on. At 1 it slips; at most 10, also where a pad does not press at all.
+double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                                 double squeeze_N);
+
 /// One gripper's actuator: it is commanded by opening and measures force through its motor current.
 class GraspController {
  public:

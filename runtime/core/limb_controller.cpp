@@ -91,6 +91,8 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
   found_ = in_contact_ = on_hold(reference);
+  back_ = reference.back;
+  known_ = {};
   contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
   admittance_.reset(off_m - contact_offset_W_m_,
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
@@ -108,8 +110,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
 }
 
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
-  double distance_m = 0.0, angle_rad = 0.0;
-  pose_error(reference, body_W, distance_m, angle_rad);
+  const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   gripped_time_s_ = finger_force_N_ >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
   return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
@@ -136,12 +137,23 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
   const Pose aim_W = contact ? body_command_W : body_estimate_W;
   Vector3 place_W_m = gripper_W_m(body_estimate_W);
   if (reference.point_foot) place_W_m.z() = reference.gripper_position_W_m.z();  // the surface is where it is
-  if (contact != in_contact_) {
+  if (contact != in_contact_ || (!contact && reference.back != back_)) {
     // The same gripper pose seen from the body, expressed from the new aim.
     const Pose continued_W = aim_W * (aim_W_.inverse() * target_W(reference));
-    grip_at(contact ? place_W_m : reference.gripper_position_W_m, continued_W, reference);
+    const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
+    if (contact) {
+      known_[ends] = {};
+    } else {
+      // Fingers that turn back before they have left close where they are.
+      if (in_contact_) {
+        known_[reference.closing() ? ends : begins] = {true, reference.gripper_position_W_m, anchor_W_m(reference)};
+      }
+      place_W_m = reference.gripper_position_W_m + known_[ends].offset_m();
+    }
+    grip_at(place_W_m, continued_W, reference);
     admittance_.reset(admittance_.offset_m(), admittance_.rotation_rad());
     in_contact_ = contact;
+    back_ = reference.back;
     found_ = false;
   }
   aim_W_ = aim_W;
@@ -152,7 +164,11 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
 }
 
 void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {
-  if (!in_contact_) return;
+  for (KnownHold& hold : known_) hold.found_W_m = motion * hold.found_W_m;
+  if (!in_contact_) {
+    contact_offset_W_m_ = known_[back_ ? 0 : 1].offset_m();
+    return;
+  }
   const Pose target_W = motion * this->target_W(reference);
   contact_offset_W_m_ = motion * anchor_W_m(reference) - reference.gripper_position_W_m;
   admittance_.rebase(target_W.position_m - anchor_W_m(reference),

@@ -97,6 +97,15 @@ class LimbController {
                   double& angle_rad) const noexcept;
 
  private:
+  /// A hold that was gripped: the plan's place for it, and where it was found.
+  struct KnownHold {
+    bool known = false;
+    Vector3 planned_W_m = Vector3::Zero();
+    Vector3 found_W_m = Vector3::Zero();
+
+    Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
+  };
+
   Pose target_W(const LimbReference& reference) const noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
@@ -125,6 +134,10 @@ class LimbController {
 
   // Commanded.
   Vector3 contact_offset_W_m_ = Vector3::Zero();
+  /// At the beginning and at the end of the last swing; unknown before. So a limb that goes back,
+  /// and forward again, finds its holds where they were.
+  std::array<KnownHold, 2> known_;
+  bool back_ = false;        ///< the swing is played in reverse
   Pose aim_W_;               ///< body pose the limb aims from
   bool in_contact_ = false;  ///< aims from the commanded body pose
   bool found_ = false;

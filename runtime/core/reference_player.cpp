@@ -28,37 +28,45 @@ void place_gripper(LimbReference& out, const LimbKnot& from, const LimbKnot& to,
   out.gripper_yaw_W_rad = from.gripper_yaw_W_rad + share * (to.gripper_yaw_W_rad - from.gripper_yaw_W_rad);
 }
 
-void play_stance(const PreparedPlan& plan, int k, double u, int l, LimbReference& out) {
+void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {
   const LimbKnot& here = plan.limbs[k][l];
   place_gripper(out, here, here, 0.0);
   out.finger_opening_m = here.finger_opening_m;
   out.friction = here.friction;
   if (plan.lets_go(k + 1, l)) {
     out.load = 1.0 - unload_ramp(u);
-    if (u > kUnloadBegin) out.phase = LimbPhase::kUnload;
+    if (u > kUnloadBegin) out.phase = back ? LimbPhase::kLoad : LimbPhase::kUnload;
   } else if (plan.takes_hold(k, l)) {
     out.load = load_ramp(u);
   }
   if (plan.takes_hold(k, l) && u < kLoadBegin + kLoadSpan) {
-    out.phase = LimbPhase::kLoad;
+    out.phase = back ? LimbPhase::kUnload : LimbPhase::kLoad;
     out.load = std::min(out.load, load_ramp(u));
   }
 }
 
-void play_air(const PreparedPlan& plan, int k, double u, int l, LimbReference& out) {
+/// The end of a swing at which the fingers open or close on `grasp`; `air`: the knot beside it.
+void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, LimbReference& out) {
+  out.phase = phase;
+  out.finger_opening_m = out.closing() ? grasp.finger_opening_m : air.finger_opening_m;
+  if (phase == LimbPhase::kDescend || out.closing()) out.friction = grasp.friction;
+}
+
+void play_air(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {
   const LimbKnot& here = plan.limbs[k][l];
   const LimbKnot& next = plan.limbs[k + 1][l];
   out.load = 0.0;
+  // At the very instants the gripper still rests and the fingers are open, so that the clock may stand there.
   if (plan.lets_go(k, l)) {
-    // At the very instant the gripper still rests, so that the clock may stand there.
-    out.phase = u <= kLiftShare ? LimbPhase::kOpen : LimbPhase::kLift;
+    const LimbPhase forward = u <= kLiftShare ? LimbPhase::kOpen : LimbPhase::kLift;
+    const LimbPhase reverse = u < kLiftShare ? LimbPhase::kClose : LimbPhase::kDescend;
+    play_swing_end(plan.limbs[k - 1][l], next, back ? reverse : forward, out);
     place_gripper(out, here, next, smoothstep((u - kLiftShare) / (1.0 - kLiftShare)));
-    out.finger_opening_m = next.finger_opening_m;
   } else if (plan.takes_hold(k + 1, l)) {
-    out.phase = u <= kCloseShare ? LimbPhase::kDescend : LimbPhase::kClose;
+    const LimbPhase forward = u <= kCloseShare ? LimbPhase::kDescend : LimbPhase::kClose;
+    const LimbPhase reverse = u < kCloseShare ? LimbPhase::kLift : LimbPhase::kOpen;
+    play_swing_end(next, here, back ? reverse : forward, out);
     place_gripper(out, here, next, smoothstep(u / kArriveShare));
-    out.finger_opening_m = out.closing() ? next.finger_opening_m : here.finger_opening_m;
-    out.friction = next.friction;
   } else {
     out.phase = LimbPhase::kSwing;
     place_gripper(out, here, next, u);
@@ -84,7 +92,7 @@ void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& 
                                             : LimbPhase::kSwing;
     out.friction = plan.limbs[k + 1][l].friction;
   } else {
-    play_stance(plan, k, u, l, out);
+    play_stance(plan, k, u, l, false, out);
   }
   const FootPose pose = hermite(foot_pose(here), foot_pose(plan.limbs[k + 1][l]), plan.foot_slope[k][l],
                                 plan.foot_slope[k + 1][l], plan.dt_s, u);
@@ -105,6 +113,15 @@ Value blended(const PreparedPlan& plan, int k, double u, int l, Value LimbKnot::
 
 }  // namespace
 
+double stance_s(const PreparedPlan& plan, int k) noexcept {
+  bool taken = false;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (plan.limbs[k][l].air) return -1.0;
+    taken = taken || plan.takes_hold(k, l);
+  }
+  return taken ? (kLoadBegin + kLoadSpan) * plan.dt_s : 0.0;
+}
+
 PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
   const int k = std::clamp(at.interval, 0, plan.intervals() - 1);
   const double u = std::clamp(at.elapsed_s / plan.dt_s, 0.0, 1.0);
@@ -112,10 +129,11 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
   reference.body_W = body_pose(plan, k, u);
   for (int l = 0; l < kLimbs; ++l) {
     LimbReference& limb = reference.limbs[l];
+    limb.back = at.back;
     if (plan.point_feet) {
       play_foot(plan, k, u, l, limb);
     } else {
-      plan.limbs[k][l].air ? play_air(plan, k, u, l, limb) : play_stance(plan, k, u, l, limb);
+      plan.limbs[k][l].air ? play_air(plan, k, u, l, at.back, limb) : play_stance(plan, k, u, l, at.back, limb);
     }
     limb.wrench_W = blended(plan, k, u, l, &LimbKnot::wrench_W);
     limb.squeeze_N = blended(plan, k, u, l, &LimbKnot::squeeze_N);
@@ -124,11 +142,16 @@ PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept {
 }
 
 PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept {
-  PlanTime then{at.interval, at.elapsed_s + ahead_s};
+  PlanTime then{at.interval, at.elapsed_s + (at.back ? -ahead_s : ahead_s), at.back};
   while (then.elapsed_s > plan.dt_s) {
     if (then.interval + 1 >= plan.intervals()) return {plan.intervals() - 1, plan.dt_s};
     ++then.interval;
     then.elapsed_s -= plan.dt_s;
+  }
+  while (then.elapsed_s < 0.0) {
+    if (then.interval == 0) return {0, 0.0, true};
+    --then.interval;
+    then.elapsed_s += plan.dt_s;
   }
   return then;
 }

@@ -25,10 +25,12 @@ inline constexpr double kLoadBegin = 0.02, kLoadSpan = 0.4;      ///< blend from
 inline constexpr double kUnloadBegin = 0.5, kUnloadSpan = 0.45;  ///< blend towards the next one's
 
 /// A point of plan time: the interval [k, k + 1) and the time in it. An interval's end and the next one's beginning are
-/// two different points: at the end a limb about to let go is unloaded but still gripped.
+/// two different points: at the end a limb about to let go is unloaded but still gripped. `back`: the plan is played in
+/// reverse, so fingers close where a swing begins and open where it ends.
 struct PlanTime {
   int interval = 0;
   double elapsed_s = 0.0;
+  bool back = false;
 
   double seconds(const PreparedPlan& plan) const { return interval * plan.dt_s + elapsed_s; }
 };
@@ -42,6 +44,7 @@ struct LimbReference {
   Wrench wrench_W;          ///< on the robot about the gripper centre
   double squeeze_N = 0.0;   ///< of each finger, as planned
   double friction = 0.0;    ///< of the hold gripped or about to be gripped
+  bool back = false;        ///< in reverse: a swing leads to the hold that it began at
   bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
 
   bool gripping() const {
@@ -58,7 +61,11 @@ struct PlanReference {
 /// The reference at `at`. Allocates nothing.
 PlanReference play(const PreparedPlan& plan, const PlanTime& at) noexcept;
 
-/// `at` moved on by `ahead_s` without waiting for events, at most to the end of the plan.
+/// Where in the interval that begins at knot k all limbs bear their loads [s]: at the knot, or, where one takes hold
+/// there, when it bears its whole load. Negative where a limb is in the air at the knot: no stance of the plan.
+double stance_s(const PreparedPlan& plan, int k) noexcept;
+
+/// `at` moved on its way by `ahead_s` without waiting for events, at most to the plan's end or, in reverse, beginning.
 PlanTime later(const PreparedPlan& plan, const PlanTime& at, double ahead_s) noexcept;
 
 }  // namespace crux

@@ -4,17 +4,28 @@ namespace crux {
 
 using crux_msgs::command_t;
 
+namespace {
+
+constexpr const char* kFaultStands = "a fault stands; clear it first";
+constexpr const char* kPlanComplete = "the plan is complete";
+constexpr const char* kWalkSpeed = "a walk keeps its balance at speed 1 alone; crux speed 1";
+constexpr const char* kWalkStops =
+    "a walk cannot stop in mid-step nor go backward; start, hold and resume alone lead it";
+
+}  // namespace
+
 void Supervisor::update(const Observation& seen) noexcept {
   fault_is_new_ = false;
   verdict_ = CommandVerdict::kNone;
   refusal_ = {};
   rearm_requested_ = false;
+  departs_ = false;
 
   if (seen.fault && !seen.rearming && state_ != SupervisorState::kIdle) raise(seen.fault);
   if (seen.link_restored && !seen.rearming) recover(seen);
+  if (state_ == SupervisorState::kClimbing && seen.arrived) state_ = SupervisorState::kHolding;
   obey(seen);
   if (state_ == SupervisorState::kIdle && seen.may_take_over) state_ = SupervisorState::kReady;
-  if (state_ == SupervisorState::kClimbing && seen.plan_complete) state_ = SupervisorState::kHolding;
 }
 
 void Supervisor::raise(const FaultEvent& fault) noexcept {
@@ -53,31 +64,75 @@ void Supervisor::refuse(const FaultEvent& cause) noexcept {
   refuse(Reason{text, cause.limb, cause.node, cause.value, cause.limit});
 }
 
+void Supervisor::depart(Motion motion) noexcept {
+  state_ = SupervisorState::kClimbing;
+  motion_ = motion;
+  departs_ = true;
+  accept();
+}
+
+/// The plan from its beginning.
+void Supervisor::start(const Observation& seen, Motion motion) noexcept {
+  if (!seen.plan_loaded) return refuse("no plan is loaded");
+  if (state_ == SupervisorState::kIdle) return refuse(seen.not_ready_reason);
+  if (state_ == SupervisorState::kClimbing) return refuse("the robot is climbing already");
+  if (state_ == SupervisorState::kFault) return refuse(kFaultStands);
+  if (state_ == SupervisorState::kHolding)
+    return refuse(seen.plan_complete ? "the plan is complete; upload a new one"
+                                     : "the robot holds in mid-plan; resume it");
+  if (seen.walks && speed_scale_ != 1.0) return refuse(kWalkSpeed);
+  depart(motion);
+}
+
+/// Along the plan from where the robot holds.
+void Supervisor::go_on(const Observation& seen, Motion motion) noexcept {
+  if (fault_) return refuse(kFaultStands);
+  if (seen.rearming) return refuse("nodes are being re-armed; try again in a moment");
+  if (motion != Motion::kReverse && seen.plan_complete) return refuse(kPlanComplete);
+  if (seen.testing && (motion == Motion::kReverse) != (motion_ == Motion::kReverse))
+    return refuse("a new grasp is being tested by a pull, which ends by itself; try again in a moment");
+  depart(motion);
+}
+
+void Supervisor::reverse(const Observation& seen) noexcept {
+  if (seen.walks) return refuse(kWalkStops);
+  if (state_ == SupervisorState::kClimbing) return refuse("the robot is climbing; hold it first");
+  if (state_ != SupervisorState::kHolding) return refuse("only a robot that is holding can go backward");
+  if (!seen.can_reverse) return refuse("no verified stance of the plan lies behind");
+  go_on(seen, Motion::kReverse);
+}
+
+void Supervisor::set_speed(const Observation& seen) noexcept {
+  if (!(seen.command_value >= 0.0 && seen.command_value <= 1.0))
+    return refuse(
+        {"the speed scale would be value, right is 0 (stand still) to 1 (as planned)", -1, 0, seen.command_value, 0.0});
+  if (seen.walks && seen.command_value != 1.0) return refuse(kWalkSpeed);
+  speed_scale_ = seen.command_value;
+  accept();
+}
+
 void Supervisor::obey(const Observation& seen) noexcept {
   switch (seen.command) {
     case command_t::NONE:
       return;
     case command_t::START:
-      if (state_ == SupervisorState::kReady) {
-        state_ = SupervisorState::kClimbing;
-        return accept();
-      }
-      if (!seen.plan_loaded) return refuse("no plan is loaded");
-      if (state_ == SupervisorState::kIdle) return refuse(seen.not_ready_reason);
-      if (state_ == SupervisorState::kClimbing) return refuse("the robot is climbing already");
-      if (state_ == SupervisorState::kFault) return refuse("a fault stands; clear it first");
-      return refuse(seen.plan_complete ? "the plan is complete; upload a new one"
-                                       : "the robot holds in mid-plan; resume it");
+      return start(seen, Motion::kForward);
     case command_t::HOLD:
       if (state_ == SupervisorState::kClimbing) state_ = SupervisorState::kHolding;
       return accept();
     case command_t::RESUME:
       if (state_ != SupervisorState::kHolding) return refuse("only a robot that is holding can resume");
-      if (fault_) return refuse("a fault stands; clear it first");
-      if (seen.rearming) return refuse("nodes are being re-armed; resume in a moment");
-      if (seen.plan_complete) return refuse("the plan is complete");
-      state_ = SupervisorState::kClimbing;
-      return accept();
+      return go_on(seen, Motion::kForward);
+    case command_t::STEP:
+      if (seen.walks) return refuse(kWalkStops);
+      if (state_ == SupervisorState::kHolding) return go_on(seen, Motion::kStep);
+      if (state_ != SupervisorState::kClimbing) return start(seen, Motion::kStep);
+      if (motion_ == Motion::kReverse) return refuse("the robot goes backward; hold it first");
+      return depart(Motion::kStep);
+    case command_t::REVERSE:
+      return reverse(seen);
+    case command_t::SPEED:
+      return set_speed(seen);
     case command_t::CLEAR_FAULT:
       if (seen.cause && state_ != SupervisorState::kIdle) return refuse(seen.cause);
       rearm_requested_ = true;
@@ -103,6 +158,7 @@ void Supervisor::plan_exchanged() noexcept {
     state_ = SupervisorState::kIdle;
     fault_ = {};
   }
+  motion_ = Motion::kForward;
 }
 
 }  // namespace crux

@@ -6,6 +6,7 @@
 #include <crux_msgs/robot_state_t.hpp>
 
 #include "core/fault_monitor.hpp"
+#include "core/plan_clock.hpp"
 #include "core/reason.hpp"
 
 namespace crux {
@@ -29,10 +30,15 @@ class Supervisor {
  public:
   struct Observation {
     int command = crux_msgs::command_t::NONE;  ///< of the operator, in this cycle
+    double command_value = 0.0;
     bool plan_loaded = false;
     bool may_take_over = false;  ///< all nodes well and the robot stands at the plan's start
     bool plan_started = false;   ///< the plan's clock has left zero
     bool plan_complete = false;
+    bool walks = false;          ///< the plan is a walk: its balance is that of its speed
+    bool arrived = false;        ///< the plan's clock stands where its motion ends
+    bool testing = false;        ///< a new grasp is being pulled
+    bool can_reverse = false;    ///< a verified stance lies behind
     bool link_restored = false;  ///< buses and nodes have been well for long enough
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
     FaultEvent fault;            ///< seen in this cycle
@@ -52,6 +58,9 @@ class Supervisor {
     return state_ == SupervisorState::kReady || state_ == SupervisorState::kClimbing ||
            state_ == SupervisorState::kHolding;
   }
+  Motion motion() const { return motion_; }                  ///< along the plan
+  bool departs() const { return departs_; }                  ///< it begins in this cycle
+  double speed_scale() const { return speed_scale_; }        ///< of the plan's clock, 0..1
   const FaultEvent& fault() const { return fault_; }         ///< why it stands where it stands; none after CLEAR_FAULT
   bool fault_is_new() const { return fault_is_new_; }        ///< in this cycle
   CommandVerdict verdict() const { return verdict_; }        ///< on this cycle's command
@@ -60,6 +69,11 @@ class Supervisor {
 
  private:
   void obey(const Observation& seen) noexcept;
+  void start(const Observation& seen, Motion motion) noexcept;
+  void go_on(const Observation& seen, Motion motion) noexcept;
+  void reverse(const Observation& seen) noexcept;
+  void depart(Motion motion) noexcept;
+  void set_speed(const Observation& seen) noexcept;
   void accept() noexcept { verdict_ = CommandVerdict::kAccepted; }
   void refuse(const Reason& reason) noexcept;
   void refuse(const char* reason) noexcept { refuse(Reason{reason}); }
@@ -68,6 +82,9 @@ class Supervisor {
   void recover(const Observation& seen) noexcept;
 
   SupervisorState state_ = SupervisorState::kIdle;
+  Motion motion_ = Motion::kForward;
+  bool departs_ = false;
+  double speed_scale_ = 1.0;
   FaultEvent fault_;
   bool fault_is_new_ = false;
   CommandVerdict verdict_ = CommandVerdict::kNone;

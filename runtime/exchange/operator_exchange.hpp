@@ -40,6 +40,7 @@ struct Request {
   Kind kind = Kind::kLogOnly;
   std::uint32_t ticket = 0;
   std::int8_t command = crux_msgs::command_t::NONE;
+  double value = 0.0;         ///< command_t.value
   std::int64_t at_cycle = 0;  ///< 0: at once
   Outcome outcome;            ///< of kLogOnly
   std::unique_ptr<const PreparedPlan> plan;

@@ -222,6 +222,7 @@ void OperatorServer::on_command(std::span<const std::uint8_t> bytes) {
   Request request;
   request.kind = Request::Kind::kCommand;
   request.command = command.command;
+  request.value = command.value;
   request.at_cycle = command.at_cycle;
   request.entry = entry_of(acknowledgement);
   request.entry->command = command;
@@ -242,16 +243,17 @@ bool OperatorServer::repeated(std::span<const std::uint8_t> bytes, std::int8_t c
 }
 
 std::string OperatorServer::command_defect(const command_t& command) const {
-  if (command.command < command_t::START || command.command > command_t::FORCE_SHUTDOWN)
+  if (command.command < command_t::START || command.command > command_t::SPEED)
     return "command " + std::to_string(command.command) + " is unknown";
   if (command.at_cycle < 0)
     return "at_cycle is " + std::to_string(command.at_cycle) + ", right is 0 for at once or a coming cycle";
   const bool idle = exchange_.supervisor_state.load(std::memory_order_relaxed) == robot_state_t::IDLE;
   if (command.command == command_t::SHUTDOWN && command.at_cycle == 0 && !idle) return kOnTheWall;
-  if (command.command != command_t::START) return "";
+  if (command.command != command_t::START && command.command != command_t::STEP) return "";
   if (loaded_plan_id_.empty()) return "no plan is loaded";
   if (command.plan_id != loaded_plan_id_)
-    return "START names plan '" + command.plan_id + "', loaded is '" + loaded_plan_id_ + "'";
+    return std::string(command.command == command_t::START ? "START" : "STEP") + " names plan '" + command.plan_id +
+           "', loaded is '" + loaded_plan_id_ + "'";
   return "";
 }
 
@@ -304,21 +306,34 @@ void OperatorServer::publish_status(std::int64_t request_id) {
     status.fault = fault_;
     status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
   }
+  take_snapshot();
+  if (snapshot_ != nullptr) {
+    status.state = snapshot_->state;
+    std::ranges::copy(snapshot_->reference, std::begin(status.reference));
+    std::ranges::copy(snapshot_->telemetry, std::begin(status.telemetry));
+  }
   publish(Channel::kStatus, status);
+}
+
+void OperatorServer::take_snapshot() {
+  if (const Snapshot* newer = exchange_.snapshot.take()) {
+    snapshot_ = newer;
+    snapshot_is_new_ = true;
+  }
 }
 
 void OperatorServer::publish_snapshot() {
   const Clock::time_point now = Clock::now();
   if (now < next_snapshot_) return;
-  const Snapshot* snapshot = exchange_.snapshot.take();
-  if (snapshot == nullptr) return;
+  take_snapshot();
+  if (!std::exchange(snapshot_is_new_, false)) return;
   next_snapshot_ = now + std::chrono::duration_cast<Clock::duration>(
                              std::chrono::duration<double>(1.0 / channel_info(Channel::kRobotState).rate_Hz));
-  publish(Channel::kRobotState, snapshot->state);
-  for (const auto& reference : snapshot->reference) publish(Channel::kLimbReference, reference);
-  for (const auto& telemetry : snapshot->telemetry) publish(Channel::kLimbTelemetry, telemetry);
-  for (const auto& health : snapshot->health) publish(Channel::kBusHealth, health);
-  publish(Channel::kCycleTiming, snapshot->timing);
+  publish(Channel::kRobotState, snapshot_->state);
+  for (const auto& reference : snapshot_->reference) publish(Channel::kLimbReference, reference);
+  for (const auto& telemetry : snapshot_->telemetry) publish(Channel::kLimbTelemetry, telemetry);
+  for (const auto& health : snapshot_->health) publish(Channel::kBusHealth, health);
+  publish(Channel::kCycleTiming, snapshot_->timing);
 }
 
 }  // namespace crux

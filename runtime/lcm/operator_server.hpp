@@ -84,6 +84,7 @@ class OperatorServer {
   void drain_answers();
   void drain_faults();
   void drain_notices();
+  void take_snapshot();
   void publish_snapshot();
   void publish_status(std::int64_t request_id);
 
@@ -105,7 +106,9 @@ class OperatorServer {
   NodeStates nodes_{};
   crux_msgs::fault_t fault_{};  ///< the last one raised
   Clock::time_point fault_at_;
-  std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
+  std::uint64_t malformed_ = 0;         ///< messages so far that could not be read
+  const Snapshot* snapshot_ = nullptr;  ///< the newest one; valid until the next is taken
+  bool snapshot_is_new_ = false;        ///< not published yet
   Clock::time_point next_snapshot_ = Clock::now();
 };
 

@@ -47,7 +47,7 @@ def make_truth(samples: int = SAMPLES) -> Truth:
         pad_face=np.tile(np.repeat(FACE, 2), (samples, 1)),
         hand_wrench_g=wrench,
         link_contact_force_n=np.zeros(samples),
-        climbing=np.ones(samples, dtype=bool),
+        climbing=np.ones(samples, dtype=np.int64),
     )
 
 
@@ -174,10 +174,25 @@ def test_a_limb_that_loses_its_hold_after_its_swing_fell() -> None:
     assert "LF lost its hold" in verdict_on(truth, plan).fall_reason
 
 
+@pytest.mark.parametrize(("way", "fell"), [(-1, False), (1, True)])
+def test_a_limb_that_goes_back_to_its_old_hold_in_reverse_has_not_fallen(way: int, fell: bool) -> None:
+    plan = climbing_plan(limbs_to_move=(0,))
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[0].phase]
+    lets_go_s, lands_s = plan.knots[air[0]].time_s, plan.knots[air[-1] + 1].time_s - 0.3
+    there = swing_truth(plan, lets_go_s, lands_s)
+    n = round((lands_s + 2.0) / (PERIOD * CYCLE_S))  # LF stands on its new hold, and bears
+    rows = [*range(n), *reversed(range(n))]
+    again = replace(there, **{name: table[rows] for name, table in vars(there).items()})
+    climbing = np.where(np.arange(2 * n) < n, 1, way)
+    truth = replace(again, cycle=1 + np.arange(2 * n) * PERIOD, climbing=climbing)
+    verdict = verdict_on(truth, plan, complete=False)
+    assert verdict.fell is fell, verdict.fall_reason
+
+
 def test_where_the_runtime_stops_climbing_the_plan_waits() -> None:
     plan = climbing_plan(limbs_to_move=(0,))
     truth = make_truth(2000)
-    climbing = truth.cycle < 1000  # 2 s of 20: the body, which the plan would lean 30 mm, stays
+    climbing = (truth.cycle < 1000).astype(np.int64)  # 2 s of 20: the body, which the plan would lean 30 mm, stays
     verdict = verdict_on(replace(truth, climbing=climbing), plan, complete=False)
     assert not verdict.fell
     assert not verdict.reached_goal

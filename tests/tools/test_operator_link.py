@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 from crux_contracts.plan_file import write_plan
-from crux_msgs import command_t, fault_t, plan_piece_t, status_t
+from crux_msgs import command_t, fault_t, plan_piece_t, robot_state_t, status_t
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
@@ -16,6 +16,12 @@ from crux_tools.operator_status import status_lines
 from crux_tools.sim.ports import RunPorts, run_ports
 from fake_runtime import FakeRuntime
 from hand_plan import climbing_plan, standing_plan
+
+BEFORE_THE_FIRST_CYCLE: dict[str, object] = {
+    **dict.fromkeys(("plan_time_s", "plan_end_s", "verified_time_s", "speed_scale", "motion")),
+    **dict.fromkeys(("waiting_for", "waiting_limb", "limbs", "fault")),
+    "nodes": {},
+}
 
 
 @pytest.fixture
@@ -71,16 +77,30 @@ def test_commands_of_the_command_line(url: str, capsys: pytest.CaptureFixture[st
     path = f"{tmp_path}/plan.mcap"
     write_plan(path, plan)
     with FakeRuntime(url) as runtime:
-        for words in (["upload", path], ["status"], ["start"], ["hold"], ["resume"], ["clear-fault"]):
+        orders = ["status", "start", "hold", "resume", "step", "reverse", "speed 0.25", "clear-fault"]
+        for words in (["upload", path], *map(str.split, orders)):
             assert main([*words, "--lcm", url, "--json"]) == 0
             answer = json.loads(capsys.readouterr().out)
-            more: dict[str, object] = {"fault": None, "nodes": {}} if words == ["status"] else {}
+            more: dict[str, object] = dict(BEFORE_THE_FIRST_CYCLE) if words == ["status"] else {}
             assert answer == {"ok": True, "state": "ready", "plan_id": plan.plan_id, **more}
-        sent = [command.command for command in runtime.commands]
+        sent = [(command.command, command.plan_id, command.value) for command in runtime.commands]
+    named = plan.plan_id
     assert sent == [
-        command_t.STATUS, command_t.STATUS, command_t.START, command_t.HOLD, command_t.RESUME, command_t.CLEAR_FAULT,
-        command_t.STATUS,
+        (command_t.STATUS, "", 0.0),
+        (command_t.STATUS, "", 0.0), (command_t.START, named, 0.0),
+        (command_t.HOLD, "", 0.0), (command_t.RESUME, "", 0.0),
+        (command_t.STATUS, "", 0.0), (command_t.STEP, named, 0.0),
+        (command_t.REVERSE, "", 0.0), (command_t.SPEED, "", 0.25),
+        (command_t.CLEAR_FAULT, "", 0.0), (command_t.STATUS, "", 0.0),
     ]  # fmt: skip
+
+
+def test_a_speed_that_is_no_number_is_wrong_usage(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeRuntime(url) as runtime, pytest.raises(SystemExit) as ended:
+        main(["speed", "fast", "--lcm", url])
+    assert ended.value.code == 2
+    assert "SCALE" in capsys.readouterr().err
+    assert runtime.commands == []
 
 
 def test_what_was_not_told_is_not_taken_for_well(url: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,4 +150,28 @@ def test_a_fault_of_a_newer_runtime_is_told() -> None:
     status = status_t()
     status.fault = fault_t()
     status.fault.code, status.fault.limb, status.fault.node = 999, 1, 3
-    assert "fault 999 unknown: RF node 3: " in status_lines(status)[0]
+    assert "fault 999 unknown: RF node 3 (joint 3): " in status_lines(status)[0]
+
+
+def test_status_tells_place_limbs_and_which_nodes_are_missing() -> None:
+    status = status_t()
+    state = status.state
+    state.cycle, state.plan_time_s, state.plan_end_s, state.verified_time_s = 5000, 12.5, 64.0, 8.0
+    state.speed_scale, state.motion, state.waiting_for, state.waiting_limb = 0.3, robot_state_t.REVERSE, 4, 2
+    for limb in range(4):
+        status.reference[limb].phase = 6 if limb == 2 else 0
+        status.telemetry[limb].grasp_force_n, status.telemetry[limb].grasp_force_reference_n = 18.25, 20.0
+        status.telemetry[limb].utilisation = 0.5 if limb == 1 else 0.0
+    status.fault.code, status.fault.limb, status.fault.node = 9, 1, 7
+    status.node_state = [status_t.WELL] * 28
+    status.node_state[2] = status.node_state[13] = status_t.SILENT
+    lines = status_lines(status)
+    assert lines[0] == (
+        "plan time 12.50 of 64.00 s, speed 0.3, in reverse; last verified stance at 8.00 s; waits for LR to grip"
+    )
+    assert [line.split() for line in lines[2:4]] == [
+        ["RF", "stance", "grip", "18.2", "of", "20.0", "N,", "50%", "of", "the", "limit", "surface"],
+        ["LR", "close", "grip", "18.2", "of", "20.0", "N,", "0%", "of", "the", "limit", "surface"],
+    ]
+    assert lines[5].startswith("fault 9 grip_lost: RF node 7 (gripper): finger force fell to 0 N")
+    assert lines[-1] == "2 nodes silent (LF.3 joint 3, RF.7 gripper): look at power and cables"

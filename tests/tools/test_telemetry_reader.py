@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_msgs.tables import MEMBERS, SCHEMAS
+from crux_tools.errors import UsageError
+from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry import LogError, read_channels, read_log
 from crux_tools.telemetry.cdr_table import fixed_dtype
+from crux_tools.telemetry.summary import summarise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_climb import START, Story, write_log
@@ -157,7 +160,13 @@ def test_cycles_without_all_limbs_are_left_out(tmp_path: Path) -> None:
 
 
 def test_logs_of_earlier_runtimes_stay_readable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for type_, line in (("control_input_t", "int8[4] bus_state\n"), ("cycle_timing_t", "int64 answer_ns\n")):
+    added = {
+        "control_input_t": ("int8[4] bus_state\n", "float64 command_value\n"),
+        "cycle_timing_t": ("int64 answer_ns\n",),
+        "limb_telemetry_t": ("float64 utilisation\n",),
+        "robot_state_t": ("int8 motion\n", "float64 verified_time_s\n", "float64 speed_scale\n"),
+    }
+    for type_, line in ((type_, line) for type_, lines in added.items() for line in lines):
         name, definition = SCHEMAS[type_]
         assert line in definition
         monkeypatch.setitem(SCHEMAS, type_, (name, definition.replace(line, "")))
@@ -166,3 +175,6 @@ def test_logs_of_earlier_runtimes_stay_readable(tmp_path: Path, monkeypatch: pyt
     log = read_log(path)
     assert len(log.state) > 0
     assert "bus_state" not in (log.inputs.dtype.names or ())
+    assert summarise(log).states
+    with pytest.raises(UsageError, match=r"/control_input is of another crux \(commit .*\), which alone"):
+        recompute(path)

@@ -1,4 +1,4 @@
-"""`crux upload`, `start`, `hold`, `resume`, `clear-fault`, `shutdown`, `status`: an operator's words to a runtime."""
+"""`crux upload`, `start`, `hold`, `resume`, `step` …: an operator's words to a runtime."""
 
 from __future__ import annotations
 
@@ -43,11 +43,26 @@ def _report(options: argparse.Namespace, answer: Any) -> int:
     return 0
 
 
-def _send(options: argparse.Namespace, command: str, plan_id: str = "") -> int:
+def _send(options: argparse.Namespace, command: str, value: float = 0.0) -> int:
     from crux_msgs import command_t
 
     with _link(options) as link:
+        return _report(options, link.send(getattr(command_t, command), value=value))
+
+
+def _send_of_plan(options: argparse.Namespace, command: str) -> int:
+    """A command that names the plan it means; without --plan-id the one the runtime reports."""
+    from crux_msgs import command_t
+
+    with _link(options) as link:
+        plan_id = options.plan_id or link.send(command_t.STATUS).plan_id
         return _report(options, link.send(getattr(command_t, command), plan_id))
+
+
+def _add_plan_id(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--plan-id", default="", metavar="ID", help="refuse to climb when the runtime holds another plan"
+    )
 
 
 def add_upload_parser(subparsers: Any) -> None:
@@ -68,19 +83,12 @@ def run_upload(options: argparse.Namespace) -> int:
 
 def add_start_parser(subparsers: Any) -> None:
     """crux start."""
-    parser = _add(subparsers, "start", "Let the runtime climb the plan it holds", "crux start", run_start)
-    parser.add_argument(
-        "--plan-id", default="", metavar="ID", help="refuse to start when the runtime holds another plan"
-    )
+    _add_plan_id(_add(subparsers, "start", "Let the runtime climb the plan it holds", "crux start", run_start))
 
 
 def run_start(options: argparse.Namespace) -> int:
-    """START names the plan it means; without --plan-id the one the runtime reports."""
-    from crux_msgs import command_t
-
-    with _link(options) as link:
-        plan_id = options.plan_id or link.send(command_t.STATUS).plan_id
-        return _report(options, link.send(command_t.START, plan_id))
+    """START."""
+    return _send_of_plan(options, "START")
 
 
 def add_hold_parser(subparsers: Any) -> None:
@@ -101,6 +109,50 @@ def add_resume_parser(subparsers: Any) -> None:
 def run_resume(options: argparse.Namespace) -> int:
     """RESUME."""
     return _send(options, "RESUME")
+
+
+def add_step_parser(subparsers: Any) -> None:
+    """crux step."""
+    text = (
+        "Climb to the next stance of the plan, all limbs on holds and bearing, and hold there; from ready it begins "
+        "the plan, while climbing it says where to stop"
+    )
+    _add_plan_id(_add(subparsers, "step", text, "crux step", run_step))
+
+
+def run_step(options: argparse.Namespace) -> int:
+    """STEP."""
+    return _send_of_plan(options, "STEP")
+
+
+def add_reverse_parser(subparsers: Any) -> None:
+    """crux reverse."""
+    text = (
+        "Climb backward along the plan to the last stance in which all limbs were felt to grip, and hold there; a limb "
+        "in the air goes back to the hold it came from; again, and it goes on to the stance before; crux resume climbs "
+        "forward. Refused unless the robot holds; of a walk always"
+    )
+    _add(subparsers, "reverse", text, "crux reverse", run_reverse)
+
+
+def run_reverse(options: argparse.Namespace) -> int:
+    """REVERSE."""
+    return _send(options, "REVERSE")
+
+
+def add_speed_parser(subparsers: Any) -> None:
+    """crux speed."""
+    text = (
+        "Set how fast the plan is played, forward and backward: 1 as planned, 0 stands still; it stays until it is set "
+        "again. A walk goes at 1 alone"
+    )
+    parser = _add(subparsers, "speed", text, "crux speed 0.5", run_speed)
+    parser.add_argument("scale", type=float, metavar="SCALE", help="from 0 to 1; the runtime refuses any other")
+
+
+def run_speed(options: argparse.Namespace) -> int:
+    """SPEED."""
+    return _send(options, "SPEED", options.scale)
 
 
 def add_clear_parser(subparsers: Any) -> None:
@@ -144,11 +196,11 @@ def run_shutdown(options: argparse.Namespace) -> int:
 
 def add_status_parser(subparsers: Any) -> None:
     """crux status."""
-    _add(subparsers, "status", "Ask the runtime for its state and plan", "crux status --json", run_status)
+    _add(subparsers, "status", "Ask the runtime how it and each limb is", "crux status --json", run_status)
 
 
 def run_status(options: argparse.Namespace) -> int:
-    """STATUS: the state, the fault that stands, and nodes that are silent or not identified."""
+    """STATUS: state, place in the plan, every limb's grip, the fault that stands, and nodes that are missing."""
     from crux_msgs import command_t
 
     from crux_tools.operator_status import status_json, status_lines

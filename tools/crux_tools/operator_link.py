@@ -77,6 +77,7 @@ class OperatorLink:
         command: int,
         plan_id: str = "",
         at_cycle: int = 0,
+        value: float = 0.0,
         tries: int = TRIES,
         timeout_s: float = ANSWER_TIMEOUT_S,
         is_worth_it: Callable[[], bool] = lambda: True,
@@ -90,6 +91,7 @@ class OperatorLink:
         message.command = command
         message.at_cycle = at_cycle
         message.plan_id = plan_id
+        message.value = value
         self._next_request += 1
         self.status = None
         for _ in range(tries):
@@ -104,9 +106,9 @@ class OperatorLink:
                 return answer
         return None
 
-    def send(self, command: int, plan_id: str = "", at_cycle: int = 0) -> acknowledgement_t:
+    def send(self, command: int, plan_id: str = "", at_cycle: int = 0, value: float = 0.0) -> acknowledgement_t:
         """Like command(), but raises WorkFailed when nobody answers or the runtime refuses."""
-        answer = self.command(command, plan_id, at_cycle)
+        answer = self.command(command, plan_id, at_cycle, value)
         if answer is None:
             raise WorkFailed(f"no runtime answers on {self.url}; {START_IT}")
         if answer.verdict != acknowledgement_t.ACCEPTED:

@@ -1,4 +1,4 @@
-"""What a runtime says of its fault and its nodes, in words and as JSON."""
+"""What a runtime says of its climb, its limbs, its fault and its nodes, in words and as JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from crux_contracts.channels import FAULT_BY_CODE
 from crux_msgs import acknowledgement_t, status_t
 from crux_msgs.tables import FAULT_HELP
 
-NODES_PER_LIMB = 7
+from crux_tools.telemetry.summary import MOTION_NAMES, PHASE_NAMES, WAIT_NAMES, name_of
+
+NODES_PER_LIMB = 7  # joints from the shoulder, then the gripper
 NODE_WORDS = {
     status_t.SILENT: ("silent", "look at power and cables"),
     status_t.UNIDENTIFIED: (
@@ -23,14 +25,20 @@ NODE_WORDS = {
 }
 
 
+def role_of(node: int) -> str:
+    """What a node of a limb's bus moves."""
+    return "gripper" if node == NODES_PER_LIMB else f"joint {node}"
+
+
 def fault_of(status: status_t | None) -> dict[str, Any] | None:
-    """The fault that stands: code, name, where, text, since when, cause and what to do; None where there is none."""
+    """The fault that stands: code, name, place, text, since when, cause and what to do; None where there is none."""
     if status is None or status.fault.code == 0:
         return None
     fault = status.fault
     kind = FAULT_BY_CODE.get(fault.code)
     limb = LIMB_NAMES[fault.limb] if fault.limb >= 0 else None
-    where = "" if limb is None else f"{limb} node {fault.node}: " if fault.node else f"{limb}: "
+    role = role_of(fault.node) if fault.node else None
+    where = "" if limb is None else f"{limb} node {fault.node} ({role}): " if role else f"{limb}: "
     cause, remedy = FAULT_HELP.get(
         fault.code, ("the runtime is newer than this command", "use the crux of its version")
     )
@@ -39,6 +47,7 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
         "name": kind.name if kind else "unknown",
         "limb": limb,
         "node": fault.node or None,
+        "role": role,
         "where": where,
         "text": kind.describe(fault.value, fault.limit) if kind else "a fault this version does not know",
         "age_s": status.fault_age_s,
@@ -57,6 +66,32 @@ def _nodes(status: status_t) -> dict[int, list[str]]:
     return wrong
 
 
+def climb_of(status: status_t | None) -> dict[str, Any]:
+    """Place in the plan, speed, what the clock waits for, and every limb; numbers are None before the first cycle."""
+    if status is None or status.state.cycle == 0:
+        names = ("plan_time_s", "plan_end_s", "verified_time_s", "speed_scale", "motion", "waiting_for", "waiting_limb")
+        return dict.fromkeys((*names, "limbs"))
+    state = status.state
+    return {
+        "plan_time_s": state.plan_time_s,
+        "plan_end_s": state.plan_end_s,
+        "verified_time_s": state.verified_time_s if state.verified_time_s >= 0 else None,
+        "speed_scale": state.speed_scale,
+        "motion": name_of(MOTION_NAMES, state.motion),
+        "waiting_for": name_of(WAIT_NAMES, state.waiting_for) if state.waiting_for else None,
+        "waiting_limb": name_of(LIMB_NAMES, state.waiting_limb) if state.waiting_limb >= 0 else None,
+        "limbs": {
+            limb: {
+                "phase": name_of(PHASE_NAMES, reference.phase),
+                "grasp_force_N": telemetry.grasp_force_n,
+                "grasp_force_reference_N": telemetry.grasp_force_reference_n,
+                "utilisation": telemetry.utilisation,
+            }
+            for limb, reference, telemetry in zip(LIMB_NAMES, status.reference, status.telemetry, strict=True)
+        },
+    }
+
+
 def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str, Any]:
     """What `crux status --json` prints."""
     from crux_tools.operator_link import STATES
@@ -65,16 +100,36 @@ def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str,
         "ok": True,
         "state": STATES.get(answer.supervisor_state, str(answer.supervisor_state)),
         "plan_id": answer.plan_id,
+        **climb_of(status),
         "fault": fault_of(status),
         "nodes": None if status is None else {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
     }
+
+
+def _climb_lines(status: status_t) -> list[str]:
+    """Place in the plan, and a line a limb: nothing before the first cycle."""
+    climb = climb_of(status)
+    if climb["limbs"] is None:
+        return []
+    place = f"plan time {climb['plan_time_s']:.2f} of {climb['plan_end_s']:.2f} s, speed {climb['speed_scale']:g}"
+    place += "" if climb["motion"] == MOTION_NAMES[0] else f", {climb['motion']}"
+    if climb["verified_time_s"] is not None:
+        place += f"; last verified stance at {climb['verified_time_s']:.2f} s"
+    if climb["waiting_for"] is not None:
+        place += f"; waits for {climb['waiting_limb'] or 'all limbs'} to {climb['waiting_for']}"
+    limbs = [
+        f"  {name} {limb['phase']:<7} grip {limb['grasp_force_N']:4.1f} of {limb['grasp_force_reference_N']:4.1f} N, "
+        f"{limb['utilisation']:4.0%} of the limit surface"
+        for name, limb in climb["limbs"].items()
+    ]
+    return [place, *limbs]
 
 
 def status_lines(status: status_t | None) -> list[str]:
     """What `crux status` prints below the state."""
     if status is None:
         return ["it tells nothing of its nodes and faults: of an older crux, or its message was lost"]
-    lines = []
+    lines = _climb_lines(status)
     if (fault := fault_of(status)) is not None:
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
         lines.append(f"  since {fault['since']}, {fault['age_s']:.0f} s ago")
@@ -82,6 +137,7 @@ def status_lines(status: status_t | None) -> list[str]:
         lines.append(f"  do: {fault['do']}")
     for state, names in _nodes(status).items():
         word, remedy = NODE_WORDS[state]
-        which = "all" if len(names) == len(LIMB_NAMES) * NODES_PER_LIMB else ", ".join(names)
+        which = ", ".join(f"{name} {role_of(int(name[-1]))}" for name in names)
+        which = "all" if len(names) == len(LIMB_NAMES) * NODES_PER_LIMB else which
         lines.append(f"{len(names)} nodes {word} ({which}): {remedy}")
     return lines

@@ -34,7 +34,7 @@ struct crux_plant {
   crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, const crux_plant_settings& settings,
              const crux_world* world, crux_plant_state& state);
   void step(const double* joint_torque_nm, const double* finger_force_n);
-  void record(std::int64_t cycle, bool climbing);
+  void record(std::int64_t cycle, std::int32_t climbing);
 
   mjModel* model_;
   mjData* data_;
@@ -166,11 +166,11 @@ void crux_plant::take_contact(const mjContact& contact) {
   }
 }
 
-void crux_plant::record(std::int64_t cycle, bool climbing) {
+void crux_plant::record(std::int64_t cycle, std::int32_t climbing) {
   if (cycle % crux_plant_contact_period != kFirstContactStep - 1) return;
   crux_plant_truth& row = truth_.emplace_back();
   row.cycle = cycle;
-  row.climbing = climbing ? 1 : 0;
+  row.climbing = climbing;
   std::copy_n(data_->qpos, 3, row.body_position_m);
   std::copy_n(data_->qpos + 3, 4, row.body_quaternion);
   for (std::size_t l = 0; l < CRUX_SIM_LIMBS; ++l) {
@@ -211,9 +211,7 @@ const double* crux_plant_temperature(const crux_plant* plant) {
   return plant->world_ ? plant->world_->temperature().data() : nullptr;
 }
 
-void crux_plant_record(crux_plant* plant, std::int64_t cycle, std::int32_t climbing) {
-  plant->record(cycle, climbing != 0);
-}
+void crux_plant_record(crux_plant* plant, std::int64_t cycle, std::int32_t climbing) { plant->record(cycle, climbing); }
 
 const crux_plant_truth* crux_plant_recorded(const crux_plant* plant, std::int64_t* count) {
   *count = static_cast<std::int64_t>(plant->truth_.size());

@@ -28,7 +28,11 @@ int main() {
   bool seen_climbing = false;
   for (int i = 0; i < 12000; ++i) {
     crux_msgs::control_input_t& in = run.plant.input();
-    in.operator_command = i == 1100 ? crux_msgs::command_t::START : crux_msgs::command_t::NONE;
+    using crux_msgs::command_t;
+    in.operator_command = i == 1100   ? command_t::START
+                          : i == 9000 ? command_t::HOLD
+                          : i == 9001 ? command_t::REVERSE
+                                      : command_t::NONE;
     if (i == 11000) in.joint_fresh[3] = 0;  // the way into a fault is real-time too
     counting = true;
     const auto begin = std::chrono::steady_clock::now();

@@ -67,6 +67,30 @@ TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
   EXPECT_EQ(seen, (std::vector<LimbPhase>{kStance, kUnload, kOpen, kLift, kSwing, kDescend, kClose, kLoad, kStance}));
 }
 
+TEST(ReferencePlayer, PlayedInReverseASwingIsMirrored) {
+  const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
+  std::vector<LimbPhase> seen;
+  for (int i = 100 * plan->intervals() - 1; i >= 0; --i) {
+    const PlanTime at{i / 100, (i % 100) * plan->dt_s / 100};
+    const LimbReference forward = play(*plan, at).limbs[0];
+    const LimbReference reverse = play(*plan, {at.interval, at.elapsed_s, true}).limbs[0];
+    if (seen.empty() || seen.back() != reverse.phase) seen.push_back(reverse.phase);
+    EXPECT_EQ(forward.gripper_position_W_m, reverse.gripper_position_W_m);
+    EXPECT_EQ(forward.wrench_W.force_N, reverse.wrench_W.force_N);
+    EXPECT_EQ(forward.load, reverse.load);
+    // Fingers that close do so on the hold they meet.
+    if (reverse.closing()) {
+      EXPECT_EQ(reverse.finger_opening_m, plan->limbs[2][0].finger_opening_m);
+      EXPECT_EQ(reverse.friction, plan->limbs[2][0].friction);
+    }
+    if (reverse.phase == LimbPhase::kOpen) {
+      EXPECT_EQ(reverse.finger_opening_m, plan->limbs[5][0].finger_opening_m);
+    }
+  }
+  using enum LimbPhase;
+  EXPECT_EQ(seen, (std::vector<LimbPhase>{kStance, kUnload, kOpen, kLift, kSwing, kDescend, kClose, kLoad, kStance}));
+}
+
 TEST(ReferencePlayer, PhasesChangeAtTheInstantsOfThePlansDefinition) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
   const auto phase = [&](int k, double u) { return play(*plan, {k, u * plan->dt_s}).limbs[0].phase; };
@@ -109,6 +133,10 @@ TEST(ReferencePlayer, LaterCrossesKnotsAndStopsAtTheEnd) {
   EXPECT_NEAR(then.elapsed_s, 0.4, 1e-12);
   const PlanTime end = later(*plan, {0, 0.0}, 1e3);
   EXPECT_EQ(end.seconds(*plan), plan->end_s());
+  const PlanTime before = later(*plan, {2, 0.1, true}, 0.5);
+  EXPECT_EQ(before.interval, 1);
+  EXPECT_NEAR(before.elapsed_s, 1.6, 1e-12);
+  EXPECT_EQ(later(*plan, {2, 0.1, true}, 1e3).seconds(*plan), 0.0);
 }
 
 class Clock : public testing::Test {
@@ -119,7 +147,15 @@ class Clock : public testing::Test {
     return events;
   }
   void advance(const PerLimb<LimbEvents>& events, double seconds) {
-    for (int i = 0; i < std::lround(seconds / kDt_s); ++i) clock_.advance(*plan_, events, kDt_s);
+    for (int i = 0; i < std::lround(seconds / kDt_s); ++i) clock_.advance(*plan_, events, kDt_s, 1.0);
+  }
+  double now_s() const { return clock_.now().seconds(*plan_); }
+  /// Departs, and where the clock then stands for good.
+  double arrival_s(Motion motion) {
+    clock_.depart(*plan_, motion);
+    advance(all_seen(), plan_->end_s());
+    EXPECT_TRUE(clock_.arrived(*plan_));
+    return now_s();
   }
   /// With every event seen but one of limb LF: where the clock stops and what it says.
   void expect_stop(bool LimbEvents::* missing, double at_s, WaitingFor what) {
@@ -131,7 +167,7 @@ class Clock : public testing::Test {
     EXPECT_EQ(clock_.waiting_limb(), 0);
     EXPECT_GT(clock_.waited_s(), 5.0);
     EXPECT_FALSE(clock_.complete(*plan_));
-    clock_.advance(*plan_, all_seen(), kDt_s);
+    clock_.advance(*plan_, all_seen(), kDt_s, 1.0);
     EXPECT_GT(clock_.now().seconds(*plan_), at_s);
     EXPECT_EQ(clock_.waiting_for(), WaitingFor::kNothing);
     EXPECT_EQ(clock_.waited_s(), 0.0);
@@ -179,6 +215,97 @@ TEST_F(Clock, AsksNothingOfLimbsThatStand) {
   advance(events, plan_->end_s() + 1.0);
   EXPECT_TRUE(clock_.complete(*plan_));
 }
+
+TEST_F(Clock, RunsAsFastAsItIsToldTo) {
+  for (int i = 0; i < 500; ++i) clock_.advance(*plan_, all_seen(), kDt_s, 0.25);
+  EXPECT_NEAR(now_s(), 0.25, 1e-9);
+  clock_.advance(*plan_, all_seen(), kDt_s, 0.0);
+  EXPECT_NEAR(now_s(), 0.25, 1e-9);
+}
+
+TEST_F(Clock, WaitsForNothingWhileItIsToldToStandStill) {
+  PerLimb<LimbEvents> events = all_seen();
+  events[0].unloaded = false;
+  advance(events, 10.0);
+  ASSERT_EQ(clock_.waiting_for(), WaitingFor::kUnload);
+  clock_.advance(*plan_, events, kDt_s, 0.0);
+  EXPECT_EQ(clock_.waiting_for(), WaitingFor::kNothing);
+  EXPECT_EQ(clock_.waited_s(), 0.0);
+  EXPECT_NEAR(now_s(), 6.0, 1e-9);
+}
+
+TEST_F(Clock, StepsFromStanceToStance) {
+  // Knots 0, 1, 2 and 7, and knot 6 once LF bears its whole load: 0.42 of the interval; then the plan's end.
+  std::vector<double> stops_s;
+  for (int i = 0; i < 5; ++i) stops_s.push_back(arrival_s(Motion::kStep));
+  const std::vector<double> expected_s = {2.0, 4.0, 12.84, 14.0, 16.0};
+  for (std::size_t i = 0; i < 5; ++i) EXPECT_NEAR(stops_s[i], expected_s[i], 1e-9) << "step " << i;
+  EXPECT_TRUE(clock_.complete(*plan_));
+}
+
+TEST_F(Clock, AStanceThatIsNotGrippedIsWaitedFor) {
+  PerLimb<LimbEvents> events = all_seen();
+  events[3].gripped = false;
+  clock_.depart(*plan_, Motion::kStep);
+  advance(events, 5.0);
+  EXPECT_NEAR(now_s(), 2.0, 1e-9);
+  EXPECT_FALSE(clock_.arrived(*plan_));
+  EXPECT_EQ(clock_.waiting_for(), WaitingFor::kGrip);
+  EXPECT_EQ(clock_.waiting_limb(), 3);
+  advance(all_seen(), 0.01);
+  EXPECT_TRUE(clock_.arrived(*plan_));
+}
+
+TEST_F(Clock, GoesBackFromMidSwingAndThenFromStanceToStance) {
+  EXPECT_FALSE(clock_.can_reverse(*plan_));
+  advance(all_seen(), 9.0);
+  for (const double stop_s : {4.0, 2.0, 0.0}) {
+    ASSERT_TRUE(clock_.can_reverse(*plan_));
+    EXPECT_NEAR(arrival_s(Motion::kReverse), stop_s, 1e-9);
+    EXPECT_NEAR(clock_.verified().seconds(*plan_), stop_s, 1e-9);
+  }
+  EXPECT_FALSE(clock_.can_reverse(*plan_));
+  clock_.depart(*plan_, Motion::kForward);
+  advance(all_seen(), plan_->end_s() + 0.1);
+  EXPECT_TRUE(clock_.complete(*plan_));
+  EXPECT_NEAR(arrival_s(Motion::kReverse), 14.0, 1e-9);
+  EXPECT_FALSE(clock_.complete(*plan_));
+}
+
+TEST_F(Clock, GoesBackToNoStanceThatItDidNotSeeGripped) {
+  PerLimb<LimbEvents> events = all_seen();
+  advance(events, 1.0);
+  events[1].gripped = false;
+  advance(events, 4.0);  // past knots 1 and 2
+  ASSERT_NEAR(now_s(), 5.0, 1e-9);
+  EXPECT_EQ(clock_.verified().seconds(*plan_), 0.0);
+  EXPECT_NEAR(arrival_s(Motion::kReverse), 0.0, 1e-9);
+}
+
+/// In reverse, from behind LF's touch-down: with every event seen but one of LF, where the clock stops.
+class ReverseGates : public Clock {
+ protected:
+  void expect_stop_in_reverse(bool LimbEvents::* missing, double at_s, WaitingFor what) {
+    advance(all_seen(), 15.0);
+    for (const double stop_s : {14.0, 12.84}) ASSERT_NEAR(arrival_s(Motion::kReverse), stop_s, 1e-9);
+    clock_.depart(*plan_, Motion::kReverse);
+    PerLimb<LimbEvents> events = all_seen();
+    events[0].*missing = false;
+    advance(events, 30.0);
+    EXPECT_NEAR(now_s(), at_s, 1e-9);
+    EXPECT_EQ(clock_.waiting_for(), what);
+    EXPECT_EQ(clock_.waiting_limb(), 0);
+    EXPECT_FALSE(clock_.arrived(*plan_));
+    advance(all_seen(), 12.0);
+    EXPECT_TRUE(clock_.arrived(*plan_));
+    EXPECT_NEAR(now_s(), 4.0, 1e-9);
+  }
+};
+
+TEST_F(ReverseGates, TheLoadGoesFirst) { expect_stop_in_reverse(&LimbEvents::unloaded, 12.0, WaitingFor::kUnload); }
+TEST_F(ReverseGates, ThenTheFingersOpen) { expect_stop_in_reverse(&LimbEvents::opened, 11.2, WaitingFor::kOpen); }
+TEST_F(ReverseGates, ThenTheGripperIsBack) { expect_stop_in_reverse(&LimbEvents::arrived, 7.0, WaitingFor::kArrive); }
+TEST_F(ReverseGates, ThenTheFingersGrip) { expect_stop_in_reverse(&LimbEvents::gripped, 6.0, WaitingFor::kGrip); }
 
 struct Defect {
   const char* name;

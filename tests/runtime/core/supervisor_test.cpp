@@ -1,5 +1,8 @@
 // The supervisor's states and the faults of msgs/faults.yaml.
+#include <cmath>
 #include <functional>
+#include <limits>
+#include <string>
 
 #include "core/node_protocol.hpp"
 #include "crux_msgs/bus_health_t.hpp"
@@ -53,7 +56,7 @@ TEST_F(SupervisorTest, ClimbsHoldsResumesAndEndsHolding) {
   EXPECT_EQ(update(with(command_t::START)), SupervisorState::kHolding);
   EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
   EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
-  seen_.plan_complete = true;
+  seen_.plan_complete = seen_.arrived = true;
   EXPECT_EQ(update(seen_), SupervisorState::kHolding);
   EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding);
   EXPECT_STREQ(supervisor_.refusal().text, "the plan is complete");
@@ -138,6 +141,107 @@ TEST_F(SupervisorTest, BeforeThePlanHasBegunTheLinksReturnLeadsBackToReady) {
     seen_.link_restored = false;
     for (int i = 0; i < 10; ++i) EXPECT_EQ(update(seen_), SupervisorState::kReady);
   }
+}
+
+TEST_F(SupervisorTest, AStepBeginsThePlanAndEndsHolding) {
+  seen_.plan_loaded = seen_.may_take_over = true;
+  update(seen_);
+  EXPECT_EQ(update(with(command_t::STEP)), SupervisorState::kClimbing);
+  EXPECT_EQ(supervisor_.motion(), Motion::kStep);
+  EXPECT_TRUE(supervisor_.departs());
+  seen_.plan_started = true;
+  update(seen_);
+  EXPECT_FALSE(supervisor_.departs());
+  seen_.arrived = true;
+  EXPECT_EQ(update(seen_), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(command_t::STEP)), SupervisorState::kClimbing);
+  seen_.arrived = false;
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+}
+
+TEST_F(SupervisorTest, AStepWhileClimbingSaysWhereToStop) {
+  reach_climbing();
+  EXPECT_EQ(update(with(command_t::STEP)), SupervisorState::kClimbing);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kAccepted);
+  EXPECT_EQ(supervisor_.motion(), Motion::kStep);
+}
+
+TEST_F(SupervisorTest, GoesBackOnlyFromHoldingAndWhereAVerifiedStanceLies) {
+  const auto refusal = [this](int command) {
+    update(with(command));
+    EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+    return std::string(supervisor_.refusal().text);
+  };
+  EXPECT_NE(refusal(command_t::REVERSE).find("only a robot that is holding"), std::string::npos);
+  reach_climbing();
+  seen_.can_reverse = true;
+  EXPECT_NE(refusal(command_t::REVERSE).find("hold it first"), std::string::npos);
+  update(with(FaultCode::kEventTimeout));
+  EXPECT_NE(refusal(command_t::REVERSE).find("a fault stands"), std::string::npos);
+  update(with(command_t::CLEAR_FAULT));
+  seen_.can_reverse = false;
+  EXPECT_NE(refusal(command_t::REVERSE).find("no verified stance"), std::string::npos);
+  seen_.can_reverse = true;
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kClimbing);
+  EXPECT_EQ(supervisor_.motion(), Motion::kReverse);
+  EXPECT_NE(refusal(command_t::STEP).find("goes backward"), std::string::npos);
+  seen_.arrived = true;
+  EXPECT_EQ(update(seen_), SupervisorState::kHolding);
+  seen_.walks = true;
+  EXPECT_NE(refusal(command_t::REVERSE).find("a walk"), std::string::npos);
+  EXPECT_NE(refusal(command_t::STEP).find("a walk"), std::string::npos);
+}
+
+TEST_F(SupervisorTest, NoHandTurnsBackWhileItsGraspIsPulled) {
+  reach_climbing();
+  seen_.can_reverse = seen_.testing = true;
+  update(with(command_t::HOLD));
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kHolding);
+  EXPECT_NE(std::string(supervisor_.refusal().text).find("being tested by a pull"), std::string::npos);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+  update(with(command_t::HOLD));
+  seen_.testing = false;
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kClimbing);
+  update(with(command_t::HOLD));
+  seen_.testing = true;
+  EXPECT_EQ(update(with(command_t::STEP)), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(command_t::REVERSE)), SupervisorState::kClimbing);
+}
+
+TEST_F(SupervisorTest, TheSpeedIsBetweenStandingStillAndThePlans) {
+  Supervisor::Observation seen = with(command_t::SPEED);
+  for (const double scale : {0.0, 0.3, 1.0}) {
+    seen.command_value = scale;
+    update(seen);
+    EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kAccepted);
+    EXPECT_EQ(supervisor_.speed_scale(), scale);
+  }
+  for (const double scale : {-0.1, 1.5, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    seen.command_value = scale;
+    update(seen);
+    EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+    EXPECT_EQ(supervisor_.speed_scale(), 1.0);
+  }
+  seen.command_value = 1.5;
+  update(seen);
+  EXPECT_EQ(in_words(supervisor_.refusal()),
+            "the speed scale would be 1.5, right is 0 (stand still) to 1 (as planned)");
+}
+
+TEST_F(SupervisorTest, AWalkKeepsThePlansSpeed) {
+  seen_.plan_loaded = seen_.may_take_over = true;
+  Supervisor::Observation slow = with(command_t::SPEED);
+  slow.command_value = 0.5;
+  EXPECT_EQ(update(slow), SupervisorState::kReady);
+  seen_.walks = slow.walks = true;
+  EXPECT_EQ(update(with(command_t::START)), SupervisorState::kReady);
+  EXPECT_NE(std::string(supervisor_.refusal().text).find("crux speed 1"), std::string::npos);
+  update(slow);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+  slow.command_value = 1.0;
+  update(slow);
+  EXPECT_EQ(update(with(command_t::START)), SupervisorState::kClimbing);
 }
 
 TEST_F(SupervisorTest, WhatNodesReportWhileTheyAreRearmedIsThePast) {

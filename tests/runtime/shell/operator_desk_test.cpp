@@ -94,6 +94,16 @@ TEST_F(OperatorDeskTest, AScheduledStartComesInItsCycleAndInNoOther) {
   EXPECT_EQ(second[0].outcome.supervisor_state, robot_state_t::CLIMBING);
 }
 
+TEST_F(OperatorDeskTest, ACommandsValueIsThereInItsCycleAndInNoOther) {
+  request(command_t::SPEED);
+  requests_.front()->value = 0.25;
+  EXPECT_EQ(desk_.begin_cycle(1, robot_state_t::CLIMBING, taker_, events_), command_t::SPEED);
+  EXPECT_EQ(desk_.value(), 0.25);
+  desk_.end_cycle(robot_state_t::CLIMBING, {}, events_);
+  EXPECT_EQ(desk_.begin_cycle(2, robot_state_t::CLIMBING, taker_, events_), command_t::NONE);
+  EXPECT_EQ(desk_.value(), 0.0);
+}
+
 TEST_F(OperatorDeskTest, AScheduledStartThatTheCoreRefusesSaysSo) {
   request(command_t::START, 2);
   cycle(1);

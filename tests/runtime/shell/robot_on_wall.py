@@ -9,8 +9,8 @@ from types import TracebackType
 
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
+from crux_tools.sim.disturbance import STATE_MASK
 from crux_tools.sim.firmware_nodes import FirmwareNodes
-from crux_tools.sim.loop import STATE_MASK
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import RunPorts
 from crux_tools.sim.robot_model import build_model

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +97,56 @@ def test_a_plan_that_begins_elsewhere_is_refused_with_numbers(start: Starter, pl
         robot.await_state(robot_state_t.READY)
 
 
+def test_an_operator_takes_the_robot_step_by_step_slowly_and_back(
+    start: Starter, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = plan_along(0.0, 0.01, 0.02, 0.01)
+    with taken_over(start, plan) as (runtime, _):
+        url = runtime.ports.lcm_url
+
+        def crux(*words: str) -> tuple[int, str]:
+            capsys.readouterr()
+            status = main([*words, "--lcm", url])
+            return status, "".join(capsys.readouterr())
+
+        def told_when_holding() -> dict[str, Any]:
+            """What it says of itself once it holds and plan time stands still."""
+            before_s = None
+            while True:
+                told: dict[str, Any] = json.loads(crux("status", "--json")[1])
+                if told["state"] == "holding" and told["plan_time_s"] == before_s:
+                    return told
+                before_s = told["plan_time_s"]
+                time.sleep(0.1)
+
+        status, said = crux("speed", "1.2")
+        assert status == 1
+        assert "the speed scale would be 1.2, right is 0 (stand still) to 1 (as planned)" in said
+        assert crux("speed", "0.5")[0] == 0
+        status, said = crux("reverse")
+        assert status == 1
+        assert "only a robot that is holding can go backward" in said
+        status, said = crux("step", "--plan-id", "other")
+        assert status == 1
+        assert "STEP names plan 'other'" in said
+        for end_s in (2.0, 4.0):
+            assert crux("step")[0] == 0
+            told = told_when_holding()
+            assert (told["plan_time_s"], told["plan_end_s"]) == pytest.approx((end_s, 6.0))
+        assert (told["speed_scale"], told["motion"], told["waiting_for"]) == (0.5, "single step", None)
+        assert list(told["limbs"]) == list(LIMB_NAMES)
+        for limb in told["limbs"].values():
+            assert limb["phase"] == "stance"
+            assert limb["grasp_force_N"] == pytest.approx(limb["grasp_force_reference_N"], abs=1.0)
+            assert 0.0 < limb["utilisation"] < 1.0
+        assert crux("reverse")[0] == 0
+        told = told_when_holding()
+        assert (told["plan_time_s"], told["verified_time_s"], told["motion"]) == (2.0, 2.0, "in reverse")
+        _, said = crux("status")
+        assert "plan time 2.00 of 6.00 s, speed 0.5, in reverse; last verified stance at 2.00 s" in said
+        assert re.search(r"RR stance +grip +\d+\.\d of +\d+\.\d N, +\d+% of the limit surface", said)
+
+
 def test_dead_nodes_are_told_and_clear_fault_does_not_pass_over_them(
     start: Starter, plan: plan_t, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -113,7 +165,8 @@ def test_dead_nodes_are_told_and_clear_fault_does_not_pass_over_them(
 
         assert main(["status", "--lcm", url]) == 0
         said = "".join(capsys.readouterr())
-        assert re.search(r"fault 1 node_silent: LF node 1: no valid status .* for 11 cycles \(limit: 10\)", said)
+        place = r"LF node 1 \(joint 1\)"
+        assert re.search(rf"fault 1 node_silent: {place}: no valid status .* for 11 cycles \(limit: 10\)", said)
         assert "since 20" in said
         assert "do: look at its power and cable" in said
         assert "28 nodes silent (all)" in said
@@ -122,6 +175,7 @@ def test_dead_nodes_are_told_and_clear_fault_does_not_pass_over_them(
         told = json.loads(capsys.readouterr().out)
         assert told["state"] == "fault"
         assert (told["fault"]["name"], told["fault"]["limb"], told["fault"]["node"]) == ("node_silent", "LF", 1)
+        assert told["fault"]["role"] == "joint 1"
         assert told["fault"]["do"]
         assert abs(datetime.fromisoformat(told["fault"]["since"]) - dead) < timedelta(minutes=1)
         assert told["nodes"] == {"silent": [f"{limb}.{node}" for limb in LIMB_NAMES for node in range(1, 8)]}

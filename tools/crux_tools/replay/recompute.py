@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from crux_contracts.channels import BY_TOPIC, SCHEMAS
+
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import progress
 from crux_tools.paths import built
@@ -70,6 +72,10 @@ def recompute(path: Path) -> Comparison:
         raise UsageError(f"{path}: no {', '.join(missing)} in it: this is no log of crux-runtime")
     if not log.attachments and (differs := difference(log.metadata, {})):
         raise UsageError(f"{path}: {differs}")
+    for topic in (INPUT, *OUTPUTS):
+        if log.definitions[topic] != SCHEMAS[BY_TOPIC[topic].type].definition:
+            commit = log.metadata.get("commit", "unknown")
+            raise UsageError(f"{path}: {topic} is of another crux (commit {commit}), which alone can compute it again")
     given, cycles, missing_cycle = _given(log)
     described = robot_of(log.metadata.get("robot", ""), log.attachments)
     with described as robot, tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:

@@ -22,7 +22,7 @@ from crux_tools.report.joints import joint_torques_Nm
 from crux_tools.report.margins import measured_margin_n, planned_margin_n
 from crux_tools.report.plan_series import PlanSeries
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.summary import body_error_m, body_error_rad, is_realtime, runs
+from crux_tools.telemetry.summary import PHASE_NAMES, body_error_m, body_error_rad, is_realtime, runs
 
 MAX_POINTS = 2500  # a curve needs no more on a page
 DPI = 110
@@ -30,8 +30,6 @@ WIDTH_IN = 10.0
 AXIS_COLOURS = ("#c0392b", "#27864a", "#2465b0")  # x, y, z
 FINGER_COLOURS = ("#2465b0", "#c77700")
 STANCE_COLOUR, AIR_COLOUR = "#35506b", "#f0c36d"
-# limb_reference.phase: stance, unload, open, lift, swing, descend, close, load
-PHASE_NAMES = ("stance", "unload", "open", "lift", "swing", "descend", "close", "load")
 PHASE_COLOURS = (STANCE_COLOUR, "#7d95ad", "#f7e2ae", "#f0c36d", "#e8a33d", "#f0c36d", "#f7e2ae", "#7d95ad")
 NS_PER_US = 1e3
 

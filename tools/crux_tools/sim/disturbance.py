@@ -18,7 +18,7 @@ from crux_tools.telemetry.summary import FaultNote
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
 CLIMBING, HOLDING, FAULT = 2, 3, 4  # robot_state_t
-STATE_MASK = 0x0F
+STATE_MASK = 0x07
 TRACK, DECELERATE = 2, 3  # DBC: JointStatus.State
 ALL_FRAMES = 0xFFFFFFFF
 

@@ -152,9 +152,9 @@ def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
     off = np.asarray(pad_off.all(axis=2) if robot.point_feet else pad_off.any(axis=2))  # a foot stands on one pad too
     gone = np.stack([long_runs(limb, lost_samples) for limb in off.T], axis=1)
     reference = PlanReference(plan)
-    step_s = np.diff(time_s, prepend=time_s[:1]) * truth.climbing
+    step_s: Floats = np.diff(time_s, prepend=time_s[:1]) * truth.climbing
     plan_s, stance = ReferenceClock(reference).play(step_s, gone)
-    begun = np.maximum.accumulate(truth.climbing)
+    begun = np.maximum.accumulate(truth.climbing != 0)
 
     body_off = begun & (np.linalg.norm(truth.body_position_m - reference.body(plan_s)[0], axis=1) > FALL_M)
     reasons = []

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from crux_tools.sim.disturbance import Disturbance
+from crux_tools.sim.disturbance import STATE_MASK, Disturbance
 from crux_tools.sim.plant import Plant
 
 START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
@@ -24,10 +24,16 @@ SILENCE_S = 30.0  # of wall time, more than the runtime waits for its nodes
 FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
 STAYED_M = 0.02  # of the body in that time
 REPORT_CYCLES = 250
-PLAN_COMPLETE = 0x10  # flag in HostState; the low bits are robot_state_t's supervisor state
-STATE_MASK = 0x0F
+IN_REVERSE, PLAN_COMPLETE = 0x08, 0x10  # flags in HostState, above the supervisor state
 READY, CLIMBING, HOLDING, FAULT = 1, 2, 3, 4
 UNKNOWN = 0xFF
+
+
+def climbing(host_state: int) -> int:
+    """1 where the runtime says that it climbs, -1 where it does so in reverse, else 0."""
+    if host_state & STATE_MASK != CLIMBING:
+        return 0
+    return -1 if host_state & IN_REVERSE else 1
 
 
 class Nodes(Protocol):
@@ -91,9 +97,9 @@ class Loop:
                 self.nodes.step(self.plant)
                 self.nodes.publish(self.plant)
 
-    def _step(self, cycle: int, climbing: bool) -> None:
+    def _step(self, cycle: int, way: int) -> None:
         self.nodes.step(self.plant)
-        self.plant.record(cycle, climbing)
+        self.plant.record(cycle, way)
 
     def run(self) -> Outcome:
         """Answers Syncs until the climb is over."""
@@ -120,7 +126,7 @@ class Loop:
             missed += cycle - last - 1  # the bench came too late: physics stands still, no watchdog counts
             if self.disturbance is not None:
                 self.disturbance.begin_cycle(cycle)
-            self._step(cycle, self.nodes.host_state() & STATE_MASK == CLIMBING)
+            self._step(cycle, climbing(self.nodes.host_state()))
             if self.disturbance is not None:
                 self.disturbance.end_cycle(cycle)
             self.nodes.publish(self.plant)
@@ -154,7 +160,7 @@ class Loop:
         before = self.plant.data.qpos[:3].copy()
         held = self.plant.limbs_on_holds()
         for step in range(int(FREE_RUN_S / self.plant.dt_s)):
-            self._step(last + 1 + step, climbing=False)
+            self._step(last + 1 + step, 0)
             self.nodes.publish(self.plant)
         moved_m = float(np.linalg.norm(self.plant.data.qpos[:3] - before))
         return moved_m < STAYED_M and bool(np.all(self.plant.limbs_on_holds()[held]))

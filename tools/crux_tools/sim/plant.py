@@ -126,9 +126,9 @@ class Plant:
         force = np.ascontiguousarray(finger_force_n, dtype=np.float64)
         self._native.crux_plant_step(self.handle, torque.ctypes.data_as(DOUBLES), force.ctypes.data_as(DOUBLES))
 
-    def record(self, cycle: int, climbing: bool) -> None:
+    def record(self, cycle: int, climbing: int) -> None:
         """Keeps a sample of what really is, when this step looked at the contacts; `cycle` is the runtime's count,
-        `climbing` its state as the nodes hear it. Read them by recorder.recorded()."""
+        `climbing` whether it climbs, as the nodes receive it (-1: in reverse). Read them by recorder.recorded()."""
         self._native.crux_plant_record(self.handle, cycle, climbing)
 
     def limbs_on_holds(self) -> NDArray[np.bool_]:

@@ -30,7 +30,7 @@ class Truth:
     pad_face: Ints  # (n, 8) index into faces, -1 without contact
     hand_wrench_g: Floats  # (n, 4, 6) of the world on the hand incl. its weight, gripper frame, without bias and noise
     link_contact_force_n: Floats  # (n,) greatest force on anything but a pad
-    climbing: Bools  # (n,) the runtime said on the bus that it climbs
+    climbing: Ints  # (n,) 1 where the runtime said on the bus that it climbs, -1 in reverse, else 0
 
 
 def recorded(plant: Plant) -> Truth:
@@ -50,5 +50,5 @@ def recorded(plant: Plant) -> Truth:
         pad_face=table["pad_face"],
         hand_wrench_g=table["hand_wrench_g"],
         link_contact_force_n=table["link_contact_force_n"],
-        climbing=table["climbing"] != 0,
+        climbing=table["climbing"],
     )

@@ -3,7 +3,8 @@
 The clock runs while the runtime climbs, which the simulation hears on the bus. It waits before a knot at which a limb
 lets go until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
 within the interval before their knot set it there. So it follows the runtime's clock to within the time that fingers
-need to open and to close, and no error adds up. A walk waits for nothing.
+need to open and to close, and no error adds up. An operator's speed it does not know: it leads a slower climb until the
+next contact. In reverse it runs back, and what takes hold and what releases change places. A walk waits for nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+LEAD_INTERVALS = 3  # that a pull on a new grasp, at most, puts between the clocks
 FULL = 1.0  # of PlanReference.load: neither in the air, nor unloading before, nor loading after
 
 
@@ -30,37 +32,56 @@ class ReferenceClock:
         self._arriving = [[limb for limb in limbs if waits and reference.takes_hold(k, limb)] for k in knots]
         self._interval = 0
         self._elapsed_s = 0.0
+        self._turned = False
 
-    def _next_is_due(self, off: Bools) -> bool:
-        """Whether what belongs to the knot ahead has happened; `off` (4,): limbs that have left their holds."""
-        ahead = self._interval + 1
-        return bool(np.all(off[self._leaving[ahead]]) and not np.any(off[self._arriving[ahead]]))
+    def _set_by_releases(self, back: bool, off: Bools) -> None:
+        """The pull on a new grasp, for which the clock does not wait, makes it lead, and lag behind once it is turned
+        round: what releases near by sets it."""
+        last = self._reference.intervals
+        if back:
+            for knot in range(self._interval - 1, max(self._interval - LEAD_INTERVALS, 0), -1):
+                if np.any(off[self._arriving[knot]]):
+                    self._interval, self._elapsed_s = knot, 0.0
+        else:
+            for knot in range(self._interval + 2, min(self._interval + LEAD_INTERVALS + 1, last)):
+                if np.any(off[self._leaving[knot]]):
+                    self._interval, self._elapsed_s = knot - 1, self._reference.dt_s
 
     def advance(self, dt_s: float, off: Bools) -> None:
-        """Moves on by `dt_s`, or up to the next knot that is not due."""
-        reference = self._reference
-        if self._interval + 1 == reference.intervals:
-            self._elapsed_s = min(self._elapsed_s + dt_s, reference.dt_s)
-            return
-        self._elapsed_s += dt_s
-        if np.any(off[self._leaving[self._interval + 1]]):
-            self._elapsed_s = max(self._elapsed_s, reference.dt_s)
-        if self._elapsed_s < reference.dt_s:
-            return
-        if self._next_is_due(off):
-            self._interval, self._elapsed_s = self._interval + 1, self._elapsed_s - reference.dt_s
+        """Moves on by `dt_s` (negative: back), or up to the next knot that is not due; `off` (4,): limbs that have left
+        their holds."""
+        length_s, back = self._reference.dt_s, dt_s < 0
+        self._turned = self._turned or back
+        if self._turned:
+            self._set_by_releases(back, off)
+        if back:
+            knot, leaving, arriving = self._interval, self._arriving, self._leaving
         else:
-            self._elapsed_s = reference.dt_s
+            knot, leaving, arriving = self._interval + 1, self._leaving, self._arriving
+        self._elapsed_s += dt_s
+        if knot in (0, self._reference.intervals):
+            self._elapsed_s = min(max(self._elapsed_s, 0.0), length_s)
+            return
+        edge_s = 0.0 if back else length_s
+        if np.any(off[leaving[knot]]):
+            self._elapsed_s = min(self._elapsed_s, edge_s) if back else max(self._elapsed_s, edge_s)
+        if self._elapsed_s > edge_s if back else self._elapsed_s < edge_s:
+            return
+        if np.all(off[leaving[knot]]) and not np.any(off[arriving[knot]]):
+            self._interval += -1 if back else 1
+            self._elapsed_s += length_s if back else -length_s
+        else:
+            self._elapsed_s = edge_s
 
     def play(self, step_s: Floats, off: Bools) -> tuple[Floats, Bools]:
         """Plan time (n,) and whether each limb is in stance under its whole load (n, 4) at the end of each step.
 
-        `step_s` (n,): how long the runtime climbed in the step; `off` (n, 4): limbs that are off their holds for good,
-        not only for the moment that a finger chatters.
+        `step_s` (n,): how long the runtime climbed in the step, negative where it did so in reverse; `off` (n, 4):
+        limbs that are off their holds for good, not only for the moment that a finger chatters.
         """
         intervals, elapsed_s = np.zeros(len(step_s), dtype=np.int64), np.zeros(len(step_s))
         for i, (dt_s, limbs) in enumerate(zip(step_s.tolist(), off, strict=True)):
-            if dt_s > 0:
+            if dt_s:
                 self.advance(dt_s, limbs)
             intervals[i], elapsed_s[i] = self._interval, self._elapsed_s
         stance = np.zeros(off.shape, dtype=bool)

@@ -24,7 +24,7 @@ def log_truth(log: Path, truth: Truth, face_hold: NDArray[np.int64], dt_s: float
     Raises OSError or ValueError as telemetry.append does; the log is then as it was.
     """
     times_ns = [round(cycle * dt_s * 1e9) for cycle in truth.cycle]
-    body = {
+    body: dict[str, NDArray[np.generic]] = {
         "position_w_m": truth.body_position_m,
         "quaternion_w": truth.body_quaternion,
         "link_contact_force_n": truth.link_contact_force_n,

@@ -34,7 +34,12 @@ METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
-ADDED = {"/control_input": {"bus_state"}, "/cycle_timing": {"answer_ns"}}
+ADDED = {
+    "/control_input": {"bus_state", "command_value"},
+    "/cycle_timing": {"answer_ns"},
+    "/limb_telemetry": {"utilisation"},
+    "/robot_state": {"motion", "speed_scale", "verified_time_s"},
+}
 PER_LIMB = ("/limb_reference", "/limb_telemetry")
 STATE_TOPIC = "/robot_state"
 EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")

@@ -16,7 +16,9 @@ from crux_tools.telemetry.reader import Telemetry
 STATE_NAMES = ("IDLE", "READY", "CLIMBING", "HOLDING", "FAULT")
 CLIMBING = STATE_NAMES.index("CLIMBING")
 WAIT_NAMES = ("nothing", "unload", "open", "arrive", "grip", "settle")
-STANCE, SWING = 0, 4  # limb_reference.phase
+MOTION_NAMES = ("forward", "single step", "in reverse")  # robot_state.motion
+PHASE_NAMES = ("stance", "unload", "open", "lift", "swing", "descend", "close", "load")  # limb_reference.phase
+STANCE, SWING = PHASE_NAMES.index("stance"), PHASE_NAMES.index("swing")
 FULL_LOAD = 0.98  # of limb_reference.load: from here on the limb carries its planned wrench
 PERCENTILES = (50, 99, 99.9, 100)
 NS_PER_US = 1e3
@@ -164,10 +166,18 @@ def _limb(index: int) -> str | None:
 
 def _states(log: Telemetry) -> list[StateSpan]:
     state, time = log.state["supervisor_state"], log.time_s
+    motion = np.zeros_like(state)
+    if "motion" in (log.state.dtype.names or ()):  # not in logs of earlier runtimes
+        motion = np.where(state == CLIMBING, log.state["motion"], 0)
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+    def name(row: int) -> str:
+        way = f", {name_of(MOTION_NAMES, int(motion[row]))}" if motion[row] else ""
+        return name_of(STATE_NAMES, int(state[row])) + way
+
     return [
-        StateSpan(name_of(STATE_NAMES, int(state[first])), float(time[first]), float(time[end - 1]) + step)
-        for first, end in runs(state)
+        StateSpan(name(first), float(time[first]), float(time[end - 1]) + step)
+        for first, end in runs(state.astype(int) + len(STATE_NAMES) * motion)
     ]
 
 
