@@ -47,14 +47,14 @@ def test_nodes_that_were_there_before_are_asked_who_they_are(start: Starter) -> 
     fresh, status = run(start)
     assert set(fresh) == {1}
     assert set(status.node_state) == {status_t.WELL}
-    assert status_lines(status) == []
+    assert not any(" nodes " in line for line in status_lines(status))
 
 
 def test_swapped_cables_are_told_and_have_no_say(start: Starter) -> None:
     fresh, status = run(start, 0, 1)
     assert fresh == [0] * 12 + [1] * 12 + [0, 0, 1, 1]
     assert list(status.node_state) == [status_t.WRONG_PLACE] * 14 + [status_t.WELL] * 14
-    assert "swapped" in status_lines(status)[0]
+    assert any(line.startswith("14 nodes ") and "swapped" in line for line in status_lines(status))
 
 
 @pytest.mark.parametrize("hash_", [0, int(load_robot("scaler").hash[:8], 16) ^ 1])

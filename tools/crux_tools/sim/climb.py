@@ -227,7 +227,8 @@ def climb(
             boards.check()
             interrupts = boards.worst_interrupts()
         if outcome.ending is not Ending.RUNTIME_DIED:
-            nodes.wait_sync(SYNC_TIMEOUT_S)  # the runtime has taken the last answers
+            if options.pace != "realtime":
+                nodes.wait_sync(SYNC_TIMEOUT_S)  # the runtime has taken the last answers
             _shut_down(runtime, link, loop if options.pace == "realtime" else None)
             runtime.wait()
         unlogged = runtime.log_trouble()
