@@ -182,7 +182,9 @@ def _show(result: PlanResult, output: Path) -> None:
             f"{100 * (1 - result.gap):.0f} % of that"
         )
     if margin is not None:
-        squeeze = "" if is_walk(result.plan) else " with the plan's squeeze, as J's forces; the robot presses so or harder"
+        squeeze = (
+            "" if is_walk(result.plan) else " with the plan's squeeze, as J's forces; the robot presses so or harder"
+        )
         print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N{squeeze}")
 
 
