@@ -17,9 +17,7 @@ namespace {
 constexpr double kStandingLoad = 0.9;
 // Cycles in which latched nodes are told to re-arm: frames may be lost.
 constexpr int kRearmCycles = 50;
-// A new grasp is pulled with this share of the heaviest load it is planned to bear,
-constexpr double kTestShare = 1.2;
-// while the other limbs bear all the rest.
+// What a limb bears of the rest while its new grasp is pulled.
 constexpr double kTestedLoad = 1e-3;
 
 Vector3 finger_axis(const LimbReference& limb) {
@@ -200,28 +198,11 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
   for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
     const LimbReference& limb = reference.limbs[l];
     if (!limb.closing()) continue;
-    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) test_.begin(l, load_to_come_W(l));
+    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone)
+      test_.begin(l, test_load_W(*plan_, clock_.now(), l, finger_axis(limb), contact(limb), robot_.control));
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
-}
-
-Wrench ControlCore::load_to_come_W(int limb) const noexcept {
-  const LimbReference& reference = reference_.limbs[limb];
-  const Contact grasp = contact(reference);
-  const double reserve_N = robot_.control.grasp_force_reserve_N;
-  Wrench heaviest_W;
-  double most_N = reserve_N;
-  const int step = clock_.now().back ? -1 : 1;
-  for (int k = clock_.now().interval + step; k >= 0 && k <= plan_->intervals() && !plan_->limbs[k][limb].air;
-       k += step) {
-    const Wrench& wrench_W = plan_->limbs[k][limb].wrench_W;
-    const double needed_N = needed_grasp_force_N(wrench_W, finger_axis(reference), grasp, robot_.control);
-    if (needed_N > most_N) most_N = needed_N, heaviest_W = wrench_W;
-  }
-  // Not more than the fingers hold by the plan's own friction.
-  const double room = (grasp.max_normal_N - reserve_N) / std::max(most_N - reserve_N, 1e-9);
-  return heaviest_W * std::min(kTestShare, room);
 }
 
 PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexcept {

@@ -69,8 +69,6 @@ class ControlCore {
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
-  /// The heaviest load planned for the grasp that the limb makes now, and a margin.
-  Wrench load_to_come_W(int limb) const noexcept;
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors() const noexcept;

@@ -5,12 +5,28 @@
 namespace crux {
 namespace {
 
+constexpr double kLoadFactor = 1.2;
 constexpr double kPress_s = 0.3;    // for the fingers to press as the full load needs
 constexpr double kRate_N_s = 30.0;  // of the pull: slow enough for the other limbs to give way to
 constexpr double kLeastRamp_s = 0.2;
 constexpr double kStand_s = 0.3;
 
 }  // namespace
+
+Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                   const Contact& contact, const ControlParameters& control) noexcept {
+  const double reserve_N = control.grasp_force_reserve_N;
+  Wrench heaviest_W;
+  double most_N = reserve_N;
+  const int step = at.back ? -1 : 1;
+  for (int k = at.interval + step; k >= 0 && k <= plan.intervals() && !plan.limbs[k][limb].air; k += step) {
+    const Wrench& wrench_W = plan.limbs[k][limb].wrench_W;
+    const double needed_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
+    if (needed_N > most_N) most_N = needed_N, heaviest_W = wrench_W;
+  }
+  const double room = (contact.max_normal_N - reserve_N) / std::max(most_N - reserve_N, 1e-9);
+  return heaviest_W * std::min(kLoadFactor, room);
+}
 
 void GraspTest::begin(int limb, const Wrench& load_W) noexcept {
   if (limb_ >= 0) return;

@@ -1,9 +1,15 @@
 // A pull on each grasp just made, towards the load to come, before another limb lets go.
 #pragma once
 
-#include "core/geometry.hpp"
+#include "core/grasp_force.hpp"
+#include "core/reference_player.hpp"
 
 namespace crux {
+
+/// What the grasp that `limb` makes at `at` is to be pulled with: the heaviest load planned for it and a margin, as far
+/// as the fingers hold it by the plan's friction.
+Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                   const Contact& contact, const ControlParameters& control) noexcept;
 
 /// The pull on one grasp at a time: the fingers press first, the load grows, stands and goes. A grasp that gives way is
 /// let off as slowly as it was loaded.

@@ -67,7 +67,7 @@ bool exceeds(const Capacity& capacity, const Bearer& bearer, const Wrench& wrenc
 
 /// The solver's own form: least ½xᵀ·price·x + linear_priceᵀ·x under balance·x = 0, limits·x ≤ upper, excess ≥ 0. x: Δ
 /// of each limb, then both excesses.
-struct LoadSharing::Programme {
+struct LoadSharing::Program {
   using Answer = Eigen::Matrix<double, kVariables, 1>;
 
   Eigen::Matrix<double, kVariables, kVariables> price = decltype(price)::Identity();
@@ -80,7 +80,7 @@ struct LoadSharing::Programme {
   Answer answer = Answer::Zero();
   int cycle = 0;
 
-  Programme();
+  Program();
   Vector6 change(int limb) const { return answer.segment<kWrench>(limb * kWrench); }
   void weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept;
   void limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
@@ -90,7 +90,7 @@ struct LoadSharing::Programme {
   void solve() noexcept;
 };
 
-LoadSharing::Programme::Programme() {
+LoadSharing::Program::Program() {
   Answer least = Answer::Constant(-std::numeric_limits<double>::infinity());
   least[kPadExcess] = least[kJointExcess] = 0.0;
   auto& settings = solver.settings();
@@ -101,7 +101,7 @@ LoadSharing::Programme::Programme() {
   solver.setup(price, linear_price, balance, none, limits, piqp::nullopt, upper, least, piqp::nullopt);
 }
 
-void LoadSharing::Programme::weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept {
+void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& com_W_m) noexcept {
   const int at = limb * kWrench;
   const double weight = 1.0 / std::max(bearer.load, kLeastLoad);
   price.diagonal().segment<3>(at).setConstant(weight);
@@ -113,8 +113,8 @@ void LoadSharing::Programme::weigh(int limb, const Bearer& bearer, const Vector3
   balance.block<3, 3>(3, at + 3).setIdentity();
 }
 
-void LoadSharing::Programme::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W,
-                                        const Contact& contact, const ControlParameters& control) noexcept {
+void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
+                                      const ControlParameters& control) noexcept {
   const double slope = control.grasp_force_factor / contact.friction;
   const double balanced_normal_N = balanced_W.force_N.dot(bearer.finger_axis_W);
   for (int pad = 0; pad < kPads; ++pad) {
@@ -137,8 +137,8 @@ void LoadSharing::Programme::limit_pads(int limb, const Bearer& bearer, const Wr
   }
 }
 
-void LoadSharing::Programme::limit_joints(int limb, const Bearer& bearer, const Capacity& capacity,
-                                          const Wrench& balanced_W, const Matrix3& rotation_WB) noexcept {
+void LoadSharing::Program::limit_joints(int limb, const Bearer& bearer, const Capacity& capacity,
+                                        const Wrench& balanced_W, const Matrix3& rotation_WB) noexcept {
   const int row = kPadRows + limb * kJoints, at = limb * kWrench;
   limits.middleRows<kJoints>(row).setZero();
   upper.segment<kJoints>(row).setConstant(kNoLimit);
@@ -156,20 +156,20 @@ void LoadSharing::Programme::limit_joints(int limb, const Bearer& bearer, const 
   }
 }
 
-void LoadSharing::Programme::solve() noexcept {
+void LoadSharing::Program::solve() noexcept {
   if (!limits.allFinite() || !upper.allFinite()) return;  // the solver would say so on standard error
   solver.update(price, piqp::nullopt, balance, piqp::nullopt, limits, piqp::nullopt, upper);
   if (solver.solve() == piqp::PIQP_SOLVED && solver.result().x.allFinite())
     answer += kStep * (solver.result().x - answer);
 }
 
-LoadSharing::LoadSharing() : programme_(std::make_unique<Programme>()) {}
+LoadSharing::LoadSharing() : program_(std::make_unique<Program>()) {}
 LoadSharing::~LoadSharing() = default;
 
 PerLimb<Wrench> LoadSharing::within_limits(const PerLimb<Wrench>& balanced, const PerLimb<Bearer>& bearers,
                                            const PerLimb<Capacity>& capacities, const Vector3& com_W_m,
                                            const Matrix3& rotation_WB, const ControlParameters& control) noexcept {
-  Programme& p = *programme_;
+  Program& p = *program_;
   bool within = true;
   for (int l = 0; l < kLimbs; ++l)
     within = within && !exceeds(capacities[l], bearers[l], balanced[l], rotation_WB, control);

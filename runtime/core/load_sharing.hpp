@@ -1,4 +1,4 @@
-// Which limb bears what, within what fingers and joints can: a small quadratic programme about the balanced wrenches.
+// Which limb bears what, within what fingers and joints can: a small quadratic program about the balanced wrenches.
 #pragma once
 
 #include <memory>
@@ -39,8 +39,8 @@ class LoadSharing {
                                 const ControlParameters& control) noexcept;
 
  private:
-  struct Programme;
-  std::unique_ptr<Programme> programme_;
+  struct Program;
+  std::unique_ptr<Program> program_;
 };
 
 }  // namespace crux
