@@ -30,7 +30,10 @@ ControlCore::ControlCore(const RobotDescription& robot)
       correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
                   robot.control.max_body_rotation_rad),
       localisation_(robot.localisation),
-      faults_(robot) {}
+      faults_(robot),
+      stance_(robot.stance),
+      slips_{SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance)},
+      balance_(robot.stance) {}
 
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
   Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan);
@@ -60,7 +63,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
   sense(in);
   supervise(in);
   if (engaged_) {
-    if (supervisor_.state() == SupervisorState::kClimbing) advance_clock(reference_, in.dt_s);
+    if (supervisor_.state() == SupervisorState::kClimbing && slipping_limb() < 0) advance_clock(reference_, in.dt_s);
     reference_ = play(*plan_, clock_.now());
     control(in, reference_);
   } else {
@@ -71,7 +74,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
-  return faults_.lost(limb) ? 0.0 : reference.load;
+  return faults_.lost(limb) ? 0.0 : reference.load * slips_[limb].relief();
 }
 
 void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
@@ -92,6 +95,40 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   com_W_m_ = body_.body_W() * centre_of_mass(robot_, states);
   const double dt_s = in.dt_s > 0.0 && std::isfinite(in.dt_s) ? in.dt_s : 0.0;
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, dt_s);
+  watch_stance(dt_s);
+}
+
+void ControlCore::watch_stance(double dt_s) noexcept {
+  PerLimb<FittedLimb> fitted;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference_.limbs[l];
+    const bool holds = engaged_ && !limb.point_foot && limb.gripping() && limbs_[l].in_contact() && !faults_.lost(l);
+    fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
+  }
+  stance_.update(fitted, dt_s);
+  PerLimb<Wrench> felt_W;
+  PerLimb<Vector3> grippers_W_m;
+  PerLimb<bool> bear{};
+  for (int l = 0; l < kLimbs; ++l) {
+    felt_W[l] = limbs_[l].wrench_W();
+    grippers_W_m[l] = body_.body_W() * limbs_[l].state().gripper_B.position_m;
+    bear[l] = limbs_[l].in_contact() || reference_.limbs[l].closing();
+  }
+  if (!started_) balance_.restart();
+  balance_.update(felt_W, grippers_W_m, bear, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference_.limbs[l];
+    const double used =
+        grip_utilisation(limbs_[l].wrench_W(), finger_axis(limb), contact_of(limb), limbs_[l].finger_force_N());
+    slips_[l].update(l, stance_, fitted[l].holds, used, dt_s);
+  }
+}
+
+int ControlCore::slipping_limb() const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (slips_[l].slips()) return l;
+  }
+  return -1;
 }
 
 Reason ControlCore::off_start(const PlanReference& start) const noexcept {
@@ -129,7 +166,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
   FaultEvent fault = faults_.node_fault(in, engaged_);
   for (int l = 0; l < kLimbs && !fault && engaged_; ++l) fault = limbs_[l].encoder_fault();
-  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
+  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(in.late_s), in.dt_s);
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
   const Reason off = idle ? off_start(reference_) : Reason{};
   supervisor_.update({.command = in.operator_command,
@@ -142,8 +179,10 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .fault = fault,
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].trust_finger_force(!faults_.finger_force_distrusted(l));
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
+    for (SlipWatch& slip : slips_) slip = SlipWatch(robot_.stance);
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
   }
@@ -192,7 +231,7 @@ PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noex
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb),
-                  faults_.lost(l) ? Wrench() : limb.wrench_W};
+                  faults_.lost(l) ? Wrench() : limb.wrench_W * slips_[l].relief()};
   }
   return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
                            robot_.control.twist_length_m);
@@ -225,7 +264,7 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
     if (faults_.distrusted(l)) continue;
     loads[l] = load(l, limb);
-    if (!faults_.lost(l) && (limb.gripping() || limb.closing()))
+    if (!faults_.lost(l) && !slips_[l].slips() && (limb.gripping() || limb.closing()))
       errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
   }
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
@@ -279,8 +318,11 @@ double ControlCore::max_normal_N() const noexcept {
 }
 
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  const Contact contact = {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
-  return required_grasp_force_N(wrench_W, finger_axis(reference), contact, robot_.control);
+  return required_grasp_force_N(wrench_W, finger_axis(reference), contact_of(reference), robot_.control);
+}
+
+Contact ControlCore::contact_of(const LimbReference& reference) const noexcept {
+  return {reference.friction, plan_->patch_k_m, max_normal_N(), reference.finger_opening_m};
 }
 
 void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {
@@ -298,7 +340,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     const LimbReference& now = reference.limbs[l];
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
-    if (now.gripping() && any_lost) force_N = max_normal_N();
+    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = max_normal_N();
     if (now.gripping() && !faults_.distrusted(l))
       force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
@@ -308,13 +350,22 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
   }
 }
 
-LoopErrors ControlCore::loop_errors() const noexcept {
+LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
   LoopErrors errors;
+  errors.late_s = late_s;
+  errors.unbalanced_N = plan_->point_feet ? 0.0 : balance_.change_N();
+  errors.unbalanced_limb = balance_.limb();
   errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
   for (int l = 0; l < kLimbs; ++l) {
     errors.tracking_error_rad[l] = limbs_[l].tracking_error_rad(errors.worst_joint[l]);
     errors.ik_error_m[l] = limbs_[l].ik_error_m();
-    errors.finger_force_N[l] = limbs_[l].finger_force_N();
+    // No grip counts as lost on the word of one sensor: opening and command must say so, too.
+    errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
+    errors.left_width[l] = limbs_[l].left_width();
+    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
+    errors.slid_m[l] = slips_[l].slid_m();
+    if (stance_.odd_limb() == l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
+    errors.slips_on[l] = slips_[l].out_of_hand();
     errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
     errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
     errors.ft_residual_Nm[l] = started_ ? limbs_[l].ft_residual_Nm() : 0.0;

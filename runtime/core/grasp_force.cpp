@@ -10,28 +10,47 @@ namespace {
 
 // Fingers that press less than this share of the contact force are still on their way.
 constexpr double kTouchShare = 0.3;
+constexpr double kLeast_N = 1e-3;  // of a pad that presses no more
 
 }  // namespace
 
-double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
-                              const ControlParameters& control) {
+double pad_demand_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact, double side) {
   const double normal_N = wrench_W.force_N.dot(finger_axis_W);
   const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
   const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
   const double twist_N = 0.5 * wrench_W.moment_Nm.dot(finger_axis_W) / contact.patch_k_m;
-  // Of the pad at +axis (side 1) or −axis (−1).
+  return std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N);
+}
+
+double required_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                              const ControlParameters& control) {
+  const double normal_N = wrench_W.force_N.dot(finger_axis_W);
   const auto pressed_N = [&](double side) {
-    const double demand_N = std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N);
+    const double demand_N = pad_demand_N(wrench_W, finger_axis_W, contact, side);
     return control.grasp_force_factor * demand_N / contact.friction - side * 0.5 * normal_N;
   };
   const double needed_N = std::max(pressed_N(1.0), pressed_N(-1.0)) + control.grasp_force_reserve_N;
   return std::min(std::max(needed_N, control.min_grasp_force_N), contact.max_normal_N);
 }
 
+double grip_utilisation(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
+                        double squeeze_N) {
+  const auto utilisation = [&](double side) {
+    const double pressed_N = squeeze_N + side * 0.5 * wrench_W.force_N.dot(finger_axis_W);
+    return pad_demand_N(wrench_W, finger_axis_W, contact, side) / (contact.friction * std::max(pressed_N, kLeast_N));
+  };
+  return std::max(utilisation(1.0), utilisation(-1.0));
+}
+
 void GraspController::reset(double opening_m, double force_N) noexcept {
   // The actuator's position loop gives stiffness·(opening − command) when it stands.
   opening_command_m_ = opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m;
   force_reference_N_ = std::max(force_N, 0.0);
+}
+
+double GraspController::expected_force_N(double opening_m, double speed_m_s) const noexcept {
+  return std::clamp(gripper_.stiffness_N_m * (opening_m - opening_command_m_) + gripper_.damping_Ns_m * speed_m_s,
+                    -gripper_.max_finger_force_N, gripper_.max_finger_force_N);
 }
 
 void GraspController::open_to(double opening_m, double dt_s) noexcept {

@@ -13,6 +13,12 @@ struct Contact {
   double half_opening_m = 0.0;  ///< pad face to gripper centre
 };
 
+/// Tangential demand [N] on the pad at ±`side` of the finger axis: shear, couple and twist (as shear, by k) together.
+double pad_demand_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact, double side);
+
+/// The share of its friction that the fuller pad uses by (2), at a squeeze of `squeeze_N`; 1: it slips.
+double grip_utilisation(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact, double squeeze_N);
+
 /// Squeeze [N] a finger needs so that friction alone, without spines, bears `wrench_W` [on the robot about the gripper
 /// centre] in both pads, at ±half opening a along the finger axis e (unit vector, towards finger 1). By (4) they share
 /// shear and twist; a moment across e is a couple of tangential forces on the arm 2a:
@@ -35,6 +41,9 @@ class GraspController {
 
   /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
   void press(double wanted_force_N, double measured_force_N, double dt_s) noexcept;
+
+  /// Squeeze [N] that the actuator makes of its command where the fingers stand `opening_m` apart and move.
+  double expected_force_N(double opening_m, double speed_m_s) const noexcept;
 
   double opening_command_m() const { return opening_command_m_; }
   double force_reference_N() const { return force_reference_N_; }

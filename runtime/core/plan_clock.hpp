@@ -6,7 +6,7 @@
 namespace crux {
 
 /// robot_state_t.waiting_for
-enum class WaitingFor : int { kNothing = 0, kUnload = 1, kOpen = 2, kArrive = 3, kGrip = 4, kSettle = 5 };
+enum class WaitingFor : int { kNothing = 0, kUnload = 1, kOpen = 2, kArrive = 3, kGrip = 4, kSettle = 5, kSlip = 6 };
 
 /// What the clock needs to see of each limb before it goes on.
 struct LimbEvents {

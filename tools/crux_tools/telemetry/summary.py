@@ -15,7 +15,7 @@ from crux_tools.telemetry.reader import Telemetry
 
 STATE_NAMES = ("IDLE", "READY", "CLIMBING", "HOLDING", "FAULT")
 CLIMBING = STATE_NAMES.index("CLIMBING")
-WAIT_NAMES = ("nothing", "unload", "open", "arrive", "grip", "settle")
+WAIT_NAMES = ("nothing", "unload", "open", "arrive", "grip", "settle", "slip")
 STANCE, SWING = 0, 4  # limb_reference.phase
 FULL_LOAD = 0.98  # of limb_reference.load: from here on the limb carries its planned wrench
 PERCENTILES = (50, 99, 99.9, 100)
