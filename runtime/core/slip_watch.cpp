@@ -13,7 +13,7 @@ struct Threshold {
   double floor, gain, most;
 };
 constexpr std::array<Threshold, StanceFit::kWindows> kThresholds = {
-    {{0.3, 1.0, 1.0}, {0.4, 1.5, 2.0}, {0.5, 2.0, 4.0}}};
+    {{0.3, 1.0, 1.0}, {0.4, 1.5, 2.0}, {0.2, 1.5, 4.0}}};
 
 constexpr double kAsEver = 0.9;         // of the most its friction was used before: the grip may be used up
 constexpr double kBarely = 0.1;         // used less than that no grip slips
@@ -67,7 +67,7 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   if (moved) rest_m_ = place_m;
   if (slips_) {
     slid_m_ = std::max(slid_m_, (place_m - from_m_).norm());
-    slips_ = still_s_ < parameters_.still_time_s;
+    slips_ = still_s_ < parameters_.still_time_s || window >= 0;
     out_of_hand_ = out_of_hand_ || slid_m_ > parameters_.max_slip_m;
   }
   const double wanted = slips_ ? parameters_.relief_load : 1.0;

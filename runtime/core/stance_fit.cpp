@@ -1,6 +1,7 @@
 #include "core/stance_fit.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
@@ -11,16 +12,29 @@ namespace {
 
 constexpr int kLeastHolds = 3;  // for one of them to be told from the others
 constexpr double kRelativeDamping = 1e-9;
-constexpr double kAlone = 0.5;       // the others are off each other by less than this share of what the odd limb moved
+constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
+constexpr double kPlay = 0.5;
+constexpr double kDoubts = 2.0;      // deviations from where the others have it
+constexpr double kArm_m = 0.25;      // of a joint to its gripper, about: what was seen of play, as an angle
 constexpr double kIdleRidge = 1e-2;  // of joints that do not count
 
 }  // namespace
 
-StanceFit::Row StanceFit::weighted(const Row& off) const noexcept {
-  Row row = off;
-  row.head<3>() /= parameters_.shift_sigma_m;
-  row.tail<3>() /= parameters_.turn_sigma_rad;
-  return row;
+/// What a limb's word is worth (inverse covariance), axes of S: joints that were idle within `cycles` may have gone
+/// through as much play as was seen lately.
+Matrix6 StanceFit::information(const Standing& limb, int cycles) const noexcept {
+  Vector6 deviation;
+  deviation << Vector3::Constant(parameters_.shift_sigma_m), Vector3::Constant(parameters_.turn_sigma_rad);
+  const double play_rad = std::min(play_m_ / kArm_m, parameters_.most_play_rad / 2.0);
+  Matrix6 covariance = deviation.cwiseAbs2().asDiagonal();
+  for (int j = 0; j < kJoints; ++j) {
+    if (limb.idle_cycles_ago[j] >= cycles) continue;
+    Row moved;
+    moved << limb.rotation_GS.transpose() * limb.joints_G.col(j).head<3>(),
+        limb.rotation_GS.transpose() * limb.joints_G.col(j).tail<3>();
+    covariance += play_rad * play_rad * moved * moved.transpose();
+  }
+  return covariance.inverse();
 }
 
 /// What the limb says of the body, and of its joints.
@@ -28,8 +42,6 @@ void StanceFit::look(Standing& limb, const FittedLimb& seen) noexcept {
   const Pose gripper_S = body_S_ * seen.state->gripper_B;
   limb.rotation_GS = gripper_S.rotation.transpose();
   limb.map.topRightCorner<3, 3>() = -skew(gripper_S.position_m - body_S_.position_m);
-  for (int i = 0; i < 6; ++i) limb.rows.col(i) = weighted(limb.map.col(i));
-  limb.normal = limb.rows.transpose() * limb.rows;
   const Matrix3 rotation_GB = seen.state->gripper_B.rotation.transpose();
   limb.joints_G << rotation_GB * seen.state->jacobian_B.topRows<3>(),
       rotation_GB * seen.state->jacobian_B.bottomRows<3>();
@@ -58,8 +70,9 @@ bool StanceFit::lay_body(const PerLimb<FittedLimb>& limbs) noexcept {
     const Pose gripper_S = body_S_ * limbs[l].state->gripper_B;
     limb.off << gripper_S.position_m - limb.anchor_S.position_m,
         rotation_log(gripper_S.rotation * limb.anchor_S.rotation.transpose());
-    normal += limb.normal;
-    gradient += limb.rows.transpose() * weighted(limb.off);
+    const Matrix6 worth = information(limb, 0);
+    normal += limb.map.transpose() * worth * limb.map;
+    gradient += limb.map.transpose() * worth * limb.off;
   }
   Vector6 step = Vector6::Zero();
   if (any) step = -normal.ldlt().solve(gradient);
@@ -86,21 +99,29 @@ bool StanceFit::lay_body(const PerLimb<FittedLimb>& limbs) noexcept {
   return any;
 }
 
-StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off) const noexcept {
+StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off,
+                                      const PerLimb<Matrix6>& information) const noexcept {
   Matrix6 normal = Matrix6::Zero();
   Vector6 gradient = Vector6::Zero();
   for (int l = 0; l < kLimbs; ++l) {
     if (l == limb || !count[l]) continue;
-    normal += limbs_[l].normal;
-    gradient += limbs_[l].rows.transpose() * weighted(off[l]);
+    const Matrix6 weight = limbs_[l].map.transpose() * information[l];
+    normal += weight * limbs_[l].map;
+    gradient += weight * off[l];
   }
   normal += kRelativeDamping * normal.trace() * Matrix6::Identity();
-  const Vector6 body = -normal.ldlt().solve(gradient);
+  const Matrix6 covariance = normal.inverse();
+  const Vector6 body = -covariance * gradient;
   Fit fit;
   for (int l = 0; l < kLimbs; ++l) {
-    if (l != limb && count[l]) fit.rest += weighted(off[l] + limbs_[l].map * body).squaredNorm();
+    if (l == limb || !count[l]) continue;
+    const Row rest = off[l] + limbs_[l].map * body;
+    fit.rest += rest.dot(information[l] * rest);
   }
-  fit.left = off[limb] + limbs_[limb].map * body;
+  const Standing& own = limbs_[limb];
+  fit.left = off[limb] + own.map * body;
+  const Eigen::Matrix<double, 2, 6> along = (own.rotation_GS * own.map.topRows<3>()).bottomRows<2>();
+  fit.doubt_m = std::sqrt((along * covariance * along.transpose()).trace());
   return fit;
 }
 
@@ -112,12 +133,15 @@ Misfit StanceFit::in_gripper(const Standing& limb, const Row& off) const noexcep
 Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept {
   Matrix6 joints = Matrix6::Zero();
   for (int j = 0; j < kJoints; ++j) {
-    if (limb.idle_cycles_ago[j] < cycles) joints.col(j) = weighted(limb.joints_G.col(j));
+    if (limb.idle_cycles_ago[j] < cycles) joints.col(j) = limb.joints_G.col(j);
   }
   Row row;
   row << off.shift_G_m, off.turn_G_rad;
-  const Matrix6 normal = joints.transpose() * joints + kIdleRidge * Matrix6::Identity();
-  JointVector play_rad = normal.ldlt().solve(joints.transpose() * weighted(row));
+  Vector6 weight;
+  weight << Vector3::Constant(1.0 / (parameters_.shift_sigma_m * parameters_.shift_sigma_m)),
+      Vector3::Constant(1.0 / (parameters_.turn_sigma_rad * parameters_.turn_sigma_rad));
+  const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints + kIdleRidge * Matrix6::Identity();
+  JointVector play_rad = normal.ldlt().solve(joints.transpose() * weight.cwiseProduct(row));
   for (int j = 0; j < kJoints; ++j) {
     play_rad[j] = joints.col(j).isZero(0.0)
                       ? 0.0
@@ -132,12 +156,14 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
   const int then = (now_ + kPast - cycles) % kPast;
   PerLimb<bool> count{};
   PerLimb<Row> off;
+  PerLimb<Matrix6> worth;
   int counted = 0;
   for (int l = 0; l < kLimbs; ++l) {
     count[l] = limbs_[l].holds && limbs_[l].cycles > cycles;
     if (!count[l]) continue;
     ++counted;
     off[l] = limbs_[l].path - limbs_[l].past[then];
+    worth[l] = information(limbs_[l], cycles);
   }
   Moved& moved = moved_[window];
   moved = {};
@@ -145,15 +171,19 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
   double least = std::numeric_limits<double>::infinity(), explained_m = 0.0;
   for (int l = 0; l < kLimbs; ++l) {
     if (!count[l]) continue;
-    const Fit fit = fit_without(l, count, off);
+    const Fit fit = fit_without(l, count, off, worth);
     const Misfit misfit = in_gripper(limbs_[l], fit.left);
     const Misfit slid = beyond_play(limbs_[l], misfit, cycles);
-    explained_m = std::max(explained_m, (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm());
     if (fit.rest >= least) continue;
     least = fit.rest;
+    // What play explains most of is play.
+    const double off_m = misfit.shift_G_m.tail<2>().norm();
+    const double play_m = (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm();
+    explained_m = play_m > kPlay * off_m ? play_m : 0.0;
     moved.limb = l;
     moved.way_m = slid.shift_G_m.tail<2>();
-    moved.alone = parameters_.shift_sigma_m * std::sqrt(fit.rest) < kAlone * misfit.shift_G_m.tail<2>().norm();
+    moved.alone =
+        parameters_.shift_sigma_m * std::sqrt(fit.rest) < kAlone * off_m && kDoubts * fit.doubt_m < moved.way_m.norm();
   }
   if (window == 0) play_m_ = std::max(play_m_ * std::exp(-dt_s / parameters_.play_memory_s), explained_m);
 }
@@ -166,12 +196,14 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   begun_ = true;
   PerLimb<bool> count{};
   PerLimb<Row> off;
+  PerLimb<Matrix6> worth;
   for (int l = 0; l < kLimbs; ++l) {
     count[l] = limbs_[l].holds;
     off[l] = limbs_[l].off;
+    worth[l] = information(limbs_[l], 0);
   }
   for (int l = 0; l < kLimbs && std::count(count.begin(), count.end(), true) >= kLeastHolds; ++l) {
-    if (count[l]) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, count, off).left);
+    if (count[l]) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, count, off, worth).left);
   }
   for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
 }

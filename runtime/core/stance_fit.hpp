@@ -65,8 +65,6 @@ class StanceFit {
     Row path = Row::Zero();              ///< the same without the jumps of other limbs that take hold or let go
     std::array<Row, kPast> past{};       ///< of `path`
     Matrix6 map = Matrix6::Identity();   ///< motion of the body to motion of the gripper
-    Matrix6 rows = Matrix6::Zero();      ///< `map` by the deviations
-    Matrix6 normal = Matrix6::Zero();    ///< information it gives on the body
     Matrix6 joints_G = Matrix6::Zero();  ///< motion of joints to motion of the gripper, its own axes
     Matrix3 rotation_GS = Matrix3::Identity();
     JointVector torque_Nm = JointVector::Zero();  ///< of the last cycle
@@ -75,12 +73,14 @@ class StanceFit {
   struct Fit {
     Row left = Row::Zero();  ///< what the limb itself is off the others
     double rest = 0.0;       ///< what the others are off each other, squared, by their deviations
+    double doubt_m = 0.0;    ///< deviation of where the others have the gripper, along its faces
   };
 
   bool lay_body(const PerLimb<FittedLimb>& limbs) noexcept;
   void look(Standing& limb, const FittedLimb& seen) noexcept;
-  Row weighted(const Row& off) const noexcept;
-  Fit fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off) const noexcept;
+  Matrix6 information(const Standing& limb, int cycles) const noexcept;
+  Fit fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off,
+                  const PerLimb<Matrix6>& information) const noexcept;
   Misfit in_gripper(const Standing& limb, const Row& off) const noexcept;
   Misfit beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept;
   void look_back(int window, double dt_s) noexcept;
