@@ -230,8 +230,8 @@ PerLimb<Wrench> ControlCore::balanced(const PlanReference& reference) const noex
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb),
-                  faults_.lost(l) ? Wrench() : limb.wrench_W * slips_[l].relief()};
+    const Wrench planned_W = faults_.lost(l) ? Wrench() : limb.wrench_W * slips_[l].relief();
+    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb), planned_W};
   }
   return balanced_wrenches(bearers, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2,
                            robot_.control.twist_length_m);
@@ -363,11 +363,11 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
     errors.left_width[l] = limbs_[l].left_width();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
+    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
     errors.slid_m[l] = slips_[l].slid_m();
     if (stance_.odd_limb() == l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
     errors.slips_on[l] = slips_[l].out_of_hand();
     errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
-    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
     errors.ft_residual_Nm[l] = started_ ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
   }

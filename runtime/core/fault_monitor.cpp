@@ -254,7 +254,9 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
     if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kStanceMisfit, l, 0, errors.misfit_m[l], stance_.max_misfit_m});
     }
-    if (errors.slips_on[l]) tell({FaultCode::kSlip, l, can_.gripper_node, errors.slid_m[l], stance_.max_slip_m});
+    // A hold that is gone lets its gripper slide as well; it is told as gone before this lasts.
+    if (lasts(errors.slips_on[l], slip_time_s_[l], dt_s, p.persistence_s))
+      tell({FaultCode::kSlip, l, can_.gripper_node, errors.slid_m[l], stance_.max_slip_m});
     if (lasts(errors.finger_residual_N[l] > p.max_finger_residual_N, finger_residual_time_s_[l], dt_s,
               kFingerResidual_s)) {
       finger_distrusted_[l] = true;

@@ -96,6 +96,7 @@ class FaultMonitor {
   StanceParameters stance_;
   double unbalanced_time_s_ = 0.0;
   PerLimb<double> misfit_time_s_{};
+  PerLimb<double> slip_time_s_{};
   std::array<int, kAllJoints> joint_silence_{};
   PerLimb<int> gripper_silence_{};
   PerLimb<int> ft_silence_{};
