@@ -3,14 +3,16 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
+#include <algorithm>
 #include <limits>
 
 namespace crux {
 namespace {
 
-constexpr double kArm_m = 0.3;            // weighs a moment against forces: about a gripper's distance from the body
-constexpr double kExplained = 0.3;        // at most this share is left where a limb explains the change
-constexpr double kExplainedByNext = 0.5;  // and at least this one where another limb is tried
+constexpr double kArm_m = 0.3;         // weighs a moment against forces: about a gripper's distance from the body
+constexpr double kExplained = 0.3;     // at most this share is left where a limb explains the change
+constexpr double kNext = 2.0;          // and so many times that where another limb is tried,
+constexpr double kNextAtLeast = 0.15;  // at least this share
 
 }  // namespace
 
@@ -51,7 +53,7 @@ int WeightBalance::blame(const PerLimb<Vector3>& gripper_W_m, const PerLimb<bool
       next = left;
     }
   }
-  return least < kExplained && next > kExplainedByNext ? found : -1;
+  return least < kExplained && next > std::max(kNext * least, kNextAtLeast) ? found : -1;
 }
 
 }  // namespace crux

@@ -1,6 +1,10 @@
 // The rigid fit of the stance: grippers that stand still on the wall under a body that moves, and one that does not.
 #include "core/stance_fit.hpp"
 
+#include <Eigen/Geometry>
+
+#include <utility>
+
 #include "core/slip_watch.hpp"
 #include "core/weight_balance.hpp"
 #include "fixture.hpp"
@@ -110,6 +114,68 @@ TEST_F(Stance, WhatAnIdleJointsPlayExplainsIsNoSlip) {
   cycles(25, 1, {0.0, 0.05, 0.0});
   EXPECT_LT(fit_.moved(0).way_m.norm(), 1e-4);
   EXPECT_GT(fit_.play_m(), 0.0012);
+}
+
+TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
+  SlipWatch fresh(robot().stance), used_up(robot().stance);
+  double first_used = 0.8;
+  const auto watch = [&](int n, double used, const Vector3& slide_m_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 1, slide_m_s);
+      fresh.update(1, fit_, true, std::exchange(first_used, 0.1 * used), kDt_s);
+      used_up.update(1, fit_, true, used, kDt_s);
+    }
+  };
+  watch(600, 0.5, Vector3::Zero());
+  EXPECT_FALSE(fresh.squeezes() || used_up.squeezes());
+  watch(40, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(fresh.squeezes() && !fresh.slips());
+  EXPECT_TRUE(used_up.squeezes() && used_up.slips());
+  EXPECT_NEAR(used_up.slid_m(), 0.004, 5e-4);
+  EXPECT_LT(used_up.relief(), 1.0);
+  EXPECT_FALSE(used_up.out_of_hand());
+  watch(700, 0.5, Vector3::Zero());  // it stands
+  EXPECT_FALSE(used_up.slips());
+  EXPECT_EQ(used_up.relief(), 1.0);
+  EXPECT_TRUE(used_up.squeezes());
+  watch(100, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(used_up.out_of_hand());
+}
+
+/// Four limbs that share a weight at their middle, and what one of them feels besides.
+class Balance : public testing::Test {
+ protected:
+  void cycles(double seconds, const Wrench& besides, int limb) {
+    PerLimb<Wrench> felt_W;
+    for (Wrench& wrench : felt_W) wrench.force_N = -0.25 * weight_N_;
+    felt_W[limb] = felt_W[limb] + besides;
+    for (int i = 0; i < static_cast<int>(seconds / kDt_s); ++i)
+      balance_.update(felt_W, grippers_W_m_, {true, true, true, true}, Vector3::Zero(), weight_N_, kDt_s);
+  }
+  const Vector3 weight_N_{-70.0, 0.0, -70.0};
+  PerLimb<Vector3> grippers_W_m_{Vector3(0.14, 0.36, -0.15), Vector3(0.14, -0.36, -0.15), Vector3(-0.14, 0.36, -0.15),
+                                 Vector3(-0.14, -0.36, -0.15)};
+  WeightBalance balance_{robot().stance};
+};
+
+TEST_F(Balance, WhatIsThereFromTheBeginningIsLearnt) {
+  cycles(1.0, {{0.0, 5.0, 0.0}, {0.0, 0.0, 0.5}}, 2);
+  EXPECT_NEAR(balance_.unbalanced_W().force_N.y(), 5.0, 1e-9);
+  EXPECT_LT(balance_.change_N(), 1e-6);
+}
+
+TEST_F(Balance, ASensorThatDiesIsNamedByTheForceThatIsMissingAtItsLimb) {
+  cycles(1.0, {}, 0);
+  cycles(0.1, {0.25 * weight_N_, {0.0, 0.0, 0.0}}, 1);
+  EXPECT_GT(balance_.change_N(), robot().stance.max_unbalanced_N);
+  EXPECT_EQ(balance_.limb(), 1);
+}
+
+TEST_F(Balance, APushOnTheBodyIsNoLimbs) {
+  cycles(1.0, {}, 0);
+  cycles(0.1, {{0.0, 30.0, 0.0}, grippers_W_m_[0].cross(Vector3(0.0, -30.0, 0.0))}, 0);  // at the centre of mass
+  EXPECT_NEAR(balance_.change_N(), 30.0, 0.5);
+  EXPECT_EQ(balance_.limb(), -1);
 }
 
 }  // namespace
