@@ -102,7 +102,9 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   PerLimb<FittedLimb> fitted;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    const bool holds = engaged_ && !limb.point_foot && limb.gripping() && limbs_[l].in_contact() && !faults_.lost(l);
+    // Before the plan has begun somebody may carry the robot.
+    const bool holds =
+        engaged_ && started_ && !limb.point_foot && limb.gripping() && limbs_[l].in_contact() && !faults_.lost(l);
     fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
   }
   stance_.update(fitted, dt_s);
