@@ -197,6 +197,7 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   record.log_time_ns = cycle_time_ns(cycle_);
   record.input.cycle = cycle_;
   record.input.dt_s = 1.0 / robot_.can.rate_Hz;
+  record.input.late_s = 1e-9 * static_cast<double>(late_ns_);
   for (const LimbBus& limb : limbs_) limb.fill(record.input);
   report_health(record);
   take_command(record.input);
@@ -207,12 +208,8 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   desk_.end_cycle(state, result.command_refusal, events_);
   exchange_.supervisor_state.store(state, std::memory_order_relaxed);
   exchange_.fault_code.store(result.state.fault_code, std::memory_order_relaxed);
-  if (result.has_fault) {
-    if (crux_msgs::fault_t* slot = exchange_.faults.back()) {
-      *slot = result.fault;
-      exchange_.faults.push();
-    }
-  }
+  if (result.has_fault) tell(result.fault);
+  report_log(record.result);
   record.timing.cycle = cycle_;
   record.timing.wall_ns = begin_ns;
   record.timing.wait_ns = wait_ns_;
@@ -220,6 +217,31 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   record.timing.answer_ns = 0;
   for (const LimbBus& limb : limbs_) record.timing.answer_ns = std::max(record.timing.answer_ns, limb.answer_time_ns());
   record.timing.compute_ns = now_ns() - begin_ns;
+}
+
+void CycleLoop::tell(const crux_msgs::fault_t& fault) noexcept {
+  crux_msgs::fault_t* slot = exchange_.faults.back();
+  if (slot == nullptr) return;
+  *slot = fault;
+  exchange_.faults.push();
+}
+
+/// A log that is not whole is told; the robot climbs on.
+void CycleLoop::report_log(CycleResult& result) noexcept {
+  const bool ended = exchange_.log_broken.load(std::memory_order_relaxed) && !log_end_told_;
+  const bool gap = report_.dropped_records > gaps_told_ && records_.back() != nullptr;
+  if (!ended && !gap) return;
+  log_end_told_ = log_end_told_ || ended;
+  gaps_told_ = report_.dropped_records;
+  crux_msgs::fault_t fault{};
+  fault.cycle = cycle_;
+  fault.code = static_cast<std::int16_t>(ended ? FaultCode::kLogEnded : FaultCode::kLogGap);
+  fault.limb = -1;
+  fault.value = static_cast<double>(ended ? cycle_ : gaps_told_);
+  tell(fault);
+  if (result.has_fault) return;
+  result.has_fault = true;
+  result.fault = fault;
 }
 
 /// The state of each bus is an input of the core; the counts behind it go out and into the log.

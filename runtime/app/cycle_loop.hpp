@@ -80,6 +80,8 @@ class CycleLoop : private PlanTaker {
 
   CycleRecord* next_record() noexcept;
   void push(CycleRecord& record) noexcept;
+  void tell(const crux_msgs::fault_t& fault) noexcept;
+  void report_log(CycleResult& result) noexcept;
   void push_events(std::int64_t log_time_ns) noexcept;
   void publish(const CycleRecord& record) noexcept;
   [[nodiscard]] bool stop_asked() const noexcept { return exchange_.stop.load(std::memory_order_acquire); }
@@ -111,6 +113,8 @@ class CycleLoop : private PlanTaker {
   std::int64_t late_ns_ = 0;
   std::int16_t host_state_ = -1;  ///< last one sent
   int hold_cycles_;               ///< left once a stop is asked for
+  bool log_end_told_ = false;
+  std::int64_t gaps_told_ = 0;  ///< records dropped when a gap in the log was told last
   CycleReport report_;
 };
 

@@ -13,16 +13,10 @@
 namespace crux {
 namespace {
 
-// A limb with this share of its load counts as standing.
-constexpr double kStandingLoad = 0.9;
 // Cycles in which latched nodes are told to re-arm: frames may be lost.
 constexpr int kRearmCycles = 50;
 // What a limb bears of the rest while its new grasp is pulled.
 constexpr double kTestedLoad = 1e-3;
-
-Vector3 finger_axis(const LimbReference& limb) {
-  return {std::cos(limb.gripper_yaw_W_rad), std::sin(limb.gripper_yaw_W_rad), 0.0};
-}
 
 }  // namespace
 
@@ -32,7 +26,10 @@ ControlCore::ControlCore(const RobotDescription& robot)
       correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
                   robot.control.max_body_rotation_rad),
       localisation_(robot.localisation),
-      faults_(robot) {}
+      faults_(robot),
+      stance_(robot.stance),
+      slips_{SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance), SlipWatch(robot.stance)},
+      balance_(robot.stance) {}
 
 std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
   Result<std::unique_ptr<const PreparedPlan>> prepared = prepare_plan(robot_, plan);
@@ -63,7 +60,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
   sense(in);
   supervise(in);
   if (engaged_) {
-    if (supervisor_.state() == SupervisorState::kClimbing) advance_clock(reference_, in.dt_s);
+    if (supervisor_.state() == SupervisorState::kClimbing && slipping_limb() < 0) advance_clock(reference_, in.dt_s);
     reference_ = play(*plan_, clock_.now());
     control(in, reference_);
   } else {
@@ -74,7 +71,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
-  return faults_.lost(limb) ? 0.0 : reference.load;
+  return faults_.lost(limb) ? 0.0 : reference.load * slips_[limb].relief();
 }
 
 void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
@@ -94,6 +91,7 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   com_W_m_ = body_.body_W() * centre_of_mass(robot_, states);
   const double dt_s = in.dt_s > 0.0 && std::isfinite(in.dt_s) ? in.dt_s : 0.0;
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, dt_s);
+  watch_stance(dt_s);
 }
 
 Reason ControlCore::off_start(const PlanReference& start) const noexcept {
@@ -131,7 +129,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
   FaultEvent fault = faults_.node_fault(in, engaged_);
   for (int l = 0; l < kLimbs && !fault && engaged_; ++l) fault = limbs_[l].encoder_fault();
-  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(), in.dt_s);
+  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(in.late_s), in.dt_s);
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
   const Reason off = idle ? off_start(reference_) : Reason{};
   const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
@@ -150,9 +148,11 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .fault = fault,
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
+  for (int l = 0; l < kLimbs; ++l) limbs_[l].trust_finger_force(!faults_.finger_force_distrusted(l));
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
     test_.reset();
+    for (SlipWatch& slip : slips_) slip = SlipWatch(robot_.stance);
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
   }
@@ -199,7 +199,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     const LimbReference& limb = reference.limbs[l];
     if (!limb.closing()) continue;
     if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone)
-      test_.begin(l, test_load_W(*plan_, clock_.now(), l, finger_axis(limb), contact(limb), robot_.control));
+      test_.begin(l, test_load_W(*plan_, clock_.now(), l, limb.finger_axis_W(), contact(limb), robot_.control));
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
@@ -209,8 +209,8 @@ PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexc
   PerLimb<Bearer> bearers;
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    bearers[l] = {limbs_[l].anchor_W_m(limb), finger_axis(limb), load(l, limb),
-                  faults_.lost(l) ? Wrench() : limb.wrench_W};
+    bearers[l] = {limbs_[l].anchor_W_m(limb), limb.finger_axis_W(), load(l, limb),
+                  faults_.lost(l) ? Wrench() : limb.wrench_W * slips_[l].relief()};
     if (test_.limb() == l) bearers[l].load = kTestedLoad, bearers[l].planned_W = test_.pull_W();
   }
   return bearers;
@@ -258,7 +258,7 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
     if (faults_.distrusted(l)) continue;
     loads[l] = load(l, limb);
-    if (!faults_.lost(l) && (limb.gripping() || limb.closing()))
+    if (!faults_.lost(l) && !slips_[l].slips() && (limb.gripping() || limb.closing()))
       errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;
   }
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
@@ -295,8 +295,8 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
     const LimbReference& limb = reference.limbs[l];
     if (!limbs_[l].follow_contact(limb, body_.body_W(), body_command_W) || plan_->point_feet) continue;
     const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
-    localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, finger_axis(limb),
-                        finger_axis(limb).dot(place_W_m - limb.gripper_position_W_m));
+    localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, limb.finger_axis_W(),
+                        limb.finger_axis_W().dot(place_W_m - limb.gripper_position_W_m));
   }
   if (faults_.force_torque_well(in)) {
     const PerLimb<Wrench> errors = wrench_errors(reference, engagement);
@@ -317,14 +317,7 @@ double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const W
   Contact trusted = contact(reference);
   trusted.friction *= robot_.control.trusted_friction;
   return std::max(reference.squeeze_N,
-                  required_grasp_force_N(wrench_W, finger_axis(reference), trusted, robot_.control));
-}
-
-double ControlCore::utilisation(int limb) const noexcept {
-  const LimbReference& reference = reference_.limbs[limb];
-  if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
-  const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
-  return limit_surface_utilisation(wrench_W, finger_axis(reference), contact(reference), limbs_[limb].finger_force_N());
+                  required_grasp_force_N(wrench_W, reference.finger_axis_W(), trusted, robot_.control));
 }
 
 void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
@@ -351,7 +344,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
     if (test_.limb() == l) force_N = wanted_grasp_force_N(now, test_.load_W());
-    if (now.gripping() && any_lost) force_N = contact(now).max_normal_N;
+    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = contact(now).max_normal_N;
     if (now.gripping() && !faults_.distrusted(l))
       force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
@@ -359,29 +352,6 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     }
     limbs_[l].grasp(now, force_N, dt_s);
   }
-}
-
-LoopErrors ControlCore::loop_errors() const noexcept {
-  LoopErrors errors;
-  errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
-  for (int l = 0; l < kLimbs; ++l) {
-    errors.tracking_error_rad[l] = limbs_[l].tracking_error_rad(errors.worst_joint[l]);
-    errors.ik_error_m[l] = limbs_[l].ik_error_m();
-    errors.finger_force_N[l] = limbs_[l].finger_force_N();
-    errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
-    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
-    errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
-    // Legs that swing have inertia of their own.
-    const bool slow = !reference_.limbs[l].point_foot || reference_.limbs[l].load > kStandingLoad;
-    errors.ft_residual_Nm[l] = started_ && slow ? limbs_[l].ft_residual_Nm() : 0.0;
-    errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
-  }
-  errors.gave_way_m = test_.gave_way_m();
-  if (supervisor_.state() == SupervisorState::kClimbing) {
-    errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;
-    errors.waiting_limb = started_ ? clock_.waiting_limb() : settling_limb_;
-  }
-  return errors;
 }
 
 }  // namespace crux

@@ -18,7 +18,10 @@
 #include "core/map_localisation.hpp"
 #include "core/plan_clock.hpp"
 #include "core/prepared_plan.hpp"
+#include "core/slip_watch.hpp"
+#include "core/stance_fit.hpp"
 #include "core/supervisor.hpp"
+#include "core/weight_balance.hpp"
 
 namespace crux {
 
@@ -56,6 +59,7 @@ class ControlCore {
  private:
   void sense(const crux_msgs::control_input_t& in) noexcept;
   void supervise(const crux_msgs::control_input_t& in) noexcept;
+  void watch_stance(double dt_s) noexcept;
   Reason off_start(const PlanReference& start) const noexcept;
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
@@ -66,12 +70,13 @@ class ControlCore {
   /// Share of its load that a limb bears; nothing once it has lost its hold.
   double load(int limb, const LimbReference& reference) const noexcept;
   Contact contact(const LimbReference& reference) const noexcept;
+  int slipping_limb() const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
-  LoopErrors loop_errors() const noexcept;
+  LoopErrors loop_errors(double late_s) const noexcept;
   PerLimb<Bearer> bearers(const PlanReference& reference) const noexcept;
   PerLimb<Wrench> balanced(const PerLimb<Bearer>& bearers) const noexcept;
   /// What the limbs are to bear: balanced, and within what fingers and joints can.
@@ -91,6 +96,9 @@ class ControlCore {
   GraspTest test_;
   FaultMonitor faults_;
   Supervisor supervisor_;
+  StanceFit stance_;
+  PerLimb<SlipWatch> slips_;
+  WeightBalance balance_;
   PlanClock clock_;
 
   PlanReference reference_;     ///< of this cycle

@@ -52,6 +52,9 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     to.friction = from.friction;
     limbs_[l].write(body_.body_W(), wrenches_W_[l], out.telemetry[l]);
     out.telemetry[l].utilisation = utilisation(l);
+    copy(stance_.since_contact(l).shift_G_m, out.telemetry[l].stance_shift_g_m);
+    copy(stance_.since_contact(l).turn_G_rad, out.telemetry[l].stance_turn_g_rad);
+    out.telemetry[l].slip_m = slips_[l].slid_m();
   }
 }
 
@@ -61,9 +64,10 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   write_reference(out);
 
   const bool climbing = supervisor_.state() == SupervisorState::kClimbing;
-  const WaitingFor waiting_for = !climbing  ? WaitingFor::kNothing
-                                 : started_ ? clock_.waiting_for()
-                                            : WaitingFor::kSettle;
+  const WaitingFor waiting_for = !climbing              ? WaitingFor::kNothing
+                                 : slipping_limb() >= 0 ? WaitingFor::kSlip
+                                 : started_             ? clock_.waiting_for()
+                                                        : WaitingFor::kSettle;
   crux_msgs::robot_state_t& state = out.state;
   state.cycle = in.cycle;
   state.time_s = static_cast<double>(in.cycle) * in.dt_s;
@@ -71,7 +75,10 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   state.motion = static_cast<std::int8_t>(supervisor_.motion());
   state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
   state.waiting_for = static_cast<std::int8_t>(waiting_for);
-  state.waiting_limb = static_cast<std::int8_t>(!climbing ? -1 : started_ ? clock_.waiting_limb() : settling_limb_);
+  state.waiting_limb = static_cast<std::int8_t>(!climbing              ? -1
+                                                : slipping_limb() >= 0 ? slipping_limb()
+                                                : started_             ? clock_.waiting_limb()
+                                                                       : settling_limb_);
   state.fault_code = static_cast<std::int16_t>(supervisor_.fault().code);
   state.missed_cycles = faults_.missed_cycles();
   state.plan_time_s = plan_ ? clock_.now().seconds(*plan_) : 0.0;
@@ -83,6 +90,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   copy(reference_.body_W.position_m, state.body_reference_position_w_m);
   copy_rotation(reference_.body_W.rotation, state.body_reference_quaternion_w);
   copy(com_W_m_, state.centre_of_mass_w_m);
+  copy(balance_.unbalanced_W().force_N, state.unbalanced_force_w_n);
+  copy(balance_.unbalanced_W().moment_Nm, state.unbalanced_moment_w_nm);
 
   const FaultEvent& fault = supervisor_.fault();
   out.has_fault = supervisor_.fault_is_new();

@@ -17,6 +17,7 @@ using crux_msgs::bus_health_t;
 constexpr int kMaxFullCycles = 1;
 constexpr double kHoldGone_s = 0.008;    // without force in fingers and F/T sensor
 constexpr double kFtResidual_s = 0.030;  // longer than a contact's shock
+constexpr double kFingerResidual_s = 0.010;
 
 bool finite(const double* values, int n) {
   for (int i = 0; i < n; ++i) {
@@ -53,7 +54,8 @@ bool lasts(bool wrong, double& time_s, double dt_s, double persistence_s) {
 
 }  // namespace
 
-FaultMonitor::FaultMonitor(const RobotDescription& robot) : limits_(robot.supervisor), can_(robot.can) {}
+FaultMonitor::FaultMonitor(const RobotDescription& robot)
+    : limits_(robot.supervisor), can_(robot.can), stance_(robot.stance) {}
 
 void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
   bool all_fresh = true;
@@ -226,6 +228,10 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
   const auto tell = [&fault](const FaultEvent& event) {
     if (!fault) fault = event;
   };
+  if (lasts(errors.unbalanced_N > stance_.max_unbalanced_N, unbalanced_time_s_, dt_s, stance_.unbalanced_time_s)) {
+    tell({FaultCode::kUnbalanced, errors.unbalanced_limb, 0, errors.unbalanced_N, stance_.max_unbalanced_N});
+  }
+  if (errors.late_s > p.max_late_s) tell({FaultCode::kCycleLate, -1, 0, errors.late_s, p.max_late_s});
   if (errors.waited_s > p.event_timeout_s) {
     tell({FaultCode::kEventTimeout, errors.waiting_limb, 0, errors.waited_s, p.event_timeout_s});
   }
@@ -239,14 +245,27 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
             p.max_tracking_error_rad});
     }
     const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
-    // Where fingers and F/T sensor say the same, a moment is enough.
-    const bool gone = lasts(lost && errors.feels_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
+    // Where fingers and F/T sensor or opening say the same, a moment is enough.
+    const bool agreed = errors.feels_nothing[l] || errors.left_width[l];
+    const bool gone = lasts(lost && agreed, hold_gone_time_s_[l], dt_s, kHoldGone_s);
     if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
       lost_[l] = true;
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
     }
     if (errors.grasp_failed[l])
       tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, GraspTest::kMaxCreep_m});
+    if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {
+      tell({FaultCode::kStanceMisfit, l, 0, errors.misfit_m[l], stance_.max_misfit_m});
+    }
+    // A hold that is gone lets its gripper slide as well; it is told as gone before this lasts.
+    if (lasts(errors.slips_on[l], slip_time_s_[l], dt_s, p.persistence_s))
+      tell({FaultCode::kSlip, l, can_.gripper_node, errors.slid_m[l], stance_.max_slip_m});
+    if (lasts(errors.finger_residual_N[l] > p.max_finger_residual_N, finger_residual_time_s_[l], dt_s,
+              kFingerResidual_s)) {
+      finger_distrusted_[l] = true;
+      tell({FaultCode::kFingerForceImplausible, l, can_.gripper_node, errors.finger_residual_N[l],
+            p.max_finger_residual_N});
+    }
     const bool unexplained = errors.ft_residual_Nm[l] > errors.ft_limit_Nm[l];
     if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s)) {
       distrusted_[l] = true;
@@ -262,6 +281,7 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
 void FaultMonitor::forgive() noexcept {
   lost_.fill(false);
   distrusted_.fill(false);
+  finger_distrusted_.fill(false);
 }
 
 }  // namespace crux

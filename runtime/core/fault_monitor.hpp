@@ -29,13 +29,21 @@ struct LoopErrors {
   PerLimb<int> worst_joint{};
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
-  PerLimb<bool> must_grip{};      ///< bears load: its fingers must press
-  PerLimb<bool> feels_nothing{};  ///< the F/T sensor says that nothing holds the gripper
-  PerLimb<bool> grasp_failed{};   ///< gave way to the pull that tested it
+  PerLimb<bool> must_grip{};            ///< bears load: its fingers must press
+  PerLimb<bool> feels_nothing{};        ///< the F/T sensor says that nothing holds the gripper
+  PerLimb<bool> grasp_failed{};         ///< gave way to the pull that tested it
   double gave_way_m = 0.0;
-  PerLimb<double> ft_residual_Nm{};  ///< torque of the limb's joints that its F/T sensor does not explain
-  PerLimb<double> ft_limit_Nm{};     ///< the most that this may be
-  double waited_s = 0.0;             ///< for the plan clock's event
+  PerLimb<double> ft_residual_Nm{};     ///< torque of the limb's joints that its F/T sensor does not explain
+  PerLimb<double> ft_limit_Nm{};        ///< the most that this may be
+  PerLimb<bool> left_width{};           ///< its fingers have closed further than its hold is wide
+  PerLimb<double> finger_residual_N{};  ///< finger force that opening and command do not explain
+  PerLimb<double> slid_m{};             ///< in a slip
+  PerLimb<bool> slips_on{};             ///< in spite of all that was done
+  double unbalanced_N = 0.0;
+  int unbalanced_limb = -1;
+  PerLimb<double> misfit_m{};  ///< of the limb that does not fit the others
+  double late_s = 0.0;         ///< this cycle began so long after its instant
+  double waited_s = 0.0;       ///< for the plan clock's event
   int waiting_limb = -1;
 };
 
@@ -67,6 +75,8 @@ class FaultMonitor {
   bool lost(int limb) const noexcept { return lost_[limb]; }
   /// The limb's F/T sensor does not fit its joints' torques; nothing is done on its word.
   bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
+  /// The limb's finger force does not fit its opening and command.
+  bool finger_force_distrusted(int limb) const noexcept { return finger_distrusted_[limb]; }
   /// An operator has looked: what was lost or distrusted is tried again.
   void forgive() noexcept;
 
@@ -85,6 +95,10 @@ class FaultMonitor {
 
   SupervisorParameters limits_;
   CanDescription can_;
+  StanceParameters stance_;
+  double unbalanced_time_s_ = 0.0;
+  PerLimb<double> misfit_time_s_{};
+  PerLimb<double> slip_time_s_{};
   std::array<int, kAllJoints> joint_silence_{};
   PerLimb<int> gripper_silence_{};
   PerLimb<int> ft_silence_{};
@@ -100,6 +114,8 @@ class FaultMonitor {
   PerLimb<double> ft_residual_time_s_{};
   PerLimb<bool> lost_{};
   PerLimb<bool> distrusted_{};
+  PerLimb<double> finger_residual_time_s_{};
+  PerLimb<bool> finger_distrusted_{};
 };
 
 }  // namespace crux

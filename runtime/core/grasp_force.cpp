@@ -11,7 +11,6 @@ namespace {
 
 // Fingers that press less than this share of the contact force are still on their way.
 constexpr double kTouchShare = 0.3;
-
 constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
 /// What one pad bears along its face, and how much harder than the squeeze the wrench presses it [N].
@@ -64,6 +63,11 @@ void GraspController::reset(double opening_m, double force_N) noexcept {
   // The actuator's position loop gives stiffness·(opening − command) when it stands.
   opening_command_m_ = opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m;
   force_reference_N_ = std::max(force_N, 0.0);
+}
+
+double GraspController::expected_force_N(double opening_m, double speed_m_s) const noexcept {
+  return std::clamp(gripper_.stiffness_N_m * (opening_m - opening_command_m_) + gripper_.damping_Ns_m * speed_m_s,
+                    -gripper_.max_finger_force_N, gripper_.max_finger_force_N);
 }
 
 void GraspController::open_to(double opening_m, double dt_s) noexcept {

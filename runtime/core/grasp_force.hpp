@@ -45,6 +45,9 @@ class GraspController {
   /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
   void press(double wanted_force_N, double measured_force_N, double dt_s) noexcept;
 
+  /// Squeeze [N] that the actuator makes of its command where the fingers stand `opening_m` apart and move.
+  double expected_force_N(double opening_m, double speed_m_s) const noexcept;
+
   double opening_command_m() const { return opening_command_m_; }
   double force_reference_N() const { return force_reference_N_; }
 

@@ -52,8 +52,9 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
     torque_Nm_[j] = in.joint_torque_nm[i];
   }
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
-      std::isfinite(in.finger_force_n[limb_])) {
+      std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
     finger_opening_m_ = in.finger_opening_m[limb_];
+    finger_speed_m_s_ = in.finger_speed_m_s[limb_];
     finger_force_N_ = in.finger_force_n[limb_];
   }
   const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
@@ -67,9 +68,11 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
 void LimbController::sense_wrench(const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2, double dt_s) noexcept {
   wrench_.update(raw_G_, rotation_WB * state_.gripper_B.rotation, gravity_W_m_s2, dt_s);
   const Matrix3 rotation_BW = rotation_WB.transpose();
-  const JointVector unexplained_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2) -
-                                     contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
-  residual_Nm_ += dt_s / (control_.force_filter_s + dt_s) * (unexplained_Nm - residual_Nm_);
+  const JointVector borne_Nm = torque_Nm_ - gravity_torque(state_, rotation_BW * gravity_W_m_s2);
+  const JointVector unexplained_Nm = borne_Nm - contact_torque(state_, turned(wrench_.wrench_W(), rotation_BW));
+  const double share = dt_s / (control_.force_filter_s + dt_s);
+  borne_Nm_ += share * (borne_Nm - borne_Nm_);
+  residual_Nm_ += share * (unexplained_Nm - residual_Nm_);
 }
 
 double LimbController::ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept {
@@ -97,6 +100,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   admittance_.reset(off_m - contact_offset_W_m_,
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
   grasp_.reset(finger_opening_m_, finger_force_N_);
+  gripped_opening_m_ = finger_opening_m_;
   aim_W_ = body_W;
   ik_ = {};
   ik_.q_rad = q_rad_;
@@ -112,7 +116,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
-  gripped_time_s_ = finger_force_N_ >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
+  gripped_time_s_ = finger_force_N() >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
   return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
           .opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m,
           .arrived = distance_m <= supervisor_.arrive_tolerance_m,
@@ -143,6 +147,7 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
     const std::size_t begins = reference.back ? 1 : 0, ends = 1 - begins;
     if (contact) {
       known_[ends] = {};
+      gripped_opening_m_ = finger_opening_m_;
     } else {
       // Fingers that turn back before they have left close where they are.
       if (in_contact_) {
@@ -190,14 +195,16 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
   } else if (reference.phase != LimbPhase::kOpen) {
     admittance_.fade(control_.swing_decay_s, dt_s);
   }
-  const bool free =
-      reference.phase == LimbPhase::kSwing && !reference.point_foot && finger_force_N_ < 0.2 * control_.contact_force_N;
+  // A gripper that runs against something bears a force, which is no bias; its joints tell.
+  const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot &&
+                    finger_force_N() < 0.2 * control_.contact_force_N &&
+                    borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
 }
 
 void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
-    grasp_.press(force_N, finger_force_N_, dt_s);
+    grasp_.press(force_N, finger_force_N(), dt_s);
   } else {
     grasp_.open_to(reference.finger_opening_m, dt_s);
   }

@@ -86,9 +86,19 @@ class LimbController {
 
   Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
+  const JointVector& torque_Nm() const { return torque_Nm_; }  ///< measured
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   bool force_torque_tared() const { return wrench_.tared(); }
-  double finger_force_N() const { return finger_force_N_; }
+  /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
+  double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
+  void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
+  double expected_finger_force_N() const noexcept {
+    return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
+  }
+  /// What the finger force measured is off that [N].
+  double finger_residual_N() const noexcept { return std::abs(finger_force_N_ - expected_finger_force_N()); }
+  /// The fingers have closed further than the hold that they had gripped is wide.
+  bool left_width() const noexcept { return finger_opening_m_ < gripped_opening_m_ - supervisor_.open_tolerance_m; }
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;
   double ik_error_m() const { return ik_.position_error_m; }
@@ -127,9 +137,13 @@ class LimbController {
   JointVector q_rad_ = JointVector::Zero();
   JointVector torque_Nm_ = JointVector::Zero();
   double finger_opening_m_ = 0.0;
+  double finger_speed_m_s_ = 0.0;
   double finger_force_N_ = 0.0;
+  bool trusts_finger_force_ = true;
+  double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is
+  JointVector borne_Nm_ = JointVector::Zero();     ///< torque beyond gravity, filtered likewise
   LimbState state_;
 
   // Commanded.

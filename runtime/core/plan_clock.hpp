@@ -8,7 +8,7 @@
 namespace crux {
 
 /// robot_state_t.waiting_for
-enum class WaitingFor : int { kNothing = 0, kUnload = 1, kOpen = 2, kArrive = 3, kGrip = 4, kSettle = 5 };
+enum class WaitingFor : int { kNothing = 0, kUnload = 1, kOpen = 2, kArrive = 3, kGrip = 4, kSettle = 5, kSlip = 6 };
 
 /// Which way the clock runs, and how far.
 enum class Motion : std::int8_t {

@@ -1,6 +1,8 @@
 // How a plan is read between its knots: msgs/PLAN.md, pure.
 #pragma once
 
+#include <cmath>
+
 #include "core/prepared_plan.hpp"
 
 namespace crux {
@@ -51,6 +53,8 @@ struct LimbReference {
     return phase == LimbPhase::kStance || phase == LimbPhase::kUnload || phase == LimbPhase::kLoad;
   }
   bool closing() const { return phase == LimbPhase::kClose; }
+  /// Unit vector through both pads, towards finger 1.
+  Vector3 finger_axis_W() const { return {std::cos(gripper_yaw_W_rad), std::sin(gripper_yaw_W_rad), 0.0}; }
 };
 
 struct PlanReference {

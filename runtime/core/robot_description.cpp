@@ -160,6 +160,7 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                    .max_finger_force_N = gripper.positive("max_finger_force_N"),
                    .max_finger_speed_m_s = gripper.positive("max_finger_speed_m_s"),
                    .stiffness_N_m = gripper.positive("stiffness_N_m"),
+                   .damping_Ns_m = gripper.not_negative("damping_Ns_m"),
                    .pad_radius_m = gripper.positive("pad_radius_m")};
 
   const YamlReader ft = file.section("force_torque");
@@ -205,6 +206,21 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                         .grasp_sigma_rad = m.not_negative("grasp_sigma_rad"),
                         .tilt_sigma_rad = m.positive("tilt_sigma_rad")};
 
+  const YamlReader f = file.section("stance");
+  robot.stance = {.shift_sigma_m = f.positive("shift_sigma_m"),
+                  .turn_sigma_rad = f.positive("turn_sigma_rad"),
+                  .idle_torque_Nm = f.not_negative("idle_torque_Nm"),
+                  .most_play_rad = f.not_negative("most_play_rad"),
+                  .play_memory_s = f.positive("play_memory_s"),
+                  .slip_m = f.positive("slip_m"),
+                  .max_slip_m = f.positive("max_slip_m"),
+                  .still_time_s = f.positive("still_time_s"),
+                  .relief_load = f.not_negative("relief_load"),
+                  .max_misfit_m = f.positive("max_misfit_m"),
+                  .balance_memory_s = f.positive("balance_memory_s"),
+                  .max_unbalanced_N = f.positive("max_unbalanced_N"),
+                  .unbalanced_time_s = f.positive("unbalanced_time_s")};
+
   const YamlReader s = file.section("supervisor");
   robot.supervisor = {.start_tolerance_m = s.positive("start_tolerance_m"),
                       .start_tolerance_rad = s.positive("start_tolerance_rad"),
@@ -220,6 +236,8 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                       .encoder_standstill_rad = s.positive("encoder_standstill_rad"),
                       .max_ft_residual_Nm = s.positive("max_ft_residual_Nm"),
                       .max_ft_residual_share = s.positive("max_ft_residual_share"),
+                      .max_finger_residual_N = s.positive("max_finger_residual_N"),
+                      .max_late_s = s.positive("max_late_s"),
                       .persistence_s = s.positive("persistence_s")};
 }
 

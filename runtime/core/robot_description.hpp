@@ -50,6 +50,7 @@ struct GripperDescription {
   double max_finger_force_N = 0.0;
   double max_finger_speed_m_s = 0.0;
   double stiffness_N_m = 0.0;  ///< of the actuator's position loop, a finger
+  double damping_Ns_m = 0.0;
   double pad_radius_m = 0.0;
 };
 
@@ -103,6 +104,23 @@ struct LocalisationParameters {
   double tilt_sigma_rad = 0.0;
 };
 
+/// Of the rigid fit of the grips, and of slips.
+struct StanceParameters {
+  double shift_sigma_m = 0.0;
+  double turn_sigma_rad = 0.0;
+  double idle_torque_Nm = 0.0;
+  double most_play_rad = 0.0;
+  double play_memory_s = 0.0;
+  double slip_m = 0.0;
+  double max_slip_m = 0.0;
+  double still_time_s = 0.0;
+  double relief_load = 0.0;
+  double max_misfit_m = 0.0;
+  double balance_memory_s = 0.0;
+  double max_unbalanced_N = 0.0;
+  double unbalanced_time_s = 0.0;
+};
+
 struct SupervisorParameters {
   double start_tolerance_m = 0.0;
   double start_tolerance_rad = 0.0;
@@ -118,6 +136,8 @@ struct SupervisorParameters {
   double encoder_standstill_rad = 0.0;
   double max_ft_residual_Nm = 0.0;
   double max_ft_residual_share = 0.0;
+  double max_finger_residual_N = 0.0;
+  double max_late_s = 0.0;
   double persistence_s = 0.0;
 };
 
@@ -136,6 +156,7 @@ struct RobotDescription {
   AdmittanceParameters admittance;
   ControlParameters control;
   LocalisationParameters localisation;
+  StanceParameters stance;
   SupervisorParameters supervisor;
 };
 

@@ -42,6 +42,7 @@ struct RuntimeExchange {
   LatestValue<NodeStates> nodes;
   std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
   std::atomic<std::int16_t> fault_code{0};  ///< of the fault that stands, as in robot_state_t
+  std::atomic<bool> log_broken{false};      ///< the log can be written no more
   std::atomic<bool> stop{false};            ///< asks the real-time thread to hold and end
 };
 

@@ -42,6 +42,12 @@ std::unique_ptr<LogEntry> entry_of(const acknowledgement_t& acknowledgement) {
   return entry;
 }
 
+/// A fault that does not end a climb.
+bool only_told(std::int16_t code) {
+  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(code);
+  return info != nullptr && info->to == robot_state_t::CLIMBING;
+}
+
 }  // namespace
 
 OperatorServer::OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange,
@@ -283,8 +289,11 @@ void OperatorServer::drain_answers() {
 
 void OperatorServer::drain_faults() {
   for (const crux_msgs::fault_t* fault; (fault = exchange_.faults.front()) != nullptr; exchange_.faults.pop()) {
-    fault_ = *fault;
-    fault_at_ = Clock::now();
+    if (!only_told(fault->code) || exchange_.fault_code.load(std::memory_order_relaxed) != fault_.code ||
+        fault_.code == 0) {
+      fault_ = *fault;
+      fault_at_ = Clock::now();
+    }
     publish(Channel::kFault, *fault);
     if (prints_) print_fault(*fault);
   }
@@ -302,7 +311,9 @@ void OperatorServer::publish_status(std::int64_t request_id) {
   crux_msgs::status_t status{};
   status.request_id = request_id;
   std::ranges::copy(nodes_, std::begin(status.node_state));
-  if (exchange_.fault_code.load(std::memory_order_relaxed) == fault_.code && fault_.code != 0) {
+  // What is only told is no fault of the control; it is said while none of these stands.
+  const std::int16_t standing = exchange_.fault_code.load(std::memory_order_relaxed);
+  if (fault_.code != 0 && (standing == fault_.code || (standing == 0 && only_told(fault_.code)))) {
     status.fault = fault_;
     status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
   }

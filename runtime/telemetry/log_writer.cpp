@@ -39,6 +39,7 @@ void LogWriter::fail(const LogError& error) {
   error_ = error.what();
   std::fprintf(stderr, "crux-runtime: %s; the control goes on without a log\n", error_.c_str());
   log_.reset();
+  broken_.store(true, std::memory_order_relaxed);
 }
 
 void LogWriter::write_event(LoggedEvent& event, std::int64_t log_time_ns) {

@@ -15,7 +15,9 @@ namespace crux {
 class LogWriter {
  public:
   /// @param log where to write; without one the records are only taken and freed
-  LogWriter(SpscRing<CycleRecord>& records, std::unique_ptr<McapLog> log) : records_(records), log_(std::move(log)) {}
+  /// @param broken set when it can be written no more
+  LogWriter(SpscRing<CycleRecord>& records, std::unique_ptr<McapLog> log, std::atomic<bool>& broken)
+      : records_(records), log_(std::move(log)), broken_(broken) {}
 
   /// Writes until `ended` is set and the queue is empty, then ends the file. After the first error it goes on taking
   /// records, so that nobody waits for it.
@@ -43,6 +45,7 @@ class LogWriter {
 
   SpscRing<CycleRecord>& records_;
   std::unique_ptr<McapLog> log_;
+  std::atomic<bool>& broken_;
   Metadata end_;
   std::string error_;
 };

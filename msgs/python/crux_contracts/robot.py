@@ -107,6 +107,7 @@ class Robot:
     admittance: robot_sections.Admittance
     control: robot_sections.Control
     localisation: robot_sections.Localisation
+    stance: robot_sections.Stance
     supervisor: robot_sections.SupervisorLimits
     hash: str = field(repr=False)
 

@@ -202,6 +202,25 @@ class Localisation:
 
 
 @dataclass(frozen=True)
+class Stance:
+    """Rigid fit of the grips."""
+
+    shift_sigma_m: float
+    turn_sigma_rad: float
+    idle_torque_Nm: float
+    most_play_rad: float
+    play_memory_s: float
+    slip_m: float
+    max_slip_m: float
+    still_time_s: float
+    relief_load: float
+    max_misfit_m: float
+    balance_memory_s: float
+    max_unbalanced_N: float
+    unbalanced_time_s: float
+
+
+@dataclass(frozen=True)
 class SupervisorLimits:
     start_tolerance_m: float
     start_tolerance_rad: float
@@ -217,6 +236,8 @@ class SupervisorLimits:
     encoder_standstill_rad: float
     max_ft_residual_Nm: float
     max_ft_residual_share: float
+    max_finger_residual_N: float
+    max_late_s: float
     persistence_s: float
 
 
@@ -234,5 +255,6 @@ SECTIONS = {
     "admittance": Admittance,
     "control": Control,
     "localisation": Localisation,
+    "stance": Stance,
     "supervisor": SupervisorLimits,
 }

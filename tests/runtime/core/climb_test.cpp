@@ -137,7 +137,7 @@ TEST(Climb, AGripThatIsLooseBeforeTheClockStartsIsWaitedForAndNotLost) {
   run.step(command_t::START);
   const int cycles = static_cast<int>(4.0 * robot().supervisor.persistence_s / 0.002);
   for (int i = 0; i < cycles; ++i) {
-    run.plant.input().finger_force_n[2] = 0.5;
+    loosen(run.plant.input(), 2);
     run.step();
   }
   EXPECT_FALSE(run.result.has_fault);

@@ -144,6 +144,12 @@ crux_msgs::plan_t sample_plan() {
 
 double setpoint_share(double dt_s) { return 1.0 - std::exp(-dt_s / robot().servo.setpoint_time_constant_s); }
 
+void loosen(crux_msgs::control_input_t& in, int limb) {
+  constexpr double kLeft_N = 0.5;
+  in.finger_opening_m[limb] -= (in.finger_force_n[limb] - kLeft_N) / robot().gripper.stiffness_N_m;
+  in.finger_force_n[limb] = kLeft_N;
+}
+
 ObedientPlant::ObedientPlant(const crux_msgs::plan_t& plan) : plan_(plan) {
   input_.dt_s = 1.0 / robot().can.rate_Hz;
   std::fill(std::begin(input_.joint_fresh), std::end(input_.joint_fresh), 1);

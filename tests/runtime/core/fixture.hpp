@@ -42,6 +42,9 @@ void sign(crux_msgs::plan_t& plan);
 /// What nodes make of a command in a period: x += share·(u − x).
 double setpoint_share(double dt_s);
 
+/// The limb's fingers have nothing between them but half a newton: they stand where they are told to.
+void loosen(crux_msgs::control_input_t& in, int limb);
+
 /// A plant without dynamics: joints are where the nodes' filter of commands says, holds are rigid, and force/torque
 /// sensors read the reference of the cycle before.
 class ObedientPlant {

@@ -91,7 +91,7 @@ TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
   const double before_N = planned_force_N(2).norm();
   ASSERT_GT(before_N, 5.0);
   const auto gone = [](crux_msgs::control_input_t& in) {
-    in.finger_force_n[2] = 0.0;
+    loosen(in, 2);
     std::fill_n(in.ft_force_g_n + 6, 3, 0.0);
   };
   EXPECT_LT(until_fault(gone, 100), 30);
@@ -107,6 +107,40 @@ TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
   run_.step(command_t::CLEAR_FAULT);  // somebody has looked
   run_.steps(100);
   EXPECT_GT(planned_force_N(2).norm(), 5.0);
+}
+
+TEST_F(Sensors, AFingerForceThatReadsZeroIsNamedAndTheGripHoldsOnByItsOpening) {
+  const double opening_m = run_.result.output.finger_opening_m[1];
+  const auto zero = [](crux_msgs::control_input_t& in) { in.finger_force_n[1] = 0.0; };
+  EXPECT_LT(until_fault(zero, 500), 50);
+  expect_fault(FaultCode::kFingerForceImplausible, 1, 7);
+  for (int i = 0; i < 1000; ++i) {
+    zero(run_.plant.input());
+    run_.step();
+  }
+  EXPECT_EQ(run_.result.state.fault_code, static_cast<int>(FaultCode::kFingerForceImplausible));  // and not a lost grip
+  EXPECT_NEAR(run_.result.output.finger_opening_m[1], opening_m, 1e-3);
+}
+
+TEST_F(Sensors, AFingerForceThatFreezesHighDoesNotOpenTheGrip) {
+  const double frozen_N = 58.0, least_m = run_.result.output.finger_opening_m[1];
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.finger_force_n[1] = frozen_N; };
+  EXPECT_LT(until_fault(freeze, 500), 50);
+  expect_fault(FaultCode::kFingerForceImplausible, 1, 7);
+  for (int i = 0; i < 1000; ++i) {
+    freeze(run_.plant.input());
+    run_.step();
+    EXPECT_LT(run_.result.output.finger_opening_m[1], least_m + 5e-4);
+  }
+}
+
+TEST_F(Sensors, ACycleThatBeginsTooLateIsTold) {
+  const double limit_s = robot().supervisor.max_late_s;
+  run_.plant.input().late_s = 0.9 * limit_s;
+  EXPECT_FALSE(run_.step().has_fault);
+  run_.plant.input().late_s = 1.1 * limit_s;
+  EXPECT_TRUE(run_.step().has_fault);
+  expect_fault(FaultCode::kCycleLate, -1, 0);
 }
 
 }  // namespace

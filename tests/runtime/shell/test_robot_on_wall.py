@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -185,3 +186,20 @@ def test_nodes_that_never_were_there_are_silent(start: Starter, capsys: pytest.C
     runtime = start()
     assert main(["status", "--lcm", runtime.ports.lcm_url]) == 0
     assert "28 nodes silent (all)" in "".join(capsys.readouterr())
+
+
+def test_a_log_that_ends_is_told_and_the_robot_controlled_all_the_same(
+    start: Starter, plan: plan_t, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with taken_over(start, plan) as (runtime, _):
+        full = runtime.log.stat().st_size
+        resource.prlimit(runtime.process.pid, resource.RLIMIT_FSIZE, (full, full))
+        told = None
+        while told is None:
+            capsys.readouterr()
+            assert main(["status", "--lcm", runtime.ports.lcm_url, "--json"]) == 0
+            said = json.loads(capsys.readouterr().out)
+            told = said["fault"]
+        assert told["name"] == "log_ended"
+        assert "space" in told["do"]
+        assert said["state"] == "ready"

@@ -35,10 +35,10 @@ END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the 
 N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
 ADDED = {
-    "/control_input": {"bus_state", "command_value"},
+    "/control_input": {"bus_state", "command_value", "late_s"},
     "/cycle_timing": {"answer_ns"},
-    "/limb_telemetry": {"utilisation"},
-    "/robot_state": {"motion", "speed_scale", "verified_time_s"},
+    "/limb_telemetry": {"utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"},
+    "/robot_state": {"motion", "speed_scale", "verified_time_s", "unbalanced_force_w_n", "unbalanced_moment_w_nm"},
 }
 PER_LIMB = ("/limb_reference", "/limb_telemetry")
 STATE_TOPIC = "/robot_state"
@@ -257,6 +257,15 @@ def _by_limb(table: np.ndarray, times_ns: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.stack(picked, axis=1), times
 
 
+def _are_known(cycles_ns: np.ndarray, logged_ns: np.ndarray) -> np.ndarray:
+    """(n,) Whether the record of a channel that is logged every so many cycles is there, not lost with its chunk."""
+    if not len(logged_ns):
+        return np.zeros(len(cycles_ns), dtype=bool)
+    newest = np.searchsorted(logged_ns, cycles_ns, "right") - 1
+    every_ns = np.diff(logged_ns).min(initial=np.iinfo(np.int64).max)
+    return np.asarray((newest >= 0) & (cycles_ns - logged_ns[newest] < every_ns))
+
+
 def read_log(path: Path) -> Telemetry:
     """A telemetry log; raises LogError when it is none or holds not one whole control cycle."""
     return telemetry_of(path, read_channels(path))
@@ -287,7 +296,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
     for topic in EVERY_CYCLE[1:]:
         common_ns = np.intersect1d(common_ns, times_ns[topic])
     for topic in PER_LIMB:
-        common_ns = common_ns[common_ns >= times_ns[topic][0]] if len(times_ns[topic]) else common_ns[:0]
+        common_ns = common_ns[_are_known(common_ns, times_ns[topic])]
     if len(common_ns) == 0:
         raise LogError(f"{path}: the log holds not one whole control cycle")
     # Limb channels are logged less often (log_every in msgs/channels.yaml): their newest record stands until the next.

@@ -15,10 +15,10 @@ from crux_tools.telemetry.reader import Telemetry
 
 STATE_NAMES = ("IDLE", "READY", "CLIMBING", "HOLDING", "FAULT")
 CLIMBING = STATE_NAMES.index("CLIMBING")
-WAIT_NAMES = ("nothing", "unload", "open", "arrive", "grip", "settle")
 MOTION_NAMES = ("forward", "single step", "in reverse")  # robot_state.motion
 PHASE_NAMES = ("stance", "unload", "open", "lift", "swing", "descend", "close", "load")  # limb_reference.phase
 STANCE, SWING = PHASE_NAMES.index("stance"), PHASE_NAMES.index("swing")
+WAIT_NAMES = ("nothing", "unload", "open", "arrive", "grip", "settle", "slip")
 FULL_LOAD = 0.98  # of limb_reference.load: from here on the limb carries its planned wrench
 PERCENTILES = (50, 99, 99.9, 100)
 NS_PER_US = 1e3

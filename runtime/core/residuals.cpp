@@ -1,0 +1,87 @@
+// What the control core checks in every cycle: the grips against each other, forces against the weight, and the errors
+// that the fault monitor judges.
+#include "core/control_core.hpp"
+
+namespace crux {
+namespace {
+
+// A limb with this share of its load counts as standing.
+constexpr double kStandingLoad = 0.9;
+
+}  // namespace
+
+void ControlCore::watch_stance(double dt_s) noexcept {
+  PerLimb<FittedLimb> fitted;
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference_.limbs[l];
+    // Before the plan has begun somebody may carry the robot.
+    const bool holds =
+        engaged_ && started_ && !limb.point_foot && limb.gripping() && limbs_[l].in_contact() && !faults_.lost(l);
+    fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
+  }
+  stance_.update(fitted, dt_s);
+  PerLimb<Wrench> felt_W;
+  PerLimb<Vector3> grippers_W_m;
+  PerLimb<bool> bear{};
+  for (int l = 0; l < kLimbs; ++l) {
+    felt_W[l] = limbs_[l].wrench_W();
+    grippers_W_m[l] = body_.body_W() * limbs_[l].state().gripper_B.position_m;
+    bear[l] = limbs_[l].in_contact() || reference_.limbs[l].closing();
+  }
+  if (!started_) balance_.restart();
+  balance_.update(felt_W, grippers_W_m, bear, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference_.limbs[l];
+    const double used =
+        limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb), limbs_[l].finger_force_N());
+    slips_[l].update(l, stance_, fitted[l].holds, used, dt_s);
+  }
+}
+
+int ControlCore::slipping_limb() const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (slips_[l].slips()) return l;
+  }
+  return -1;
+}
+
+double ControlCore::utilisation(int limb) const noexcept {
+  const LimbReference& reference = reference_.limbs[limb];
+  if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
+  const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
+  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(reference), limbs_[limb].finger_force_N());
+}
+
+LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
+  LoopErrors errors;
+  errors.late_s = late_s;
+  errors.unbalanced_N = plan_->point_feet ? 0.0 : balance_.change_N();
+  errors.unbalanced_limb = balance_.limb();
+  errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
+  for (int l = 0; l < kLimbs; ++l) {
+    errors.tracking_error_rad[l] = limbs_[l].tracking_error_rad(errors.worst_joint[l]);
+    errors.ik_error_m[l] = limbs_[l].ik_error_m();
+    // No grip counts as lost on the word of one sensor: opening and command must say so, too.
+    errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
+    errors.left_width[l] = limbs_[l].left_width();
+    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
+    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
+    errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
+    // Legs that swing have inertia of their own.
+    const bool slow = !reference_.limbs[l].point_foot || reference_.limbs[l].load > kStandingLoad;
+    errors.ft_residual_Nm[l] = started_ && slow ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.slid_m[l] = slips_[l].slid_m();
+    if (stance_.odd_limb() == l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
+    errors.slips_on[l] = slips_[l].out_of_hand();
+    errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
+    errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
+  }
+  errors.gave_way_m = test_.gave_way_m();
+  if (supervisor_.state() == SupervisorState::kClimbing) {
+    errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;
+    errors.waiting_limb = started_ ? clock_.waiting_limb() : settling_limb_;
+  }
+  return errors;
+}
+
+}  // namespace crux

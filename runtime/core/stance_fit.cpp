@@ -1,0 +1,211 @@
+#include "core/stance_fit.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace crux {
+namespace {
+
+constexpr int kLeastHolds = 3;  // for one of them to be told from the others
+constexpr double kRelativeDamping = 1e-9;
+constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
+constexpr double kPlay = 0.5;
+constexpr double kDoubts = 2.0;      // deviations from where the others have it
+constexpr double kArm_m = 0.25;      // of a joint to its gripper, about: what was seen of play, as an angle
+constexpr double kIdleRidge = 1e-2;  // of joints that do not count
+
+}  // namespace
+
+/// What a limb's word is worth (inverse covariance), axes of S: joints that were idle within `cycles` may have gone
+/// through as much play as was seen lately.
+Matrix6 StanceFit::information(const Standing& limb, int cycles) const noexcept {
+  Vector6 deviation;
+  deviation << Vector3::Constant(parameters_.shift_sigma_m), Vector3::Constant(parameters_.turn_sigma_rad);
+  const double play_rad = std::min(play_m_ / kArm_m, parameters_.most_play_rad / 2.0);
+  Matrix6 covariance = deviation.cwiseAbs2().asDiagonal();
+  for (int j = 0; j < kJoints; ++j) {
+    if (limb.idle_cycles_ago[j] >= cycles) continue;
+    Row moved;
+    moved << limb.rotation_GS.transpose() * limb.joints_G.col(j).head<3>(),
+        limb.rotation_GS.transpose() * limb.joints_G.col(j).tail<3>();
+    covariance += play_rad * play_rad * moved * moved.transpose();
+  }
+  return covariance.inverse();
+}
+
+/// What the limb says of the body, and of its joints.
+void StanceFit::look(Standing& limb, const FittedLimb& seen) noexcept {
+  const Pose gripper_S = body_S_ * seen.state->gripper_B;
+  limb.rotation_GS = gripper_S.rotation.transpose();
+  limb.map.topRightCorner<3, 3>() = -skew(gripper_S.position_m - body_S_.position_m);
+  const Matrix3 rotation_GB = seen.state->gripper_B.rotation.transpose();
+  limb.joints_G << rotation_GB * seen.state->jacobian_B.topRows<3>(),
+      rotation_GB * seen.state->jacobian_B.bottomRows<3>();
+  for (int j = 0; j < kJoints; ++j) {
+    const bool idle =
+        std::abs(seen.torque_Nm[j]) < parameters_.idle_torque_Nm || seen.torque_Nm[j] * limb.torque_Nm[j] < 0.0;
+    limb.idle_cycles_ago[j] = idle ? 0 : std::min(limb.idle_cycles_ago[j] + 1, kPast);
+  }
+  limb.torque_Nm = seen.torque_Nm;
+}
+
+/// Moves the body to where the limbs that held before fit best; limbs that are new are anchored there. False: none
+/// held.
+bool StanceFit::lay_body(const PerLimb<FittedLimb>& limbs) noexcept {
+  bool changed = false, any = false;
+  PerLimb<Row> last;
+  Matrix6 normal = Matrix6::Zero();
+  Vector6 gradient = Vector6::Zero();
+  for (int l = 0; l < kLimbs; ++l) {
+    Standing& limb = limbs_[l];
+    changed = changed || limb.holds != limbs[l].holds;
+    last[l] = limb.off;
+    if (!limb.holds || !limbs[l].holds) continue;
+    any = true;
+    look(limb, limbs[l]);
+    const Pose gripper_S = body_S_ * limbs[l].state->gripper_B;
+    limb.off << gripper_S.position_m - limb.anchor_S.position_m,
+        rotation_log(gripper_S.rotation * limb.anchor_S.rotation.transpose());
+    const Matrix6 worth = information(limb, 0);
+    normal += limb.map.transpose() * worth * limb.map;
+    gradient += limb.map.transpose() * worth * limb.off;
+  }
+  Vector6 step = Vector6::Zero();
+  if (any) step = -normal.ldlt().solve(gradient);
+  body_S_.position_m += step.head<3>();
+  body_S_.rotation = orthonormalised(rotation_exp(step.tail<3>()) * body_S_.rotation);
+  for (int l = 0; l < kLimbs; ++l) {
+    Standing& limb = limbs_[l];
+    if (limbs[l].holds && !limb.holds) {
+      limb = {};
+      limb.anchor_S = body_S_ * limbs[l].state->gripper_B;
+      limb.torque_Nm = limbs[l].torque_Nm;
+      look(limb, limbs[l]);
+    } else if (limb.holds) {
+      limb.off += limb.map * step;
+      // Another set of limbs lays the body elsewhere: no limb has moved by it.
+      if (!changed) limb.path += limb.off - last[l];
+      ++limb.cycles;
+    }
+    limb.holds = limbs[l].holds;
+    any = any || limb.holds;
+  }
+  now_ = (now_ + 1) % kPast;
+  for (Standing& limb : limbs_) limb.past[now_] = limb.path;
+  return any;
+}
+
+StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off,
+                                      const PerLimb<Matrix6>& information) const noexcept {
+  Matrix6 normal = Matrix6::Zero();
+  Vector6 gradient = Vector6::Zero();
+  for (int l = 0; l < kLimbs; ++l) {
+    if (l == limb || !count[l]) continue;
+    const Matrix6 weight = limbs_[l].map.transpose() * information[l];
+    normal += weight * limbs_[l].map;
+    gradient += weight * off[l];
+  }
+  normal += kRelativeDamping * normal.trace() * Matrix6::Identity();
+  const Matrix6 covariance = normal.inverse();
+  const Vector6 body = -covariance * gradient;
+  Fit fit;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (l == limb || !count[l]) continue;
+    const Row rest = off[l] + limbs_[l].map * body;
+    fit.rest += rest.dot(information[l] * rest);
+  }
+  const Standing& own = limbs_[limb];
+  fit.left = off[limb] + own.map * body;
+  const Eigen::Matrix<double, 2, 6> along = (own.rotation_GS * own.map.topRows<3>()).bottomRows<2>();
+  fit.doubt_m = std::sqrt((along * covariance * along.transpose()).trace());
+  return fit;
+}
+
+Misfit StanceFit::in_gripper(const Standing& limb, const Row& off) const noexcept {
+  return {limb.rotation_GS * off.head<3>(), limb.rotation_GS * off.tail<3>()};
+}
+
+/// Takes off what joints that were idle within `cycles` explain by their play.
+Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept {
+  Matrix6 joints = Matrix6::Zero();
+  for (int j = 0; j < kJoints; ++j) {
+    if (limb.idle_cycles_ago[j] < cycles) joints.col(j) = limb.joints_G.col(j);
+  }
+  Row row;
+  row << off.shift_G_m, off.turn_G_rad;
+  Vector6 weight;
+  weight << Vector3::Constant(1.0 / (parameters_.shift_sigma_m * parameters_.shift_sigma_m)),
+      Vector3::Constant(1.0 / (parameters_.turn_sigma_rad * parameters_.turn_sigma_rad));
+  const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints + kIdleRidge * Matrix6::Identity();
+  JointVector play_rad = normal.ldlt().solve(joints.transpose() * weight.cwiseProduct(row));
+  for (int j = 0; j < kJoints; ++j) {
+    play_rad[j] = joints.col(j).isZero(0.0)
+                      ? 0.0
+                      : std::clamp(play_rad[j], -parameters_.most_play_rad, parameters_.most_play_rad);
+  }
+  row -= limb.joints_G * play_rad;
+  return {row.head<3>(), row.tail<3>()};
+}
+
+void StanceFit::look_back(int window, double dt_s) noexcept {
+  const int cycles = kCycles[window];
+  const int then = (now_ + kPast - cycles) % kPast;
+  PerLimb<bool> count{};
+  PerLimb<Row> off;
+  PerLimb<Matrix6> worth;
+  int counted = 0;
+  for (int l = 0; l < kLimbs; ++l) {
+    count[l] = limbs_[l].holds && limbs_[l].cycles > cycles;
+    if (!count[l]) continue;
+    ++counted;
+    off[l] = limbs_[l].path - limbs_[l].past[then];
+    worth[l] = information(limbs_[l], cycles);
+  }
+  Moved& moved = moved_[window];
+  moved = {};
+  if (counted < kLeastHolds) return;
+  double least = std::numeric_limits<double>::infinity(), explained_m = 0.0;
+  for (int l = 0; l < kLimbs; ++l) {
+    if (!count[l]) continue;
+    const Fit fit = fit_without(l, count, off, worth);
+    const Misfit misfit = in_gripper(limbs_[l], fit.left);
+    const Misfit slid = beyond_play(limbs_[l], misfit, cycles);
+    if (fit.rest >= least) continue;
+    least = fit.rest;
+    // What play explains most of is play.
+    const double off_m = misfit.shift_G_m.tail<2>().norm();
+    const double play_m = (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm();
+    explained_m = play_m > kPlay * off_m ? play_m : 0.0;
+    moved.limb = l;
+    moved.way_m = slid.shift_G_m.tail<2>();
+    moved.alone =
+        parameters_.shift_sigma_m * std::sqrt(fit.rest) < kAlone * off_m && kDoubts * fit.doubt_m < moved.way_m.norm();
+  }
+  if (window == 0) play_m_ = std::max(play_m_ * std::exp(-dt_s / parameters_.play_memory_s), explained_m);
+}
+
+void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
+  if (!begun_) play_m_ = parameters_.slip_m;  // not known yet
+  since_contact_.fill({});
+  moved_.fill({});
+  if (!lay_body(limbs)) return;
+  begun_ = true;
+  PerLimb<bool> count{};
+  PerLimb<Row> off;
+  PerLimb<Matrix6> worth;
+  for (int l = 0; l < kLimbs; ++l) {
+    count[l] = limbs_[l].holds;
+    off[l] = limbs_[l].off;
+    worth[l] = information(limbs_[l], 0);
+  }
+  for (int l = 0; l < kLimbs && std::count(count.begin(), count.end(), true) >= kLeastHolds; ++l) {
+    if (count[l]) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, count, off, worth).left);
+  }
+  for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
+}
+
+}  // namespace crux

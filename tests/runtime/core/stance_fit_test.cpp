@@ -1,0 +1,182 @@
+// The rigid fit of the stance: grippers that stand still on the wall under a body that moves, and one that does not.
+#include "core/stance_fit.hpp"
+
+#include <Eigen/Geometry>
+
+#include <utility>
+
+#include "core/slip_watch.hpp"
+#include "core/weight_balance.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+constexpr double kDt_s = 0.002;
+
+/// Grippers on a wall, and a body that moves as climbs do.
+class Stance : public testing::Test {
+ protected:
+  Stance() {
+    Random random(7);
+    for (int l = 0; l < kLimbs; ++l) {
+      gripper_W_[l].position_m = {l < 2 ? 0.14 : -0.14, l % 2 == 0 ? 0.36 : -0.36, 0.035};
+      gripper_W_[l].position_m += random.vector(0.05);
+      gripper_W_[l].rotation = rotation_z(random.uniform(-1.5, 1.5)) * random.rotation(0.05);
+    }
+  }
+  /// Cycles in which each gripper moves by `slide_W_m` and turns by `turn_rad` in a second.
+  void cycles(int n, int limb = 0, const Vector3& slide_m_s = Vector3::Zero(),
+              const Vector3& turn_rad_s = Vector3::Zero()) {
+    for (int i = 0; i < n; ++i) {
+      time_s_ += kDt_s;
+      const Pose body_W = {rotation_exp({0.05 * std::sin(time_s_), 0.03 * time_s_, 0.04 * time_s_}),
+                           {0.02 * time_s_, 0.02 * std::sin(2.0 * time_s_), 0.18}};
+      Pose& moved_W = gripper_W_[limb];
+      moved_W.position_m += kDt_s * moved_W.rotation * slide_m_s;
+      moved_W.rotation = orthonormalised(moved_W.rotation * rotation_exp(kDt_s * turn_rad_s));
+      PerLimb<FittedLimb> limbs;
+      for (int l = 0; l < kLimbs; ++l) {
+        states_[l].gripper_B = body_W.inverse() * gripper_W_[l];
+        states_[l].jacobian_B.setIdentity();
+        limbs[l] = {&states_[l], JointVector::Constant(torque_Nm_), holds_[l]};
+      }
+      fit_.update(limbs, kDt_s);
+    }
+  }
+  double most_off_m() const {
+    double most = 0.0;
+    for (int l = 0; l < kLimbs; ++l) most = std::max(most, fit_.since_contact(l).shift_G_m.norm());
+    return most;
+  }
+
+  PerLimb<Pose> gripper_W_;
+  PerLimb<bool> holds_{true, true, true, true};
+  StanceFit fit_{robot().stance};
+  double time_s_ = 0.0;
+  double torque_Nm_ = 5.0;  ///< of all joints: none goes through its play
+  PerLimb<LimbState> states_;
+};
+
+TEST_F(Stance, GrippersThatStandStillFitHoweverTheBodyMoves) {
+  cycles(2000);
+  EXPECT_LT(most_off_m(), 1e-6);
+}
+
+TEST_F(Stance, AGripperThatSlidesIsNamedWithItsWay) {
+  cycles(100);
+  for (int l = 0; l < kLimbs; ++l) {
+    const Vector3 before_m = fit_.since_contact(l).shift_G_m;
+    const double turned_rad = fit_.since_contact(l).turn_G_rad.x();
+    cycles(25, l, {0.0, 0.02, -0.03}, {0.1, 0.0, 0.0});
+    EXPECT_EQ(fit_.odd_limb(), l);
+    const Vector3 slid_m = fit_.since_contact(l).shift_G_m - before_m;
+    EXPECT_LT((slid_m - 0.05 * Vector3(0.0, 0.02, -0.03)).norm(), 2e-4);
+    EXPECT_NEAR(fit_.since_contact(l).turn_G_rad.x() - turned_rad, 0.005, 1e-3);
+    cycles(2000);  // until it is forgotten
+  }
+}
+
+TEST_F(Stance, OfThreeGripsTheOneThatSlidesIsNamedToo) {
+  holds_[2] = false;
+  cycles(500);
+  cycles(25, 1, {0.0, 0.05, 0.0});
+  EXPECT_EQ(fit_.odd_limb(), 1);
+  EXPECT_TRUE(fit_.moved(0).alone);
+  EXPECT_NEAR(fit_.moved(0).way_m.x(), 0.0025, 1e-4);
+}
+
+TEST_F(Stance, TwoGripsCannotTellWhichOfThemMoves) {
+  holds_[2] = holds_[3] = false;
+  cycles(500);
+  cycles(25, 1, {0.0, 0.05, 0.0});
+  EXPECT_EQ(fit_.odd_limb(), -1);
+}
+
+TEST_F(Stance, ALimbThatTakesAnotherHoldIsCountedFromThere) {
+  cycles(100);
+  holds_[0] = false;
+  cycles(100, 0, {0.3, -0.2, 0.1}, {0.0, 0.0, 0.5});
+  holds_[0] = true;
+  cycles(500);
+  EXPECT_LT(most_off_m(), 1e-6);
+}
+
+TEST_F(Stance, WhatIsSlowMovesLittleInAWindowButCountsSinceContact) {
+  cycles(5000, 3, {0.0, 0.0005, 0.0});
+  EXPECT_NEAR(fit_.moved(2).way_m.norm(), 0.0005, 1e-4);
+  EXPECT_NEAR(fit_.since_contact(3).shift_G_m.y(), 0.005, 2e-4);
+}
+
+TEST_F(Stance, WhatAnIdleJointsPlayExplainsIsNoSlip) {
+  cycles(500);
+  torque_Nm_ = 0.1;  // each joint moves its gripper along, or about, one axis
+  cycles(25, 1, {0.0, 0.05, 0.0});
+  EXPECT_LT(fit_.moved(0).way_m.norm(), 1e-4);
+  EXPECT_GT(fit_.play_m(), 0.0012);
+}
+
+TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
+  SlipWatch fresh(robot().stance), used_up(robot().stance);
+  double first_used = 0.8;
+  const auto watch = [&](int n, double used, const Vector3& slide_m_s) {
+    for (int i = 0; i < n; ++i) {
+      cycles(1, 1, slide_m_s);
+      fresh.update(1, fit_, true, std::exchange(first_used, 0.1 * used), kDt_s);
+      used_up.update(1, fit_, true, used, kDt_s);
+    }
+  };
+  watch(600, 0.5, Vector3::Zero());
+  EXPECT_FALSE(fresh.squeezes() || used_up.squeezes());
+  watch(40, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(fresh.squeezes() && !fresh.slips());
+  EXPECT_TRUE(used_up.squeezes() && used_up.slips());
+  EXPECT_NEAR(used_up.slid_m(), 0.004, 5e-4);
+  EXPECT_LT(used_up.relief(), 1.0);
+  EXPECT_FALSE(used_up.out_of_hand());
+  watch(700, 0.5, Vector3::Zero());  // it stands
+  EXPECT_FALSE(used_up.slips());
+  EXPECT_EQ(used_up.relief(), 1.0);
+  EXPECT_TRUE(used_up.squeezes());
+  watch(100, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_TRUE(used_up.out_of_hand());
+}
+
+/// Four limbs that share a weight at their middle, and what one of them feels besides.
+class Balance : public testing::Test {
+ protected:
+  void cycles(double seconds, const Wrench& besides, int limb) {
+    PerLimb<Wrench> felt_W;
+    for (Wrench& wrench : felt_W) wrench.force_N = -0.25 * weight_N_;
+    felt_W[limb] = felt_W[limb] + besides;
+    for (int i = 0; i < static_cast<int>(seconds / kDt_s); ++i)
+      balance_.update(felt_W, grippers_W_m_, {true, true, true, true}, Vector3::Zero(), weight_N_, kDt_s);
+  }
+  const Vector3 weight_N_{-70.0, 0.0, -70.0};
+  PerLimb<Vector3> grippers_W_m_{Vector3(0.14, 0.36, -0.15), Vector3(0.14, -0.36, -0.15), Vector3(-0.14, 0.36, -0.15),
+                                 Vector3(-0.14, -0.36, -0.15)};
+  WeightBalance balance_{robot().stance};
+};
+
+TEST_F(Balance, WhatIsThereFromTheBeginningIsLearnt) {
+  cycles(1.0, {{0.0, 5.0, 0.0}, {0.0, 0.0, 0.5}}, 2);
+  EXPECT_NEAR(balance_.unbalanced_W().force_N.y(), 5.0, 1e-9);
+  EXPECT_LT(balance_.change_N(), 1e-6);
+}
+
+TEST_F(Balance, ASensorThatDiesIsNamedByTheForceThatIsMissingAtItsLimb) {
+  cycles(1.0, {}, 0);
+  cycles(0.1, {0.25 * weight_N_, {0.0, 0.0, 0.0}}, 1);
+  EXPECT_GT(balance_.change_N(), robot().stance.max_unbalanced_N);
+  EXPECT_EQ(balance_.limb(), 1);
+}
+
+TEST_F(Balance, APushOnTheBodyIsNoLimbs) {
+  cycles(1.0, {}, 0);
+  cycles(0.1, {{0.0, 30.0, 0.0}, grippers_W_m_[0].cross(Vector3(0.0, -30.0, 0.0))}, 0);  // at the centre of mass
+  EXPECT_NEAR(balance_.change_N(), 30.0, 0.5);
+  EXPECT_EQ(balance_.limb(), -1);
+}
+
+}  // namespace
+}  // namespace crux_test

@@ -1,0 +1,75 @@
+"""Slips in physics: when the runtime says so, and what becomes of the robot."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_tools.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_tools.sim.world_file import parse_world
+from crux_tools.telemetry.reader import Channels, read_channels
+from hand_plan import climbing_plan
+
+SLIP = 6  # robot_state_t.waiting_for
+RF = 1
+SMOOTH = "holds: {h5: {friction_factor: 0.15}}\n"  # the hold that RF climbs to
+ORDINARY = """
+robot: {joints: {all: {backlash_rad: {uniform: [0, 0.010]}}}}
+sensors:
+  - {sensor: encoder, on: all, error: bias, rad: {uniform: [-0.010, 0.010]}}
+  - {sensor: force_torque, on: all, error: bias, N: {uniform: [-2, 2]}, Nm: {uniform: [-0.06, 0.06]}}
+pushes: [{at_s: 20, for_s: 1, force_N: [0, 30, 0]}]
+"""
+
+
+@cache
+def climbed(text: str, seed: int = 0) -> tuple[ClimbResult, Channels]:
+    """All limbs climb a steep wall in a world."""
+    plan = climbing_plan(slope_deg=70)
+    world = parse_world(f"version: 1\nname: test\n{text}".encode()).draw(seed, plan)
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / "log.mcap"
+        result = climb(plan, load_robot("scaler"), log, ClimbOptions(seed=seed, world=world))
+        return result, read_channels(log)
+
+
+def slid_m(log: Channels) -> tuple[np.ndarray, np.ndarray]:
+    """Cycles (n,) and how far (n,) RF's pads really are from where they were when it first bore its load."""
+    truth = log.tables["/truth/contacts"]
+    pads = truth["pad_position_w_m"].reshape(-1, 4, 2, 3)[:, RF].astype(float)
+    held = truth["pad_hold"].reshape(-1, 4, 2)[:, RF].min(axis=1) == 5
+    first = int(np.argmax(held)) + 500  # 5 s after it has taken hold: it bears its load
+    way = np.linalg.norm(pads - pads[first], axis=-1).max(axis=1)
+    way[:first] = 0.0
+    return truth["cycle"], way
+
+
+def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_over() -> None:
+    result, log = climbed(SMOOTH)
+    state = log.tables["/robot_state"]
+    waits = state["waiting_for"] == SLIP
+    felt = int(state["cycle"][np.argmax(waits)])
+    assert waits.any()
+    assert set(state["waiting_limb"][waits]) == {RF}
+    cycles, way = slid_m(log)
+    at = np.searchsorted(cycles, felt)
+    assert way[at] < 0.003
+    assert way[np.searchsorted(cycles, felt - 25)] < 0.001  # 50 ms before it had hardly begun
+    assert way.max() < 0.005
+    assert np.ptp(state["plan_time_s"][waits]) < 0.003  # the clock stands
+    assert not waits[-1]
+    assert result.ok, result.reason
+    squeeze = log.tables["/limb_telemetry"]
+    squeeze = squeeze[squeeze["limb"] == RF]["grasp_force_reference_n"]
+    assert squeeze.max() > 55
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_play_wrong_encoders_and_a_push_are_no_slip(seed: int) -> None:
+    _, log = climbed(ORDINARY, seed)
+    assert not (log.tables["/robot_state"]["waiting_for"] == SLIP).any()
+    assert not len(log.tables.get("/fault", ()))
