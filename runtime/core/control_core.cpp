@@ -203,6 +203,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
+  if (test_.limb() >= 0) clock_.wait_anew();  // a pull takes as long as its load is heavy, and ends by itself
 }
 
 PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexcept {
@@ -323,7 +324,7 @@ double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const W
 void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
-    if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), dt_s);
+    if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), dt_s);
   }
 }
 

@@ -253,7 +253,7 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
     }
     if (errors.grasp_failed[l])
-      tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, GraspTest::kMaxCreep_m});
+      tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, errors.gave_way_limit_m});
     if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kStanceMisfit, l, 0, errors.misfit_m[l], stance_.max_misfit_m});
     }

@@ -36,7 +36,7 @@ void GraspTest::begin(int limb, const Wrench& load_W) noexcept {
   easing_ = failed_ = false;
 }
 
-void GraspTest::advance(const Vector3& gripper_W_m, double dt_s) noexcept {
+void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, double dt_s) noexcept {
   if (limb_ < 0) return;
   const double step = dt_s / std::max(load_W_.force_N.norm() / kRate_N_s, kLeastRamp_s);
   time_s_ += dt_s;
@@ -51,11 +51,14 @@ void GraspTest::advance(const Vector3& gripper_W_m, double dt_s) noexcept {
     share_ = std::min(share_ + step, 1.0);
     loaded_W_m_ = gripper_W_m;
     time_s_ = 0.0;
-    gave_way_m_ = (gripper_W_m - unloaded_W_m_).norm();
-    easing_ = failed_ = gave_way_m_ > kMaxWay_m;
+    const double way_m = (gripper_W_m - unloaded_W_m_).norm();
+    gave_way_m_ = way_m > kMaxWay_m ? way_m : slid_m;
+    limit_m_ = way_m > kMaxWay_m ? kMaxWay_m : kMaxSlide_m;
+    easing_ = failed_ = gave_way_m_ > limit_m_;
   } else {
     gave_way_m_ = (gripper_W_m - loaded_W_m_).norm();
-    failed_ = gave_way_m_ > kMaxCreep_m;
+    limit_m_ = kMaxCreep_m;
+    failed_ = gave_way_m_ > limit_m_;
     easing_ = failed_ || time_s_ >= kStand_s;
   }
 }

@@ -17,9 +17,9 @@ class GraspTest {
  public:
   enum class Result { kNone, kPassed, kFailed };
 
-  // How far a grasp may give way, as joints and the other limbs' grips say: under the standing load, and in all, where
-  // the play of the joints counts as well.
-  static constexpr double kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
+  // How far a grasp may give way: while the load grows, beyond what play of the joints explains (StanceFit::slid_m), or
+  // in all, where too few limbs hold to tell; and under the standing load, which has taken up the play.
+  static constexpr double kMaxSlide_m = 0.008, kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
 
   void reset() noexcept { *this = GraspTest(); }
 
@@ -29,14 +29,17 @@ class GraspTest {
   /// Begins on `limb` with a pull up to `load_W`; nothing where another is on its way.
   void begin(int limb, const Wrench& load_W) noexcept;
 
-  /// One period; where the gripper under test is.
-  void advance(const Vector3& gripper_W_m, double dt_s) noexcept;
+  /// One period; where the gripper under test is, and how far it has slid on its hold beyond play.
+  void advance(const Vector3& gripper_W_m, double slid_m, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
   Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now
   const Wrench& load_W() const { return load_W_; }
-  double gave_way_m() const { return gave_way_m_; }  ///< in the present or last test
+  double gave_way_m() const { return gave_way_m_; }  ///< in the present or last test, of at most `limit_m`
+  double limit_m() const { return limit_m_; }
   Result result(int limb) const { return result_[limb]; }
+  /// Its grasp is under test or was tested since it gripped.
+  bool begun(int limb) const { return limb == limb_ || result_[limb] != Result::kNone; }
 
  private:
   int limb_ = -1;
@@ -44,7 +47,7 @@ class GraspTest {
   double share_ = 0.0;   ///< of the load
   bool easing_ = false;
   bool failed_ = false;
-  double gave_way_m_ = 0.0;
+  double gave_way_m_ = 0.0, limit_m_ = kMaxSlide_m;
   Wrench load_W_;
   Vector3 unloaded_W_m_ = Vector3::Zero(), loaded_W_m_ = Vector3::Zero();
   PerLimb<Result> result_{};

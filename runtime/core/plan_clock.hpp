@@ -49,6 +49,7 @@ class PlanClock {
   WaitingFor waiting_for() const { return waiting_for_; }
   int waiting_limb() const { return waiting_limb_; }
   double waited_s() const { return waited_s_; }
+  void wait_anew() noexcept { waited_s_ = 0.0; }
 
  private:
   /// True when `wanted` is seen on every limb that `concerns`; else remembers the first one that is missing.

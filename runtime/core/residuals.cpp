@@ -15,8 +15,8 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
     // Before the plan has begun somebody may carry the robot.
-    const bool holds =
-        engaged_ && started_ && !limb.point_foot && limb.gripping() && limbs_[l].in_contact() && !faults_.lost(l);
+    const bool grips = limb.gripping() && limbs_[l].in_contact();
+    const bool holds = engaged_ && started_ && !limb.point_foot && (grips || test_.begun(l)) && !faults_.lost(l);
     fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
   }
   stance_.update(fitted, dt_s);
@@ -32,9 +32,9 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   balance_.update(felt_W, grippers_W_m, bear, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    const double used =
-        limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb), limbs_[l].finger_force_N());
-    slips_[l].update(l, stance_, fitted[l].holds, used, dt_s);
+    const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb),
+                                                  limbs_[l].finger_force_N());
+    slips_[l].update(l, stance_, fitted[l].holds && limb.gripping(), used, dt_s);
   }
 }
 
@@ -49,7 +49,8 @@ double ControlCore::utilisation(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
   const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
-  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(reference), limbs_[limb].finger_force_N());
+  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(reference),
+                                   limbs_[limb].finger_force_N());
 }
 
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
@@ -77,6 +78,7 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);
   }
   errors.gave_way_m = test_.gave_way_m();
+  errors.gave_way_limit_m = test_.limit_m();
   if (supervisor_.state() == SupervisorState::kClimbing) {
     errors.waited_s = started_ ? clock_.waited_s() : settling_time_s_;
     errors.waiting_limb = started_ ? clock_.waiting_limb() : settling_limb_;

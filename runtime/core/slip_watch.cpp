@@ -66,7 +66,7 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   still_s_ = moved ? 0.0 : still_s_ + dt_s;
   if (moved) rest_m_ = place_m;
   if (slips_) {
-    slid_m_ = std::max(slid_m_, (place_m - from_m_).norm());
+    slid_m_ = std::max(slid_m_, std::min((place_m - from_m_).norm(), stance.slid_m(limb)));
     slips_ = still_s_ < parameters_.still_time_s || window >= 0;
     out_of_hand_ = out_of_hand_ || slid_m_ > parameters_.max_slip_m;
   }

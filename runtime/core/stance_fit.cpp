@@ -14,9 +14,10 @@ constexpr int kLeastHolds = 3;  // for one of them to be told from the others
 constexpr double kRelativeDamping = 1e-9;
 constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
 constexpr double kPlay = 0.5;
-constexpr double kDoubts = 2.0;      // deviations from where the others have it
-constexpr double kArm_m = 0.25;      // of a joint to its gripper, about: what was seen of play, as an angle
-constexpr double kIdleRidge = 1e-2;  // of joints that do not count
+constexpr double kDoubts = 2.0;    // deviations from where the others have it
+constexpr double kArm_m = 0.25;    // of a joint to its gripper, about: what was seen of play, as an angle
+constexpr double kReach_m = 0.35;  // of a limb: play of a joint turns the gripper, and moves it on this arm at most
+constexpr int kSweeps = 30;        // over the joints, for their play
 
 }  // namespace
 
@@ -140,12 +141,15 @@ Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycle
   Vector6 weight;
   weight << Vector3::Constant(1.0 / (parameters_.shift_sigma_m * parameters_.shift_sigma_m)),
       Vector3::Constant(1.0 / (parameters_.turn_sigma_rad * parameters_.turn_sigma_rad));
-  const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints + kIdleRidge * Matrix6::Identity();
-  JointVector play_rad = normal.ldlt().solve(joints.transpose() * weight.cwiseProduct(row));
-  for (int j = 0; j < kJoints; ++j) {
-    play_rad[j] = joints.col(j).isZero(0.0)
-                      ? 0.0
-                      : std::clamp(play_rad[j], -parameters_.most_play_rad, parameters_.most_play_rad);
+  // Least squares within what play there can be, joint by joint until it stands.
+  const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints;
+  const JointVector gradient = joints.transpose() * weight.cwiseProduct(row);
+  JointVector play_rad = JointVector::Zero();
+  for (int i = 0; i < kSweeps * kJoints; ++i) {
+    const int j = i % kJoints;
+    if (!(normal(j, j) > 0.0)) continue;
+    play_rad[j] += (gradient[j] - normal.row(j).dot(play_rad)) / normal(j, j);
+    play_rad[j] = std::clamp(play_rad[j], -parameters_.most_play_rad, parameters_.most_play_rad);
   }
   row -= limb.joints_G * play_rad;
   return {row.head<3>(), row.tail<3>()};
@@ -186,6 +190,11 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
         parameters_.shift_sigma_m * std::sqrt(fit.rest) < kAlone * off_m && kDoubts * fit.doubt_m < moved.way_m.norm();
   }
   if (window == 0) play_m_ = std::max(play_m_ * std::exp(-dt_s / parameters_.play_memory_s), explained_m);
+}
+
+double StanceFit::slid_m(int limb) const noexcept {
+  const Misfit& off = since_contact_[limb];
+  return std::max(off.shift_G_m.tail<2>().norm() - kReach_m * off.turn_G_rad.norm(), 0.0);
 }
 
 void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {

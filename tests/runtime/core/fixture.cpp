@@ -207,7 +207,7 @@ void ObedientPlant::obey(const CycleResult& result) {
   }
 }
 
-Climber::Climber(const crux_msgs::plan_t& plan) : core(robot()), plant(plan) {
+Climber::Climber(const crux_msgs::plan_t& plan, const RobotDescription& climbs) : core(climbs), plant(plan) {
   const std::string reason = core.load_plan(plan);
   if (!reason.empty()) throw std::runtime_error(reason);
 }

@@ -65,7 +65,7 @@ class ObedientPlant {
 /// A core, its plant and the last result, stepped together.
 class Climber {
  public:
-  explicit Climber(const crux_msgs::plan_t& plan);
+  explicit Climber(const crux_msgs::plan_t& plan, const RobotDescription& climbs = robot());
   const CycleResult& step(int command = crux_msgs::command_t::NONE);
   const CycleResult& steps(int n);
   /// Steps until the state is reached, at most n times; true when it was.

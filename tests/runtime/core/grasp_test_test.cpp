@@ -10,9 +10,10 @@ using crux_msgs::command_t;
 constexpr double kDt_s = 0.002;
 const Wrench kLoad{{15.0, 0.0, 20.0}, {0.1, 0.0, 0.2}};
 
-/// Runs a test on limb 2 to its end; `way_m(pull share)` is where the gripper goes along x.
+/// Runs a test on limb 2 to its end; `way_m(pull share)` is where the gripper goes along x, `slid_share` of it on its
+/// hold.
 template <class Way>
-GraspTest pulled(Way way_m) {
+GraspTest pulled(Way way_m, double slid_share = 0.0) {
   GraspTest test;
   test.begin(2, kLoad);
   double last = 0.0;
@@ -20,7 +21,8 @@ GraspTest pulled(Way way_m) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
     EXPECT_LE(std::abs(share - last), 0.01) << "no jump of the pull, at cycle " << i;
     last = share;
-    test.advance({way_m(share), 0.0, 0.0}, kDt_s);
+    const double way = way_m(share);
+    test.advance({way, 0.0, 0.0}, slid_share * way, kDt_s);
   }
   EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
   return test;
@@ -43,6 +45,13 @@ TEST(GraspTest, AGraspThatCreepsUnderItsLoadFails) {
   EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
   EXPECT_GT(test.gave_way_m(), GraspTest::kMaxCreep_m);
   EXPECT_LT(test.gave_way_m(), 1.1 * GraspTest::kMaxCreep_m);
+}
+
+TEST(GraspTest, AGraspThatSlidesAsItIsLoadedFailsThoughItStandsAgain) {
+  const GraspTest test = pulled([](double share) { return share > 0.3 ? 0.009 : 0.0; }, 1.0);
+  EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
+  EXPECT_EQ(test.gave_way_m(), 0.009);
+  EXPECT_EQ(test.limit_m(), GraspTest::kMaxSlide_m);
 }
 
 TEST(GraspTest, AGraspThatComesOffIsNotPulledToTheEnd) {
@@ -97,9 +106,11 @@ TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
 }
 
 TEST_F(PulledGrasp, ThatGivesWayIsToldAndThePlanStands) {
-  double creep_rad = 0.0;
+  double creep_rad = 0.0, last_N = 0.0;
   for (int i = 0; i < 12000 && !run_.result.has_fault; ++i) {
-    if (phase() == static_cast<int>(LimbPhase::kClose) && force_N() > 1.0) creep_rad += 1e-4;
+    const bool stands = force_N() > 1.0 && force_N() <= last_N + 1e-6;
+    if (phase() == static_cast<int>(LimbPhase::kClose) && stands) creep_rad += 1e-4;
+    last_N = force_N();
     run_.plant.input().joint_position_rad[1] += creep_rad;
     run_.step();
   }
@@ -107,6 +118,20 @@ TEST_F(PulledGrasp, ThatGivesWayIsToldAndThePlanStands) {
   EXPECT_EQ(run_.result.fault.limb, 0);
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
   EXPECT_EQ(phase(), static_cast<int>(LimbPhase::kClose));
+}
+
+TEST_F(PulledGrasp, TakesItsTimeWhereTheLoadIsHeavy) {
+  // 1.2 s do for a contact event of this plant, and not for any pull.
+  RobotDescription impatient = robot();
+  impatient.supervisor.event_timeout_s = 1.2;
+  Climber run(sample_plan(), impatient);
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(1000);
+  run.step(command_t::START);
+  for (int i = 0; i < 20000 && !run.result.state.plan_complete; ++i) run.step();
+  EXPECT_FALSE(run.result.has_fault) << run.result.fault.code << " in phase "
+                                     << static_cast<int>(run.result.reference[0].phase);
+  EXPECT_TRUE(run.result.state.plan_complete);
 }
 
 double pressed_N(const crux_msgs::plan_t& plan, int limb) {

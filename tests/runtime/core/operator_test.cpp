@@ -204,6 +204,8 @@ TEST_F(Operator, AnOldHoldThatIsGoneStopsTheWayBackWithTheLimbNamed) {
   climb_to(kMidSwing_s);
   order(command_t::REVERSE);
   for (int i = 0; i < 2 * kLong && !run_.result.has_fault; ++i) {
+    // Its fingers go where they are told and find nothing.
+    run_.plant.input().finger_opening_m[0] = run_.result.output.finger_opening_m[0];
     run_.plant.input().finger_force_n[0] = 0.0;
     run_.step();
   }

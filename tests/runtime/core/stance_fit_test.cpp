@@ -116,6 +116,15 @@ TEST_F(Stance, WhatAnIdleJointsPlayExplainsIsNoSlip) {
   EXPECT_GT(fit_.play_m(), 0.0012);
 }
 
+TEST_F(Stance, AGripperThatShiftsWithoutTurningHasSlidAndOneThatTurnsAsMuchMayHavePlay) {
+  cycles(10);
+  cycles(100, 1, {0.0, 0.05, 0.0});
+  EXPECT_NEAR(fit_.slid_m(1), 0.010, 5e-4);
+  EXPECT_EQ(fit_.slid_m(0), 0.0);
+  cycles(100, 2, {0.0, 0.05, 0.0}, {0.2, 0.0, 0.0});  // turned on an arm of 0.25 m
+  EXPECT_LT(fit_.slid_m(2), 0.001);
+}
+
 TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
   SlipWatch fresh(robot().stance), used_up(robot().stance);
   double first_used = 0.8;

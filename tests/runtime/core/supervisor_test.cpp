@@ -437,8 +437,8 @@ TEST_F(Faults, AnEventThatDoesNotComeEndsInHolding) {
   spoil_ = [this](crux_msgs::control_input_t& in) {  // LF's fingers are stuck
     const GripperDescription& gripper = robot().gripper;
     in.finger_opening_m[0] = 0.03;
-    in.finger_force_n[0] = std::max(gripper.stiffness_N_m * (0.03 - run_->result.output.finger_opening_m[0]),
-                                    -gripper.max_finger_force_N);
+    in.finger_force_n[0] =
+        std::max(gripper.stiffness_N_m * (0.03 - run_->result.output.finger_opening_m[0]), -gripper.max_finger_force_N);
   };
   expect_fault(FaultCode::kEventTimeout, SupervisorState::kHolding, 0, 0, 10000);
   EXPECT_NEAR(run_->result.state.plan_time_s, 7.0, 0.01);
