@@ -71,7 +71,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
-  return faults_.lost(limb) ? 0.0 : reference.load * slips_[limb].relief();
+  return faults_.lost(limb) ? 0.0 : reference.load * relief(limb);
 }
 
 void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
@@ -211,7 +211,7 @@ PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexc
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     bearers[l] = {limbs_[l].anchor_W_m(limb), limb.finger_axis_W(), load(l, limb),
-                  faults_.lost(l) ? Wrench() : limb.wrench_W * slips_[l].relief()};
+                  faults_.lost(l) ? Wrench() : limb.wrench_W * relief(l)};
     if (test_.limb() == l) bearers[l].load = kTestedLoad, bearers[l].planned_W = test_.pull_W();
   }
   return bearers;

@@ -71,6 +71,8 @@ class ControlCore {
   double load(int limb, const LimbReference& reference) const noexcept;
   Contact contact(const LimbReference& reference) const noexcept;
   int slipping_limb() const noexcept;
+  /// Share of its load that a limb bears while it slips.
+  double relief(int limb) const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;

@@ -15,7 +15,7 @@ using crux_msgs::bus_health_t;
 
 // One cycle whose frames found no room is a hiccup; the nodes' watchdogs wait for more as well.
 constexpr int kMaxFullCycles = 1;
-constexpr double kHoldGone_s = 0.008;    // without force in fingers and F/T sensor
+constexpr double kHoldGone_s = 0.006;    // longer than readings that are wrong once or twice
 constexpr double kFtResidual_s = 0.030;  // longer than a contact's shock
 constexpr double kFingerResidual_s = 0.010;
 
@@ -245,9 +245,8 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
             p.max_tracking_error_rad});
     }
     const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
-    // Where fingers and F/T sensor or opening say the same, a moment is enough.
-    const bool agreed = errors.feels_nothing[l] || errors.left_width[l];
-    const bool gone = lasts(lost && agreed, hold_gone_time_s_[l], dt_s, kHoldGone_s);
+    // Where opening and force of the fingers say the same, a moment is enough.
+    const bool gone = lasts(errors.must_grip[l] && errors.closes_on_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
     if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
       lost_[l] = true;
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});

@@ -13,6 +13,8 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
   return {rotation * wrench.force_N, rotation * wrench.moment_Nm};
 }
 
+constexpr double kFingersRest_m_s = 0.02;
+constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -231,6 +233,14 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
     const double torque_Nm = held_torque_Nm_[j] + engagement * (model_Nm[j] - held_torque_Nm_[j]);
     command_torque_Nm_[j] = std::clamp(torque_Nm, -joints_[j].effort_Nm, joints_[j].effort_Nm);
   }
+}
+
+double LimbController::finger_residual_N() const noexcept {
+  return std::abs(finger_speed_m_s_) < kFingersRest_m_s ? std::abs(finger_force_N_ - expected_finger_force_N()) : 0.0;
+}
+
+bool LimbController::closes_on_nothing() const noexcept {
+  return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < 0.5 * grasp_.force_reference_N();
 }
 
 void LimbController::stand_by() noexcept {

@@ -95,10 +95,11 @@ class LimbController {
   double expected_finger_force_N() const noexcept {
     return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
   }
-  /// What the finger force measured is off that [N].
-  double finger_residual_N() const noexcept { return std::abs(finger_force_N_ - expected_finger_force_N()); }
-  /// The fingers have closed further than the hold that they had gripped is wide.
-  bool left_width() const noexcept { return finger_opening_m_ < gripped_opening_m_ - supervisor_.open_tolerance_m; }
+  /// What the finger force measured is off that [N]; fingers that move tell nothing.
+  double finger_residual_N() const noexcept;
+  /// The fingers close further than the hold that they had gripped is wide, and press with less than half of what they
+  /// are to: opening and force are two sensors.
+  bool closes_on_nothing() const noexcept;
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;
   double ik_error_m() const { return ik_.position_error_m; }

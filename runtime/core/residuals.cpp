@@ -8,6 +8,9 @@ namespace {
 // A limb with this share of its load counts as standing.
 constexpr double kStandingLoad = 0.9;
 
+// A gripper that slips is relieved where so many others take its load.
+constexpr int kLeastOthers = 2;
+
 }  // namespace
 
 void ControlCore::watch_stance(double dt_s) noexcept {
@@ -45,6 +48,12 @@ int ControlCore::slipping_limb() const noexcept {
   return -1;
 }
 
+double ControlCore::relief(int limb) const noexcept {
+  int others = 0;
+  for (int l = 0; l < kLimbs; ++l) others += l != limb && reference_.limbs[l].gripping() && !faults_.lost(l);
+  return others < kLeastOthers ? 1.0 : slips_[limb].relief();
+}
+
 double ControlCore::utilisation(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
@@ -64,9 +73,8 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.ik_error_m[l] = limbs_[l].ik_error_m();
     // No grip counts as lost on the word of one sensor: opening and command must say so, too.
     errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
-    errors.left_width[l] = limbs_[l].left_width();
+    errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
-    errors.feels_nothing[l] = limbs_[l].wrench_W().force_N.norm() < robot_.control.unload_force_N;
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
     // Legs that swing have inertia of their own.
     const bool slow = !reference_.limbs[l].point_foot || reference_.limbs[l].load > kStandingLoad;
