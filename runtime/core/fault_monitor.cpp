@@ -246,10 +246,12 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
     }
     const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
     // Where opening and force of the fingers say the same, a moment is enough.
-    const bool gone = lasts(errors.must_grip[l] && errors.closes_on_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
+    const bool gone =
+        lasts(errors.must_grip[l] && errors.closes_on_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
     if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
       lost_[l] = true;
-      tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l], p.min_stance_force_N});
+      tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l],
+            std::max(p.min_stance_force_N, errors.closes_on_nothing[l] ? errors.least_force_N[l] : 0.0)});
     }
     if (errors.grasp_failed[l])
       tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, errors.gave_way_limit_m});

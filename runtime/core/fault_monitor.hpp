@@ -35,7 +35,8 @@ struct LoopErrors {
   double gave_way_m = 0.0, gave_way_limit_m = 0.0;
   PerLimb<double> ft_residual_Nm{};     ///< torque of the limb's joints that its F/T sensor does not explain
   PerLimb<double> ft_limit_Nm{};        ///< the most that this may be
-  PerLimb<bool> closes_on_nothing{};    ///< its fingers close further than its hold is wide, without their force
+  PerLimb<bool> closes_on_nothing{};    ///< its fingers close further than its hold is wide,
+  PerLimb<double> least_force_N{};      ///< with less than this force
   PerLimb<double> finger_residual_N{};  ///< finger force that opening and command do not explain
   PerLimb<double> slid_m{};             ///< in a slip
   PerLimb<bool> slips_on{};             ///< in spite of all that was done

@@ -15,7 +15,7 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
-constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
+constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -240,7 +240,7 @@ double LimbController::finger_residual_N() const noexcept {
 }
 
 bool LimbController::closes_on_nothing() const noexcept {
-  return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < 0.5 * grasp_.force_reference_N();
+  return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < least_finger_force_N();
 }
 
 void LimbController::stand_by() noexcept {

@@ -97,8 +97,10 @@ class LimbController {
   }
   /// What the finger force measured is off that [N]; fingers that move tell nothing.
   double finger_residual_N() const noexcept;
-  /// The fingers close further than the hold that they had gripped is wide, and press with less than half of what they
-  /// are to: opening and force are two sensors.
+  /// Half of what the fingers are to press with now [N].
+  double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
+  /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
+  /// force are two sensors.
   bool closes_on_nothing() const noexcept;
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;

