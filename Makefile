@@ -8,7 +8,7 @@ BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python lint format bench firmware fuzz lock clean anew
+.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python test-sweeps lint format bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -44,18 +44,23 @@ climb: programs ## plan SCENARIO and climb it in the simulated world; plan, log 
 	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
 	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap --report $(OUT)/report.html
 
-test: test-native test-sanitized test-python ## every test
+test: test-native test-python ## every test but those that .ci/run adds: sanitizers and long sweeps
 
 test-native: build
 	ctest --test-dir build/cmake -j $(JOBS) --output-on-failure --no-tests=error
 
-test-sanitized: setup build/asan/build.ninja
+test-sanitized: setup build/asan/build.ninja ## the C and C++ tests under AddressSanitizer and UndefinedBehaviorSanitizer
 	@cmake --build build/asan -j $(JOBS) --target crux_native_tests
 	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
 
+shared_out = -n $(JOBS) --dist loadfile --no-loadscope-reorder
+
 test-python: build can-kernel
-	$(BIN)/python -m pytest -m alone
-	$(BIN)/python -m pytest -m "not alone" -n $(JOBS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
+	$(BIN)/python -m pytest -m "not alone and not sweep" $(shared_out)
+
+test-sweeps: build can-kernel ## what tests show in more cases, or for longer, than `make test` has time for
+	$(BIN)/python -m pytest -m sweep $(shared_out) $(shell grep -rl --include='test_*.py' 'mark\.sweep' tests)
 
 lint: build ## ruff, mypy, clang-format, clang-tidy (files that passed before are known by content)
 	$(BIN)/ruff check
@@ -76,7 +81,7 @@ firmware: setup build/cmake/build.ninja ## the node images and their sizes
 	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
 
 fuzz: build ## ten million fuzzed frames and a million parameter writes against both nodes, under sanitizers
-	CRUX_FUZZ_FRAMES=10000000 CRUX_FUZZ_WRITES=1000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -k unsafe
+	CRUX_FUZZ_FRAMES=10000000 CRUX_FUZZ_WRITES=1000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -m sweep -k unsafe
 
 lock: setup ## resolve pyproject.toml anew
 	@tools/setup/lock

@@ -1,5 +1,5 @@
-"""A whole climb in which one limb's nodes run their images on emulated microcontrollers, beside the same climb with the
-host's library alone."""
+"""A whole climb in which nodes of one limb run their images on emulated microcontrollers, beside the same climb with
+the host's library alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from crux_tools.telemetry.reader import Telemetry, read_log
 from short_climb import plan_short_climb
 from with_can import CRUX
 
-EMULATED = "LF"  # six joints and the gripper
+EMULATED = ("LF.2,LF.7", pytest.param("LF", marks=pytest.mark.sweep))  # a joint and the gripper; all seven nodes
 LF = slice(0, 6)
 
 
@@ -36,13 +36,13 @@ def _climb(plan: Path, name: str, *options: str) -> Climb:
     return Climb(done.returncode, json.loads(done.stdout), read_log(log))
 
 
-@pytest.fixture(scope="module")
-def climbs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Climb, Climb]:
+@pytest.fixture(scope="module", params=EMULATED)
+def climbs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Climb, Climb]:
     """With the library alone, and with emulated boards."""
     plan = plan_short_climb(tmp_path_factory.mktemp("emulated"))
     with ThreadPoolExecutor(2) as pool:
         library = pool.submit(_climb, plan, "library")
-        emulated = pool.submit(_climb, plan, "emulated", "--emulate", EMULATED)
+        emulated = pool.submit(_climb, plan, "emulated", "--emulate", request.param)
         return library.result(), emulated.result()
 
 

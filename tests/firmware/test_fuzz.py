@@ -12,10 +12,11 @@ import native
 import pytest
 from crux_tools.paths import ROOT
 
-FRAMES = int(os.environ.get("CRUX_FUZZ_FRAMES", "1000000"))
+FRAMES = int(os.environ.get("CRUX_FUZZ_FRAMES", "1000000"))  # of the sweep
 SEED = 20260101
 SANITIZERS = "-fsanitize=fuzzer,address,undefined"
 WRITES = int(os.environ.get("CRUX_FUZZ_WRITES", "50000"))
+SHARES = (0.2, pytest.param(1.0, marks=pytest.mark.sweep))  # of all these
 NODES = ROOT / "tests/firmware/fuzz/fuzz_nodes.cpp"
 SERVICES = ROOT / "tests/firmware/fuzz/fuzz_services.cpp"
 NODE_SOURCES = (*native.CORE_SOURCES, *native.SAFETY_SOURCES)
@@ -49,20 +50,24 @@ def fuzz(
     return subprocess.run(command, cwd=program.parent, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_no_frame_makes_a_node_unsafe() -> None:
-    run = fuzz(build("fuzz", NODES), FRAMES)
-    assert f"fuzzed {FRAMES} frames" in run.stdout, run.stderr[-3000:]
+@pytest.mark.parametrize("share", SHARES)
+def test_no_frame_makes_a_node_unsafe(share: float) -> None:
+    frames = int(share * FRAMES)
+    run = fuzz(build("fuzz", NODES), frames)
+    assert f"fuzzed {frames} frames" in run.stdout, run.stderr[-3000:]
 
 
-def test_no_parameter_write_makes_a_node_unsafe() -> None:
-    run = fuzz(build("fuzz-services", SERVICES))
+@pytest.mark.parametrize("share", SHARES)
+def test_no_parameter_write_makes_a_node_unsafe(share: float) -> None:
+    all_writes = int(share * WRITES)
+    run = fuzz(build("fuzz-services", SERVICES), writes=all_writes)
     found = re.search(r"fuzzed (\d+) writes, (\d+) accepted, (\d+) images taken, (\d+) started", run.stdout)
     assert found, run.stderr[-3000:]
     writes, accepted, taken, started = map(int, found.groups())
-    assert writes == WRITES
-    assert accepted > WRITES // 100
-    assert taken > WRITES // 1000
-    assert started > WRITES // 1000
+    assert writes == all_writes
+    assert accepted > writes // 100
+    assert taken > writes // 1000
+    assert started > writes // 1000
 
 
 GAIN = "node->position_gain_Nm_rad = "
@@ -74,12 +79,13 @@ LOWER_LIMIT = "? -node->force_limit_N : "
     [
         (NODES, "joint_node.c", f"{GAIN}command->position_gain_Nm_rad;", f"{GAIN}0.0F;", "limp"),
         (NODES, "gripper_node.c", f"{LOWER_LIMIT}0.0F;", f"{LOWER_LIMIT}-node->force_limit_N;", "opens by itself"),
-        (
+        pytest.param(
             SERVICES,
             "overrides.c",
             "if (overrides->table[index].acts_now)",
             "if (index < 32U)",
             "changes what a node does",
+            marks=pytest.mark.sweep,  # some hundred thousand writes
         ),
         (SERVICES, "permission.c", "(value >= (parameter->least_share * standard))", "(value >= -1.0e9F)", "senseless"),
         (SERVICES, "permission.c", "return crux_is_at_rest(state) && !com", "return !com", "a moving node obeys"),

@@ -45,6 +45,7 @@ def _survives(room: Path, number: int, mutant: Mutant, source: Path) -> bool:
     return done.returncode == 0
 
 
+@pytest.mark.sweep
 def test_every_mutant_is_killed_or_explained(room: Path) -> None:
     unchanged = native.safety_tests(room)
     assert unchanged.returncode == 0, unchanged.stdout

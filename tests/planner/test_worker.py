@@ -131,7 +131,7 @@ def test_a_plan_goes_on_without_its_bound(robot: Robot, monkeypatch: pytest.Monk
     assert said == ["a worker process ended with status 1; planning goes on without it"]
 
 
-@pytest.mark.parametrize("method", ["auto", "multi_block"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("multi_block", marks=pytest.mark.sweep)])
 def test_nothing_forks(method: str, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process made by fork keeps locks of threads that it does not have: only a fresh interpreter will do."""
 

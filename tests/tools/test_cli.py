@@ -88,13 +88,20 @@ def _broken_files(folder: Path) -> list[Path]:
     return [folder / f"{name}.mcap" for name in contents] + [folder / "missing.mcap", folder]
 
 
-def test_plans_that_are_none_end_with_one_line_and_write_nothing(tmp_path: Path) -> None:
+def test_plans_that_are_none_end_with_one_line_and_write_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = tmp_path / "out" / "log.mcap"
-    for path in _broken_files(tmp_path):
-        done = crux("climb", str(path), "-o", str(log), "--json")
-        assert done.returncode == 2, (path, done.stderr)
-        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-        answer = json.loads(done.stdout)
+    for number, path in enumerate(_broken_files(tmp_path)):
+        words = ["climb", str(path), "-o", str(log), "--json"]
+        if number == 0:
+            done = crux(*words)
+            status, printed, errors = done.returncode, done.stdout, done.stderr
+        else:  # in this process: quicker
+            status, (printed, errors) = main(words), capsys.readouterr()
+        assert status == 2, (path, errors)
+        assert len(errors.strip().splitlines()) == 1, errors
+        answer = json.loads(printed)
         assert answer["ok"] is False
         assert str(path) in answer["error"]
         assert not log.parent.exists()

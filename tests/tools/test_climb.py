@@ -31,6 +31,7 @@ from mcap.reader import make_reader
 KEYS = {"ok", "reached_goal", "fell", "slips", "tracking", "real_time_factor", "missed_cycles", "log"}
 WALL_TIME = "/cycle_timing"
 TIMEOUT_S = 300
+Climb = tuple[int, dict[str, Any], Path]  # exit status, result, log
 
 
 def start_climb(plan: Path, log: Path, *options: str, before: Sequence[str] = ()) -> subprocess.Popen[str]:
@@ -60,9 +61,16 @@ def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
     return found
 
 
-def test_a_limb_moves_to_its_next_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    log = tmp_path / "new" / "log.mcap"
-    status, result = finish_climb(start_climb(saved(tmp_path, climbing_plan(limbs_to_move=(0,))), log))
+@pytest.fixture(scope="module")
+def one_limb(tmp_path_factory: pytest.TempPathFactory) -> Climb:
+    """LF goes to its next hold, in one process."""
+    folder = tmp_path_factory.mktemp("one_limb")
+    plan, log = saved(folder, climbing_plan(limbs_to_move=(0,))), folder / "new" / "log.mcap"
+    return *finish_climb(start_climb(plan, log, "--bus", "memory")), log
+
+
+def test_a_limb_moves_to_its_next_hold(one_limb: Climb, monkeypatch: pytest.MonkeyPatch) -> None:
+    status, result, log = one_limb
     assert status == 0, result
     assert result.keys() >= KEYS
     assert result["ok"]
@@ -138,33 +146,37 @@ def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(
     assert one["/plan"] == other["/plan"]
 
 
-def test_one_process_and_a_runtime_of_its_own_log_the_same(tmp_path: Path) -> None:
-    faults = tmp_path / "faults.yaml"
-    faults.write_text("version: 1\nfaults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]")
-    world = tmp_path / "world.yaml"
-    world.write_text(
-        "version: 1\nname: rough\nholds: {all: {offset_m: {normal: [0, 0.003]}}}\n"
-        "robot: {payload: {mass_kg: 0.5}, joints: {all: {backlash_rad: 0.002, setpoint_time_constant_s: 0.03}}}\n"
-        "sensors: [{sensor: force_torque, on: all, error: dropout, share: 0.1}]\n"
-        "pushes: [{at_s: 5, for_s: 1, force_N: [0, 9, 0]}]\n"
-    )
+FAULTS = "version: 1\nfaults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]"
+WORLD = (
+    "version: 1\nname: rough\nholds: {all: {offset_m: {normal: [0, 0.003]}}}\n"
+    "robot: {payload: {mass_kg: 0.5}, joints: {all: {backlash_rad: 0.002, setpoint_time_constant_s: 0.03}}}\n"
+    "sensors: [{sensor: force_torque, on: all, error: dropout, share: 0.1}]\n"
+    "pushes: [{at_s: 5, for_s: 1, force_N: [0, 9, 0]}]\n"
+)
+
+
+@pytest.mark.parametrize("given", ["", "faults", pytest.param("world", marks=pytest.mark.sweep)])
+def test_one_process_and_a_runtime_of_its_own_log_the_same(given: str, one_limb: Climb, tmp_path: Path) -> None:
+    file = tmp_path / "given.yaml"
+    file.write_text(WORLD if given == "world" else FAULTS)
+    options = {"": [], "faults": ["--faults", str(file)], "world": ["--world", str(file), "--world-seed", "5"]}[given]
     plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
-    first: dict[str, list[tuple[int, bytes]]] = {}
-    for number, options in enumerate(([], ["--faults", str(faults)], ["--world", str(world), "--world-seed", "5"])):
-        logs = {bus: tmp_path / f"{bus}{number}.mcap" for bus in ("memory", "udp")}
-        runs = {bus: start_climb(plan, log, "--bus", bus, *options) for bus, log in logs.items()}
-        results = {bus: finish_climb(run) for bus, run in runs.items()}
-        assert results["memory"][1].get("faults") == results["udp"][1].get("faults")
-        memory, udp = map(messages, logs.values())
-        assert memory.keys() == udp.keys()
-        assert {topic for topic in memory if memory[topic] != udp[topic]} == set(), options
-        assert len(memory["/control_input"]) > 4000
-        assert len(memory["/truth/contacts"]) > 800
-        first = first or memory
-        assert (memory["/control_input"] == first["/control_input"]) == (number == 0)
-    tags = read_log(logs["udp"]).metadata
-    assert (tags["world"], tags["world_seed"]) == ("rough", "5")
-    assert tags["world_sha256"] == hashlib.sha256(world.read_bytes()).hexdigest()
+    logs = {bus: tmp_path / f"{bus}.mcap" for bus in (("memory", "udp") if given else ("udp",))}
+    runs = {bus: start_climb(plan, log, "--bus", bus, *options) for bus, log in logs.items()}
+    results = {"memory": one_limb[1], **{bus: finish_climb(run)[1] for bus, run in runs.items()}}
+    assert results["memory"].get("faults") == results["udp"].get("faults")
+    assert ("faults" in results["udp"]) == (given == "faults")
+    plain = messages(one_limb[2])
+    memory, udp = messages(logs["memory"]) if given else plain, messages(logs["udp"])
+    assert memory.keys() == udp.keys()
+    assert {topic for topic in memory if memory[topic] != udp[topic]} == set(), options
+    assert len(memory["/control_input"]) > 4000
+    assert len(memory["/truth/contacts"]) > 800
+    assert (memory["/control_input"] == plain["/control_input"]) == (given == "")
+    if given == "world":
+        tags = read_log(logs["udp"]).metadata
+        assert (tags["world"], tags["world_seed"]) == ("rough", "5")
+        assert tags["world_sha256"] == hashlib.sha256(WORLD.encode()).hexdigest()
 
 
 def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path) -> None:
@@ -181,12 +193,11 @@ def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path)
     assert "node_fault" in result["reason"]
 
 
-def test_slow_position_loops_of_a_world_let_grippers_lag(tmp_path: Path) -> None:
+def test_slow_position_loops_of_a_world_let_grippers_lag(one_limb: Climb, tmp_path: Path) -> None:
     world, plan = tmp_path / "world.yaml", saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
     world.write_text("version: 1\nname: slow\nrobot: {joints: {all: {setpoint_time_constant_s: 0.1}}}\n")
-    runs = [start_climb(plan, tmp_path / f"{n}.mcap", *given) for n, given in enumerate(([], ["--world", str(world)]))]
-    described, slow = (finish_climb(run)[1]["tracking"]["finger_m"] for run in runs)
-    assert slow > 2 * described
+    slow = finish_climb(start_climb(plan, tmp_path / "slow.mcap", "--world", str(world)))[1]
+    assert slow["tracking"]["finger_m"] > 2 * one_limb[1]["tracking"]["finger_m"]
 
 
 def _runtime_of(bench: subprocess.Popen[str]) -> int:

@@ -37,6 +37,8 @@ from made_up_climb import (
     made_up_plan,
     write_log,
 )
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 from PIL import Image
 
 STORY = Story()
@@ -81,6 +83,17 @@ def plan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of the words alone: drawing the plots takes most of a page's time."""
+
+    def no_png(figure: Figure) -> bytes:
+        plt.close(figure)
+        return b""
+
+    monkeypatch.setattr(figures, "_png", no_png)
+
+
 def _report(source: Path, folder: Path, *more: str) -> tuple[Page, Path]:
     output = folder / "report.html"
     assert cli.main(["report", str(source), "-o", str(output), *more]) == 0
@@ -122,6 +135,7 @@ def _told(page: Page, what: str) -> str:
     return found[1]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_begins_with_what_the_log_alone_can_tell(
     log_path: Path, faulty_log_path: Path, tmp_path: Path
 ) -> None:
@@ -137,6 +151,7 @@ def test_the_page_begins_with_what_the_log_alone_can_tell(
     assert "fault 7 body_error, least margin" in _told(page, "Verdict")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Path) -> None:
     log = tmp_path / "climb.mcap"
     recorded = {
@@ -170,6 +185,7 @@ def _written(log: Path, output: Path, verdict: truth_verdict_t | None = None) ->
     return output.read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_squeeze_too_small_for_one_cycle_is_in_the_smallest_margin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,6 +214,7 @@ def test_a_plot_shows_the_least_and_the_largest_of_each_interval(monkeypatch: py
     assert time[np.nanargmax(drawn[:, 0])] == pytest.approx(1234 * 0.002, abs=9973 * 0.002 / 50)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     robot = load_robot("scaler")
     torque = [0.0] * 24
@@ -212,6 +229,7 @@ def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     assert _told(page, "RMS torque beyond what the winding bears for good").startswith(": RF joint2 12.5 of 8.1 Nm.")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_limits_are_those_of_the_description_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = Path(shutil.copytree(load_robot("scaler").folder, tmp_path / "scaler"))
     described = (folder / "robot.yaml").read_text(encoding="utf-8")
@@ -272,6 +290,7 @@ def test_a_real_time_run_with_a_fault(faulty_log_path: Path, tmp_path: Path) -> 
     assert "In lockstep" not in page.words
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_words_from_outside_are_escaped(tmp_path: Path) -> None:
     plan = made_up_plan()
     plan.scenario_name = "<script>alert(1)</script>"

@@ -27,7 +27,9 @@ endif()
 
 find_program(CRUX_CCACHE ccache)
 if(CRUX_CCACHE)
-  set(CMAKE_C_COMPILER_LAUNCHER ${CRUX_CCACHE})
-  # Lets the cache work with the precompiled headers of the tests.
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${CRUX_CCACHE})
+  # It goes by the headers that the compiler names, and does not run the preprocessor a second time for what it has not;
+  # the sloppiness lets it work with the precompiled headers of the tests.
+  set(cached ${CMAKE_COMMAND} -E env CCACHE_DEPEND=1 CCACHE_SLOPPINESS=pch_defines,time_macros ${CRUX_CCACHE})
+  set(CMAKE_C_COMPILER_LAUNCHER ${cached})
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${cached})
 endif()
