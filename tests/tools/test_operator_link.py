@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 from collections.abc import Iterator
 
@@ -28,6 +29,15 @@ BEFORE_THE_FIRST_CYCLE: dict[str, object] = {
 def url() -> Iterator[str]:
     with run_ports() as ports:
         yield ports.lcm_url
+
+
+def test_a_link_that_ends_gives_its_sockets_back(url: str) -> None:
+    # LCM waits with select(), which writes past its end for a descriptor beyond 1023.
+    open_before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        with OperatorLink(url) as link:
+            assert link.command(command_t.STATUS, tries=1, timeout_s=0.01) is None
+    assert len(os.listdir("/proc/self/fd")) == open_before
 
 
 def test_a_plan_of_several_pieces_arrives_whole(url: str) -> None:

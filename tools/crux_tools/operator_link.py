@@ -40,8 +40,10 @@ class OperatorLink:
             self._lcm = lcm.LCM(self.url) if self.connection is None else self.connection
         except RuntimeError as error:
             raise UsageError(f"cannot open LCM at {self.url}: {error} ({NO_NETWORK})") from error
-        self._subscription = self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep)
-        self._status_subscription = self._lcm.subscribe(channels.CRUX_STATUS, self._keep_status)
+        self._subscriptions = [
+            self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep),
+            self._lcm.subscribe(channels.CRUX_STATUS, self._keep_status),
+        ]
         self.status: status_t | None = None
         """what the runtime said beside its acknowledgement, where the last command was STATUS; None: nothing"""
 
@@ -51,8 +53,9 @@ class OperatorLink:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._lcm.unsubscribe(self._subscription)
-        self._lcm.unsubscribe(self._status_subscription)
+        # A subscription keeps its handler, and so this link and LCM's sockets, for as long as it is kept itself.
+        while self._subscriptions:
+            self._lcm.unsubscribe(self._subscriptions.pop())
 
     def _keep(self, _channel: str, data: bytes) -> None:
         self._answers.append(acknowledgement_t.decode(data))
