@@ -37,6 +37,7 @@ def test_a_link_that_ends_gives_its_sockets_back(url: str) -> None:
     for _ in range(3):
         with OperatorLink(url) as link:
             assert link.command(command_t.STATUS, tries=1, timeout_s=0.01) is None
+        del link
     assert len(os.listdir("/proc/self/fd")) == open_before
 
 
