@@ -11,6 +11,7 @@ namespace {
 
 // Fingers that press less than this share of the contact force are still on their way.
 constexpr double kTouchShare = 0.3;
+constexpr double kSensorsApart_N = 5.0;    // finger force and opening of one gripper
 constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
 /// What one pad bears along its face, and how much harder than the squeeze the wrench presses it [N].
@@ -76,8 +77,9 @@ void GraspController::open_to(double opening_m, double dt_s) noexcept {
   force_reference_N_ = 0.0;
 }
 
-void GraspController::press(double wanted_force_N, double measured_force_N, double dt_s) noexcept {
+void GraspController::press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept {
   double speed_m_s = -control_.closing_speed_m_s;
+  double most_m = gripper_.max_opening_m;
   if (measured_force_N >= kTouchShare * control_.contact_force_N) {
     // From the force of first touch upwards, so that the grip does not jump.
     force_reference_N_ =
@@ -85,10 +87,13 @@ void GraspController::press(double wanted_force_N, double measured_force_N, doub
     force_reference_N_ += dt_s / (control_.grasp_force_time_constant_s + dt_s) * (wanted_force_N - force_reference_N_);
     speed_m_s = std::clamp((measured_force_N - force_reference_N_) / control_.grasp_damping_Ns_m,
                            -gripper_.max_finger_speed_m_s, gripper_.max_finger_speed_m_s);
+    // A sensor that says too much opens the grip no further than to about the wanted force by its opening.
+    const double least_N = std::max(force_reference_N_ - kSensorsApart_N, control_.min_grasp_force_N);
+    most_m = std::min(most_m, std::max(opening_m - least_N / gripper_.stiffness_N_m, opening_command_m_));
   }
   // Beyond the closed stop only as far as the actuator's full force needs: against wind-up on nothing.
   const double least_m = gripper_.min_opening_m - gripper_.max_finger_force_N / gripper_.stiffness_N_m;
-  opening_command_m_ = std::clamp(opening_command_m_ + dt_s * speed_m_s, least_m, gripper_.max_opening_m);
+  opening_command_m_ = std::clamp(opening_command_m_ + dt_s * speed_m_s, least_m, most_m);
 }
 
 }  // namespace crux

@@ -43,7 +43,7 @@ class GraspController {
   void open_to(double opening_m, double dt_s) noexcept;
 
   /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
-  void press(double wanted_force_N, double measured_force_N, double dt_s) noexcept;
+  void press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept;
 
   /// Squeeze [N] that the actuator makes of its command where the fingers stand `opening_m` apart and move.
   double expected_force_N(double opening_m, double speed_m_s) const noexcept;

@@ -206,7 +206,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
 
 void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
-    grasp_.press(force_N, finger_force_N(), dt_s);
+    grasp_.press(force_N, finger_force_N(), finger_opening_m_, dt_s);
   } else {
     grasp_.open_to(reference.finger_opening_m, dt_s);
   }
@@ -236,7 +236,8 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
 }
 
 double LimbController::finger_residual_N() const noexcept {
-  return std::abs(finger_speed_m_s_) < kFingersRest_m_s ? std::abs(finger_force_N_ - expected_finger_force_N()) : 0.0;
+  const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
+  return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
 }
 
 bool LimbController::closes_on_nothing() const noexcept {

@@ -95,7 +95,8 @@ class LimbController {
   double expected_finger_force_N() const noexcept {
     return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
   }
-  /// What the finger force measured is off that [N]; fingers that move tell nothing.
+  /// What the finger force measured lacks of that [N]. Fingers that move tell nothing, nor does a force that is more: a
+  /// self-locking screw keeps its squeeze when it is told to loosen.
   double finger_residual_N() const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }

@@ -215,7 +215,7 @@ TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
   bool touched = false;
   for (int i = 0; i < 2000; ++i) {
     const double before = grasp.opening_command_m();
-    grasp.press(25.0, force, kDt_s);
+    grasp.press(25.0, force, actuator.opening(before), kDt_s);
     if (force == 0.0) {
       ASSERT_NEAR((before - grasp.opening_command_m()) / kDt_s, robot().control.closing_speed_m_s, 1e-9);
     }
@@ -232,10 +232,10 @@ TEST(GraspController, WhatDragsTheFingersInTheAirIsNoTouch) {
   GraspController grasp(robot().gripper, robot().control);
   grasp.reset(0.048, 0.0);
   const double touch_N = 0.3 * robot().control.contact_force_N, before = grasp.opening_command_m();
-  grasp.press(25.0, 0.9 * touch_N, kDt_s);
+  grasp.press(25.0, 0.9 * touch_N, before, kDt_s);
   EXPECT_EQ(grasp.force_reference_N(), 0.0);
   EXPECT_NEAR((before - grasp.opening_command_m()) / kDt_s, robot().control.closing_speed_m_s, 1e-9);
-  grasp.press(25.0, 1.1 * touch_N, kDt_s);
+  grasp.press(25.0, 1.1 * touch_N, before, kDt_s);
   EXPECT_GE(grasp.force_reference_N(), robot().control.contact_force_N);
 }
 
@@ -244,8 +244,16 @@ TEST(GraspController, TakesOverAPressingActuatorWithoutAJolt) {
   const Actuator actuator;
   grasp.reset(actuator.hold_m, 20.0);
   EXPECT_NEAR(actuator.force(grasp.opening_command_m()), 20.0, 1e-9);
-  grasp.press(20.0, 20.0, kDt_s);
+  grasp.press(20.0, 20.0, actuator.hold_m, kDt_s);
   EXPECT_NEAR(actuator.force(grasp.opening_command_m()), 20.0, 1e-6);
+}
+
+TEST(GraspController, AForceThatReadsTooMuchOpensNoFurtherThanOpeningAndWantedForceAllow) {
+  GraspController grasp(robot().gripper, robot().control);
+  const Actuator actuator;
+  grasp.reset(actuator.hold_m, 40.0);
+  for (int i = 0; i < 5000; ++i) grasp.press(40.0, 58.0, actuator.hold_m, kDt_s);
+  EXPECT_NEAR(actuator.force(grasp.opening_command_m()), 35.0, 0.5);
 }
 
 TEST(GraspController, OpensAtItsSpeedAndDoesNotWindUpOnNothing) {
@@ -254,7 +262,7 @@ TEST(GraspController, OpensAtItsSpeedAndDoesNotWindUpOnNothing) {
   const double start = grasp.opening_command_m();
   for (int i = 0; i < 100; ++i) grasp.open_to(0.048, kDt_s);
   EXPECT_NEAR(grasp.opening_command_m(), start + 0.2 * robot().gripper.max_finger_speed_m_s, 1e-9);
-  for (int i = 0; i < 5000; ++i) grasp.press(20.0, 0.0, kDt_s);  // nothing there to press
+  for (int i = 0; i < 5000; ++i) grasp.press(20.0, 0.0, 0.0, kDt_s);  // nothing there to press
   EXPECT_GE(grasp.opening_command_m(),
             robot().gripper.min_opening_m - robot().gripper.max_finger_force_N / robot().gripper.stiffness_N_m - 1e-12);
 }
