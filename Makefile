@@ -44,7 +44,7 @@ climb: programs ## plan SCENARIO and climb it in the simulated world; plan, log 
 	$(BIN)/crux plan $(SCENARIO) -o $(OUT)/plan.mcap
 	$(BIN)/crux climb $(OUT)/plan.mcap -o $(OUT)/telemetry.mcap --report $(OUT)/report.html
 
-test: test-native test-python ## every test but those that .ci/run adds: sanitizers and long sweeps
+test: test-native test-python ## every test but sanitizers and long sweeps
 
 test-native: build
 	ctest --test-dir build/cmake -j $(JOBS) --output-on-failure --no-tests=error
