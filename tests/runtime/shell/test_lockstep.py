@@ -214,9 +214,9 @@ def test_two_runs_log_the_same(finished: Finished, start: Starter) -> None:
 
 @pytest.mark.alone
 def test_a_silent_node_costs_the_guard_time_and_is_counted(start: Starter) -> None:
-    runtime = start("--guard-time", "0.02")
+    runtime = start("--guard-time", "0.5")  # long, so that a busy machine makes no other node late
     with FakeNodes(runtime.ports.bus_urls(), 10_000, deaf=(2, 3)) as nodes:
-        nodes.await_cycle(20)
+        nodes.await_cycle(6)
         runtime.process.send_signal(signal.SIGTERM)
         status, stderr = runtime.end()
     assert status == 0
@@ -228,7 +228,7 @@ def test_a_silent_node_costs_the_guard_time_and_is_counted(start: Starter) -> No
                 topics=["/control_input"]
             )
         ]
-    assert len(decoded) >= 19
+    assert len(decoded) >= 5
     for given in decoded[1:]:
         assert [i for i, fresh in enumerate(given.joint_fresh) if not fresh] == [6 * 2 + 2]
 
