@@ -36,7 +36,7 @@ TOOLS = {
 MUST_HAVE = ("CAN_RAW", "CAN_VCAN", "CAN_ISOTP", "HOSTFS", "IP_MULTICAST", "NET_SCH_NETEM", "UML_TIME_TRAVEL_SUPPORT")
 CORRECTED_FILE = "arch/x86/um/user-offsets.c"
 REGISTERS_WRONG, REGISTERS_RIGHT = "DEFINE_LONGS(HOST_FP_SIZE, 2696);", "DEFINE_LONGS(HOST_FP_SIZE, 12288);"
-STEPS = 1130  # lines that make prints; for the progress bar alone
+STEPS = 960  # lines that make prints; for the progress bar alone
 NOTE_EVERY_S = 60.0
 KEPT = 2  # kernels in the cache; the oldest go
 
@@ -94,7 +94,7 @@ def _build(path: Path) -> None:
     missing = sorted({package for tool, package in TOOLS.items() if shutil.which(tool) is None})
     if missing:
         raise NoKernel(f"tools to build it are missing (as root: apt-get install {' '.join(missing)})")
-    note("crux can: building the user-mode kernel; once, about 6 minutes of two quiet processors")
+    note("crux can: building the user-mode kernel; once, about 3 minutes of two quiet processors")
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="build-", dir=path.parent) as folder:
         root = Path(folder)
