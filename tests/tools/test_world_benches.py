@@ -96,6 +96,17 @@ def test_a_runtime_killed_or_without_space_is_told_and_the_robot_stays(kind: str
     assert job.climb_command().endswith("--faults faults.yaml --bus udp")
 
 
+def test_what_stops_the_runtime_is_climbed_in_a_kernel_with_virtual_time() -> None:
+    for kind, options in (
+        ("runtime-stopped", "--bus socketcan --pace realtime"),
+        ("cpu-starved", "--bus socketcan --pace realtime"),
+        ("lcm-flooded", "--bus udp --pace realtime"),
+    ):
+        command = job_of(Fault(kind, ""), 0, 7).climb_command()
+        assert command.endswith(f"crux climb plan.mcap -o again.mcap --seed 7 --faults faults.yaml {options}")
+        assert command.startswith("crux can run --virtual-time") == ("socketcan" in options)
+
+
 def test_another_end_of_the_runtime_than_its_fault_is_not_told() -> None:
     fault = Fault("runtime-stopped", "")
     late = "9.0 s: 26 cycle_late: a control cycle began 0.9 s late (limit: 0.01 s)"

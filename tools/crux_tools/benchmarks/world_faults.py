@@ -13,7 +13,7 @@ import shlex
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -41,22 +41,29 @@ IN_THE_WORLD = {
     "hold-breaks": "holds: {{{hold}: {{breaks_at_s: {at_s}}}}}",
     "hold-missing": "holds: {{{hold}: {{present: false}}}}",
 }
+LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime")
+IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
+
+
+class OfTheRuntime(NamedTuple):
+    """A fault of the runtime's process: its entry in a file of faults, what a climb then says, and how it is run."""
+
+    entry: str
+    cause: str
+    options: tuple[str, ...]
+
+
+LATE = "26 cycle_late"
 OF_THE_RUNTIME = {
-    "runtime-killed": "{{kind: runtime_killed, at_s: {at_s}}}",
-    "runtime-stopped": "{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}",
-    "cpu-starved": "{{kind: cpu_starved, at_s: {at_s}, for_s: {for_s}, share: {share}}}",
-    "lcm-flooded": "{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}",
-    "disk-full": "{{kind: disk_full, at_s: {at_s}}}",
+    "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", "ended by signal 9", LOCKSTEP),
+    "runtime-stopped": OfTheRuntime("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
+    "cpu-starved": OfTheRuntime(
+        "{{kind: cpu_starved, at_s: {at_s}, for_s: {for_s}, share: {share}}}", LATE, IN_A_GUEST
+    ),
+    "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", LATE, BY_THE_CLOCK),
+    "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", "log incomplete: file too large", LOCKSTEP),
 }
-KINDS = IN_THE_WORLD | OF_THE_RUNTIME
-CAUSES = {
-    "runtime-killed": "ended by signal 9",
-    "runtime-stopped": "26 cycle_late",
-    "cpu-starved": "26 cycle_late",
-    "lcm-flooded": "26 cycle_late",
-    "disk-full": "log incomplete: file too large",
-}
-"""What a climb says of a fault of the runtime."""
+KINDS = IN_THE_WORLD | {kind: fault.entry for kind, fault in OF_THE_RUNTIME.items()}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
 FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
 START_S = 2.0  # of the climb: there the plan's time begins
@@ -64,15 +71,6 @@ FOR_S = (0.3, 2.0)
 SHARE = (0.1, 0.8)  # of a core
 FALL_M = 0.100
 FAULTS_FILE = "faults.yaml"
-LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime")
-IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
-RUNS = {
-    "runtime-killed": LOCKSTEP,
-    "runtime-stopped": IN_A_GUEST,
-    "cpu-starved": IN_A_GUEST,
-    "lcm-flooded": BY_THE_CLOCK,
-    "disk-full": LOCKSTEP,
-}
 
 
 @dataclass(frozen=True)
@@ -133,16 +131,19 @@ class RuntimeFaultJob(ClimbJob):
 
     def climb_command(self) -> str:
         """In a kernel with virtual time where the fault needs that."""
-        guest = f"crux {shlex.join(GUEST)} " if RUNS[self.walls] == IN_A_GUEST else ""
+        guest = f"crux {shlex.join(GUEST)} " if self._is_in_a_guest() else ""
         return f"{guest}crux {shlex.join(self._climb_words(Path(), AGAIN_FILE))}"
+
+    def _is_in_a_guest(self) -> bool:
+        return OF_THE_RUNTIME[self.walls].options == IN_A_GUEST
 
     def _climb_words(self, folder: Path, log: str) -> list[str]:
         words = ["climb", str(folder / PLAN_FILE), "-o", str(folder / log), "--seed", str(self.seed)]
-        return [*words, "--faults", str(folder / FAULTS_FILE), *RUNS[self.walls]]
+        return [*words, "--faults", str(folder / FAULTS_FILE), *OF_THE_RUNTIME[self.walls].options]
 
     def _climb(self, plan: Any, _robot: Any, folder: Path) -> dict[str, Any]:
         (folder / FAULTS_FILE).write_text(draw_fault(self.seed).text(plan), encoding="utf-8")
-        guest = (*GUEST, *CRUX) if RUNS[self.walls] == IN_A_GUEST else ()
+        guest = (*GUEST, *CRUX) if self._is_in_a_guest() else ()
         result, _ = crux_json(*guest, *self._climb_words(folder, LOG_FILE))
         return {name: value for name, value in result.items() if name != "log"}
 
@@ -150,7 +151,7 @@ class RuntimeFaultJob(ClimbJob):
 def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
     job = RuntimeFaultJob if fault.kind in OF_THE_RUNTIME else ClimbJob
-    return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, fault.kind))
+    return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
 def jobs_of(count: int, first_seed: int) -> list[ClimbJob]:
@@ -178,9 +179,9 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     climb: dict[str, Any] = row.get("climb", {})
     body_m = float((climb.get("tracking") or {}).get("body_m") or 0.0)
     fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
-    climbed = bool(climb.get("reached_goal")) and not fell and not climb.get("slips")
+    climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
     if fault.kind in OF_THE_RUNTIME:
-        told = CAUSES[fault.kind] in row["reason"] and climb.get("robot_on_wall") is True
+        told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
     else:
         faults = re.findall(r" s: (\d+) \w+(?:, limb (\w\w))?", row["reason"])
         told = any(not fault.limb or limb == fault.limb for _, limb in faults)

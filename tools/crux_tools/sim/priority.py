@@ -23,10 +23,9 @@ def no_garbage_collection() -> Iterator[None]:
 
 @contextlib.contextmanager
 def realtime_priority() -> Iterator[bool]:
-    """SCHED_FIFO for the time of a with-block, but not for what it starts; yields False where the system does not allow
-    it."""
+    """SCHED_FIFO for the time of a with-block; yields False where the system does not allow it."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except PermissionError:
         yield False
         return

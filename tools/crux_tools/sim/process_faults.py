@@ -68,7 +68,8 @@ class ProcessFaults:
                 resource.prlimit(self._runtime.pid, resource.RLIMIT_FSIZE, (full, full))
         elif fault.kind == "lcm_flooded" and on:
             words = [sys.executable, "-m", FLOOD, self._runtime.lcm_url]
-            self._flood = subprocess.Popen(["setpriv", "--pdeathsig", "KILL", *words])
+            not_in_real_time = ("chrt", "--other", "0")  # as the simulation may be
+            self._flood = subprocess.Popen(["setpriv", "--pdeathsig", "KILL", *not_in_real_time, *words])
         elif fault.kind == "lcm_flooded":
             self._end_flood()
 
