@@ -289,6 +289,9 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   localise(reference, dt_s);
   test_grasps(reference, dt_s);
   wrenches_W_ = shared(reference);
+  Vector3 missed_W_m = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) missed_W_m += limbs_[l].missed_W_m(reference.limbs[l]);
+  if (!plan_->point_feet) correction_.make_way(missed_W_m, dt_s);
   // Before the plan has begun somebody may carry the body: an integral would only push against him.
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
