@@ -19,8 +19,8 @@ class Admittance {
   /// growing further, when the limb cannot follow it any more.
   void step(const Wrench& error_W, double dt_s, bool may_grow = true) noexcept;
 
-  /// Lets the offset fade with a time constant, in the air.
-  void fade(double time_constant_s, double dt_s) noexcept;
+  /// In the air: the offset fades with a time constant, but gives way to `force_N` that the gripper feels.
+  void fade(const Vector3& force_N, double time_constant_s, double dt_s) noexcept;
 
   /// Starts again from a given offset, at rest.
   void reset(const Vector3& offset_m, const Vector3& rotation_rad) noexcept;

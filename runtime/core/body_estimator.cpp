@@ -9,6 +9,9 @@ namespace {
 // above rounding errors.
 constexpr double kRelativeDamping = 1e-6;
 
+// The body makes way fast against the admittance of a limb, and comes back slowly.
+constexpr double kWay_1_s = 20.0, kWayBack_1_s = 0.02;
+
 }  // namespace
 
 const Pose& BodyEstimator::update(const PerLimb<Vector3>& anchor_W_m, const PerLimb<Vector3>& gripper_B_m,
@@ -34,21 +37,29 @@ const Pose& BodyEstimator::update(const PerLimb<Vector3>& anchor_W_m, const PerL
 }
 
 void BodyCorrection::reset(const Pose& command_W, const Pose& reference_W) noexcept {
+  way_m_.setZero();
   offset_m_ = clamped_norm(command_W.position_m - reference_W.position_m, max_offset_m_);
   rotation_rad_ = clamped_norm(rotation_log(command_W.rotation * reference_W.rotation.transpose()), max_rotation_rad_);
 }
 
 void BodyCorrection::relocate(const Pose& motion, const Pose& reference_W) noexcept {
-  reset(motion * Pose{rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + offset_m_},
-        reference_W);
+  const Vector3 way_m = way_m_, shifted_W_m = reference_W.position_m + way_m;
+  reset(motion * Pose{rotation_exp(rotation_rad_) * reference_W.rotation, shifted_W_m + offset_m_},
+        {reference_W.rotation, shifted_W_m});
+  way_m_ = way_m;
+}
+
+void BodyCorrection::make_way(const Vector3& missed_W_m, double dt_s) noexcept {
+  way_m_ = clamped_norm(way_m_ + dt_s * (kWay_1_s * missed_W_m - kWayBack_1_s * way_m_), kMaxWay_m);
 }
 
 Pose BodyCorrection::update(const Pose& reference_W, const Pose& estimate_W, double dt_s) noexcept {
   const double share = dt_s * gain_1_s_;
   const Vector3 turn = rotation_log(reference_W.rotation * estimate_W.rotation.transpose());
-  offset_m_ = clamped_norm(offset_m_ + share * (reference_W.position_m - estimate_W.position_m), max_offset_m_);
+  offset_m_ =
+      clamped_norm(offset_m_ + share * (reference_W.position_m + way_m_ - estimate_W.position_m), max_offset_m_);
   rotation_rad_ = clamped_norm(rotation_rad_ + share * turn, max_rotation_rad_);
-  return {rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + offset_m_};
+  return {rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + way_m_ + offset_m_};
 }
 
 }  // namespace crux

@@ -37,8 +37,14 @@ class BodyCorrection {
   /// The command moves along with the world it is counted in.
   void relocate(const Pose& motion, const Pose& reference_W) noexcept;
 
+  /// Moves the reference by at most kMaxWay_m towards what limbs at their joints' limits cannot reach: `missed_W_m`
+  /// points from where their grippers come to where they should be. It comes back slowly.
+  void make_way(const Vector3& missed_W_m, double dt_s) noexcept;
+
   /// Integrates one period and returns the commanded body pose, W <- B.
   Pose update(const Pose& reference_W, const Pose& estimate_W, double dt_s) noexcept;
+
+  static constexpr double kMaxWay_m = 0.015;
 
  private:
   double gain_1_s_;
@@ -46,6 +52,7 @@ class BodyCorrection {
   double max_rotation_rad_;
   Vector3 offset_m_ = Vector3::Zero();
   Vector3 rotation_rad_ = Vector3::Zero();
+  Vector3 way_m_ = Vector3::Zero();  ///< of the reference
 };
 
 }  // namespace crux

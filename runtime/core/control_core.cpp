@@ -198,8 +198,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
   for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
     const LimbReference& limb = reference.limbs[l];
     if (!limb.closing()) continue;
-    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone)
-      test_.begin(l, test_load_W(*plan_, clock_.now(), l, limb.finger_axis_W(), contact(limb), robot_.control));
+    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) begin_test(l);
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
@@ -290,6 +289,9 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   localise(reference, dt_s);
   test_grasps(reference, dt_s);
   wrenches_W_ = shared(reference);
+  Vector3 missed_W_m = Vector3::Zero();
+  for (int l = 0; l < kLimbs; ++l) missed_W_m += limbs_[l].missed_W_m(reference.limbs[l]);
+  if (!plan_->point_feet) correction_.make_way(missed_W_m, dt_s);
   // Before the plan has begun somebody may carry the body: an integral would only push against him.
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
@@ -321,10 +323,34 @@ double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const W
                   required_grasp_force_N(wrench_W, reference.finger_axis_W(), trusted, robot_.control));
 }
 
+PerLimb<double> ControlCore::needs_N(const PlanReference& reference) const noexcept {
+  PerLimb<double> needs_N{};
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& limb = reference.limbs[l];
+    if (limb.gripping() && !faults_.lost(l))
+      needs_N[l] = needed_grasp_force_N(wrenches_W_[l], limb.finger_axis_W(), contact(limb), robot_.control);
+  }
+  return needs_N;
+}
+
+void ControlCore::begin_test(int limb) noexcept {
+  if (test_.limb() >= 0) return;
+  PerLimb<double> bearable_N = needs_N(reference_);
+  for (int l = 0; l < kLimbs; ++l) {
+    const LimbReference& other = reference_.limbs[l];
+    bearable_N[l] = std::max(
+        bearable_N[l], testable_N(*plan_, clock_.now(), l, other.finger_axis_W(), contact(other), robot_.control));
+  }
+  const LimbReference& tested = reference_.limbs[limb];
+  test_.begin(limb, test_load_W(*plan_, clock_.now(), limb, tested.finger_axis_W(), contact(tested), robot_.control),
+              bearable_N);
+}
+
 void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
-    if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), dt_s);
+    if (test_.limb() == l)
+      test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N(reference), dt_s);
   }
 }
 

@@ -76,6 +76,9 @@ class ControlCore {
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
+  /// Grasp force that each limb's share of the load needs.
+  PerLimb<double> needs_N(const PlanReference& reference) const noexcept;
+  void begin_test(int limb) noexcept;
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors(double late_s) const noexcept;

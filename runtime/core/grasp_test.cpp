@@ -11,32 +11,58 @@ constexpr double kRate_N_s = 30.0;  // of the pull: slow enough for the other li
 constexpr double kLeastRamp_s = 0.2;
 constexpr double kStand_s = 0.3;
 
+/// The heaviest load of a grip that lasts on, from `at` on in steps of `step` intervals, and the grasp force it needs.
+struct Heaviest {
+  double need_N = 0.0;
+  Wrench wrench_W;
+};
+
+Heaviest heaviest(const PreparedPlan& plan, const PlanTime& at, int step, int limb, const Vector3& finger_axis_W,
+                  const Contact& contact, const ControlParameters& control) noexcept {
+  Heaviest heaviest{control.grasp_force_reserve_N, {}};
+  for (int k = at.interval + step; k >= 0 && k <= plan.intervals() && !plan.limbs[k][limb].air; k += step) {
+    const Wrench& wrench_W = plan.limbs[k][limb].wrench_W;
+    const double need_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
+    if (need_N > heaviest.need_N) heaviest = {need_N, wrench_W};
+  }
+  return heaviest;
+}
+
 }  // namespace
 
 Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
                    const Contact& contact, const ControlParameters& control) noexcept {
   const double reserve_N = control.grasp_force_reserve_N;
-  Wrench heaviest_W;
-  double most_N = reserve_N;
-  const int step = at.back ? -1 : 1;
-  for (int k = at.interval + step; k >= 0 && k <= plan.intervals() && !plan.limbs[k][limb].air; k += step) {
-    const Wrench& wrench_W = plan.limbs[k][limb].wrench_W;
-    const double needed_N = needed_grasp_force_N(wrench_W, finger_axis_W, contact, control);
-    if (needed_N > most_N) most_N = needed_N, heaviest_W = wrench_W;
-  }
-  const double room = (contact.max_normal_N - reserve_N) / std::max(most_N - reserve_N, 1e-9);
-  return heaviest_W * std::min(kLoadFactor, room);
+  const Heaviest load = heaviest(plan, at, at.back ? -1 : 1, limb, finger_axis_W, contact, control);
+  const double room = (contact.max_normal_N - reserve_N) / std::max(load.need_N - reserve_N, 1e-9);
+  return load.wrench_W * std::min(kLoadFactor, room);
 }
 
-void GraspTest::begin(int limb, const Wrench& load_W) noexcept {
+double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                  const Contact& contact, const ControlParameters& control) noexcept {
+  const double before_N = heaviest(plan, at, -1, limb, finger_axis_W, contact, control).need_N;
+  const double after_N = heaviest(plan, at, 1, limb, finger_axis_W, contact, control).need_N;
+  return std::min(kLoadFactor * std::max(before_N, after_N), contact.max_normal_N);
+}
+
+void GraspTest::begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept {
   if (limb_ >= 0) return;
   limb_ = limb;
   load_W_ = load_W;
+  bearable_N_ = bearable_N;
   time_s_ = share_ = gave_way_m_ = 0.0;
-  easing_ = failed_ = false;
+  standing_ = easing_ = failed_ = false;
 }
 
-void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, double dt_s) noexcept {
+bool GraspTest::others_bear(const PerLimb<double>& needs_N) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    if (l != limb_ && needs_N[l] > bearable_N_[l]) return false;
+  }
+  return true;
+}
+
+void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
+                        double dt_s) noexcept {
   if (limb_ < 0) return;
   const double step = dt_s / std::max(load_W_.force_N.norm() / kRate_N_s, kLeastRamp_s);
   time_s_ += dt_s;
@@ -47,8 +73,10 @@ void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, double dt_s) 
     limb_ = -1;
   } else if (share_ == 0.0 && time_s_ < kPress_s) {
     unloaded_W_m_ = gripper_W_m;
-  } else if (share_ < 1.0) {
-    share_ = std::min(share_ + step, 1.0);
+  } else if (!standing_) {
+    const bool others_bear = this->others_bear(needs_N);
+    if (others_bear) share_ = std::min(share_ + step, 1.0);
+    standing_ = !others_bear || share_ == 1.0;
     loaded_W_m_ = gripper_W_m;
     time_s_ = 0.0;
     const double way_m = (gripper_W_m - unloaded_W_m_).norm();

@@ -11,8 +11,13 @@ namespace crux {
 Wrench test_load_W(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
                    const Contact& contact, const ControlParameters& control) noexcept;
 
-/// The pull on one grasp at a time: the fingers press first, the load grows, stands and goes. A grasp that gives way is
-/// let off as slowly as it was loaded.
+/// Most that the grasp of another limb may need while one is pulled [N]: what the plan loads its present grip with, and
+/// the same margin.
+double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const Vector3& finger_axis_W,
+                  const Contact& contact, const ControlParameters& control) noexcept;
+
+/// The pull on one grasp at a time: the fingers press first, the load grows as far as the other limbs bear it, stands
+/// and goes. A grasp that gives way is let off as slowly as it was loaded.
 class GraspTest {
  public:
   enum class Result { kNone, kPassed, kFailed };
@@ -26,11 +31,13 @@ class GraspTest {
   /// The limb grips anew: nothing is known of its grasp.
   void forget(int limb) noexcept { result_[limb] = Result::kNone; }
 
-  /// Begins on `limb` with a pull up to `load_W`; nothing where another is on its way.
-  void begin(int limb, const Wrench& load_W) noexcept;
+  /// Begins on `limb` with a pull up to `load_W`, or until another limb needs more than its share of `bearable_N`
+  /// (testable_N); nothing where another is on its way.
+  void begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept;
 
-  /// One period; where the gripper under test is, and how far it has slid on its hold beyond play.
-  void advance(const Vector3& gripper_W_m, double slid_m, double dt_s) noexcept;
+  /// One period; where the gripper under test is, how far it has slid on its hold beyond play, and the grasp force that
+  /// each limb needs.
+  void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
   Wrench pull_W() const noexcept { return load_W_ * smoothstep(share_); }  ///< that it is to bear now
@@ -42,13 +49,17 @@ class GraspTest {
   bool begun(int limb) const { return limb == limb_ || result_[limb] != Result::kNone; }
 
  private:
+  bool others_bear(const PerLimb<double>& needs_N) const noexcept;
+
   int limb_ = -1;
   double time_s_ = 0.0;  ///< of pressing, then of standing
   double share_ = 0.0;   ///< of the load
+  bool standing_ = false;
   bool easing_ = false;
   bool failed_ = false;
   double gave_way_m_ = 0.0, limit_m_ = kMaxSlide_m;
   Wrench load_W_;
+  PerLimb<double> bearable_N_{};
   Vector3 unloaded_W_m_ = Vector3::Zero(), loaded_W_m_ = Vector3::Zero();
   PerLimb<Result> result_{};
 };

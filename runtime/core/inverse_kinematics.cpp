@@ -104,7 +104,8 @@ IkResult InverseKinematics::solve(const Pose& target_B, const JointVector& start
   }
   IkResult result;
   result.q_rad = q_rad;
-  result.position_error_m = error.head<3>().norm();
+  result.missed_B_m = error.head<3>();
+  result.position_error_m = result.missed_B_m.norm();
   result.rotation_error_rad = error.tail<3>().norm() / kRotationLength_m;
   if ((q_rad.array() <= lower_rad_.array()).any() || (q_rad.array() >= upper_rad_.array()).any()) {
     result.limited |= kIkPositionLimit;

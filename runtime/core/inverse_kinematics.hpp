@@ -10,8 +10,9 @@ enum IkLimited : int { kIkPositionLimit = 1, kIkSpeedLimit = 2, kIkNoConvergence
 
 struct IkResult {
   JointVector q_rad = JointVector::Zero();
-  int limited = 0;              ///< IkLimited bits
-  double position_error_m = 0;  ///< of the gripper centre that is left before the speed limit
+  int limited = 0;                       ///< IkLimited bits
+  double position_error_m = 0;           ///< of the gripper centre that is left before the speed limit
+  Vector3 missed_B_m = Vector3::Zero();  ///< the same as a vector, towards the target
   double rotation_error_rad = 0;
 };
 

@@ -24,6 +24,11 @@ bool on_hold(const LimbReference& reference) {
   return reference.gripping() || reference.phase == LimbPhase::kOpen;
 }
 
+/// The gripper is on its way, and not yet down to its hold.
+bool passes_over(const LimbReference& reference) {
+  return !reference.point_foot && (reference.phase == LimbPhase::kLift || reference.phase == LimbPhase::kSwing);
+}
+
 }  // namespace
 
 LimbController::LimbController(const RobotDescription& robot, int limb)
@@ -193,14 +198,23 @@ Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotatio
 void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,
                             double dt_s) noexcept {
   if (reference.gripping() || reference.closing()) {
-    admittance_.step(error_W, dt_s, (ik_.limited & (kIkPositionLimit | kIkNoConvergence)) == 0);
-  } else if (reference.phase != LimbPhase::kOpen) {
-    admittance_.fade(control_.swing_decay_s, dt_s);
+    admittance_.step(error_W, dt_s, (ik_.limited & kIkNoConvergence) == 0);
+    return;
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
-  const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot &&
-                    finger_force_N() < 0.2 * control_.contact_force_N &&
-                    borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
+  const bool runs_against = !reference.point_foot && borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm;
+  const Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
+  if (reference.phase != LimbPhase::kOpen) {
+    const Vector3 before_m = admittance_.offset_m();
+    admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
+    // A hold that stands out of the wall further than planned is passed at the planned height above where it was
+    // gripped.
+    const Vector3& offset_m = admittance_.offset_m();
+    if (passes_over(reference) && offset_m.z() < before_m.z())
+      admittance_.rebase({offset_m.x(), offset_m.y(), before_m.z()}, admittance_.rotation_rad());
+  }
+  const bool free = reference.phase == LimbPhase::kSwing && !reference.point_foot && !runs_against &&
+                    finger_force_N() < 0.2 * control_.contact_force_N;
   if (free) wrench_.tare(rotation_WB * state_.gripper_B.rotation, dt_s);
 }
 
@@ -251,6 +265,11 @@ void LimbController::stand_by() noexcept {
   velocity_lead_rad_s_.setZero();
   ik_ = {};
   ik_.q_rad = q_rad_;
+}
+
+Vector3 LimbController::missed_W_m(const LimbReference& reference) const noexcept {
+  const bool kept = reference.gripping() && (ik_.limited & kIkPositionLimit) != 0;
+  return kept ? Vector3(aim_W_.rotation * ik_.missed_B_m) : Vector3::Zero();
 }
 
 double LimbController::tracking_error_rad(int& joint) const noexcept {

@@ -59,7 +59,8 @@ class LimbController {
   /// What the limb can bear where it is, of a grip with `contact`.
   Capacity capacity(const Contact& contact, const Matrix3& rotation_WB, const Vector3& gravity_W_m_s2) const noexcept;
 
-  /// Yields to the wrench error on a hold, fades in the air, learns the F/T bias in free swing.
+  /// Yields to the wrench error on a hold, and to what it runs against in the air, where offsets fade; learns the F/T
+  /// bias in free swing.
   void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
 
   /// Presses with `force_N` on a hold, opens in the air.
@@ -106,6 +107,8 @@ class LimbController {
   /// Worst joint's distance from its command [rad] and its index.
   double tracking_error_rad(int& joint) const noexcept;
   double ik_error_m() const { return ik_.position_error_m; }
+  /// What its joints' limits keep a gripping limb from: from where the gripper comes to where it should be.
+  Vector3 missed_W_m(const LimbReference& reference) const noexcept;
   /// Distance [m] and angle [rad] of the gripper from `reference`.
   void pose_error(const LimbReference& reference, const Pose& body_W, double& distance_m,
                   double& angle_rad) const noexcept;

@@ -77,8 +77,9 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
-    // Legs that swing have inertia of their own.
-    const bool slow = !reference_.limbs[l].point_foot || reference_.limbs[l].load > kStandingLoad;
+    // Legs that swing have inertia of their own, and a finger that sticks to its hold jerks the gripper as it opens.
+    const bool slow = reference_.limbs[l].point_foot ? reference_.limbs[l].load > kStandingLoad
+                                                     : reference_.limbs[l].phase != LimbPhase::kOpen;
     errors.ft_residual_Nm[l] = started_ && slow ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.slid_m[l] = slips_[l].slid_m();
     if (stance_.odd_limb() == l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();

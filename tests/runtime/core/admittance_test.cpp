@@ -95,15 +95,21 @@ TEST(Admittance, NewParametersMakeNoBump) {
 TEST(Admittance, FadesWithTheTimeConstantGiven) {
   Admittance admittance(soft());
   admittance.reset({0.01, 0.0, 0.0}, {0.0, 0.1, 0.0});
-  for (int i = 0; i < 500; ++i) admittance.fade(0.5, kDt_s);  // 1 s: two time constants
+  for (int i = 0; i < 500; ++i) admittance.fade(Vector3::Zero(), 0.5, kDt_s);  // 1 s: two time constants
   EXPECT_NEAR(admittance.offset_m().x(), 0.01 * std::exp(-2.0), 2e-4);
   EXPECT_NEAR(admittance.rotation_rad().y(), 0.1 * std::exp(-2.0), 2e-3);
+}
+
+TEST(Admittance, GivesWayInTheAirToWhatItRunsAgainst) {
+  Admittance admittance(soft());
+  for (int i = 0; i < 2000; ++i) admittance.fade({4.0, 0.0, 0.0}, 0.5, kDt_s);
+  EXPECT_NEAR(admittance.offset_m().x(), 4.0 * 0.5 / soft().damping_Ns_m, 1e-4);
 }
 
 TEST(Admittance, AnOffsetTakenOverOutsideTheClampDoesNotJump) {
   Admittance admittance(robot().admittance);
   admittance.reset({0.08, 0.0, 0.0}, Vector3::Zero());
-  admittance.fade(0.5, kDt_s);
+  admittance.fade(Vector3::Zero(), 0.5, kDt_s);
   EXPECT_NEAR(admittance.offset_m().x(), 0.08, robot().admittance.max_speed_m_s * kDt_s);
 }
 

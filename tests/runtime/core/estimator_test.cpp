@@ -73,6 +73,27 @@ TEST(BodyEstimator, WithoutAnyLimbStaysWhereItWas) {
             1e-15);
 }
 
+TEST(BodyCorrection, MakesWayForALimbAtItsJointsLimitsAndComesBack) {
+  BodyCorrection correction(2.0, 0.04, 0.15);
+  Pose reference;
+  reference.position_m = {0.3, 0.2, 0.1};
+  Pose body = reference;
+  const auto way_m = [&] { return Vector3(body.position_m - reference.position_m); };
+  // A limb misses 6 mm, and what the body has moved less; the body follows its command at once.
+  const Vector3 missed_m(0.0, -0.006, 0.0);
+  for (int i = 0; i < 1000; ++i) {
+    correction.make_way(missed_m - way_m(), 0.002);
+    body = correction.update(reference, body, 0.002);
+  }
+  EXPECT_NEAR((way_m() - missed_m).norm(), 0.0, 1e-4);
+  for (int i = 0; i < 1000; ++i) correction.make_way(missed_m, 0.002);
+  body = correction.update(reference, body, 0.002);
+  EXPECT_NEAR(way_m().norm(), BodyCorrection::kMaxWay_m, 2e-4);
+  for (int i = 0; i < 150000; ++i) correction.make_way(Vector3::Zero(), 0.002);
+  body = correction.update(reference, body, 0.002);
+  EXPECT_LT(way_m().norm(), 2e-4);
+}
+
 TEST(BodyCorrection, IntegratesTheErrorAndStopsAtItsClamp) {
   BodyCorrection correction(2.0, 0.04, 0.15);
   const Pose reference, estimate = {rotation_exp({0.0, 0.0, -0.1}), {0.01, 0.0, 0.0}};

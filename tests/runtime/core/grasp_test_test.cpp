@@ -10,19 +10,21 @@ using crux_msgs::command_t;
 constexpr double kDt_s = 0.002;
 const Wrench kLoad{{15.0, 0.0, 20.0}, {0.1, 0.0, 0.2}};
 
+constexpr PerLimb<double> kBearable_N = {60.0, 60.0, 60.0, 60.0};
+
 /// Runs a test on limb 2 to its end; `way_m(pull share)` is where the gripper goes along x, `slid_share` of it on its
-/// hold.
+/// hold; limb 1 needs `need_N` of grasp force for the whole pull.
 template <class Way>
-GraspTest pulled(Way way_m, double slid_share = 0.0) {
+GraspTest pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
   GraspTest test;
-  test.begin(2, kLoad);
+  test.begin(2, kLoad, kBearable_N);
   double last = 0.0;
   for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
     EXPECT_LE(std::abs(share - last), 0.01) << "no jump of the pull, at cycle " << i;
     last = share;
     const double way = way_m(share);
-    test.advance({way, 0.0, 0.0}, slid_share * way, kDt_s);
+    test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kDt_s);
   }
   EXPECT_EQ(test.pull_W().force_N.norm(), 0.0);
   return test;
@@ -52,6 +54,16 @@ TEST(GraspTest, AGraspThatSlidesAsItIsLoadedFailsThoughItStandsAgain) {
   EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
   EXPECT_EQ(test.gave_way_m(), 0.009);
   EXPECT_EQ(test.limit_m(), GraspTest::kMaxSlide_m);
+}
+
+TEST(GraspTest, IsNotPulledHarderThanTheOtherLimbsBear) {
+  double most = 0.0;
+  const auto stands = [&](double share) {
+    most = std::max(most, share);
+    return 0.0;
+  };
+  EXPECT_EQ(pulled(stands, 0.0, 100.0).result(2), GraspTest::Result::kPassed);
+  EXPECT_NEAR(most, kBearable_N[1] / 100.0, 0.02);
 }
 
 TEST(GraspTest, AGraspThatComesOffIsNotPulledToTheEnd) {

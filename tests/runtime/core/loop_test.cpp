@@ -1,6 +1,7 @@
 // The closed loop of the core, seen from outside: what it does with wrench errors, bias, load and reach.
 #include <Eigen/Geometry>
 
+#include "core/gravity.hpp"
 #include "fixture.hpp"
 
 namespace crux_test {
@@ -104,6 +105,37 @@ TEST_F(Loop, TheGraspPressesForWhatItsSensorFeelsToo) {
   run_.plant.input().ft_fresh[1] = 0;
   run_.steps(500);
   EXPECT_GE(limb.grasp_force_n, felt_N - 0.25);
+}
+
+TEST_F(Loop, AGripperInTheAirGivesWayToWhatItRunsAgainst) {
+  run_.step(command_t::START);
+  const auto swings = [&] { return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kSwing); };
+  for (int i = 0; i < 6000 && !swings(); ++i) run_.step();
+  ASSERT_TRUE(swings());
+  const Vector3 push_N(0.0, 6.0, 15.0);
+  const auto given_way_m = [&](int cycles, bool joints_feel_it) {
+    const Vector3 before_m = offset_m(0);
+    for (int i = 0; i < cycles; ++i) {
+      add_force_W(0, push_N);
+      LimbKinematics kinematics(robot().limbs[0]);
+      LimbState limb;
+      kinematics.evaluate(JointVector(run_.plant.input().joint_position_rad), limb);
+      const JointVector felt_Nm = contact_torque(limb, {push_N, Vector3::Zero()});
+      for (int j = 0; j < kJoints && joints_feel_it; ++j) run_.plant.input().joint_torque_nm[j] += felt_Nm[j];
+      run_.step();
+    }
+    return (offset_m(0) - before_m).z();
+  };
+  EXPECT_LT(given_way_m(10, false), 1e-4) << "on the word of one sensor";
+  // A second on, against the spring that lets offsets fade.
+  const double spring_N_m = robot().admittance.damping_Ns_m / robot().control.swing_decay_s;
+  EXPECT_NEAR(given_way_m(500, true), (1.0 - std::exp(-2.0)) * push_N.z() / spring_N_m, 2e-3);
+  // The offset fades, but for the height above the wall that the gripper has come to.
+  const Vector3 before_m = offset_m(0);
+  run_.steps(250);
+  ASSERT_TRUE(swings());
+  EXPECT_NEAR(offset_m(0).z(), before_m.z(), 1e-3);
+  EXPECT_NEAR(offset_m(0).y(), std::exp(-1.0) * before_m.y(), 5e-4);
 }
 
 TEST_F(Loop, TheSensorsBiasIsLearntInTheSwing) {
