@@ -1,4 +1,5 @@
-"""Buses that break in mid-climb and before it, on a real kernel: counted, told, held, and back without a step."""
+"""Buses that break in mid-climb and before it, on a real kernel: counted, told, held, and back without a step; and a
+runtime that is stopped or starved, which no Sync tells of."""
 
 from __future__ import annotations
 
@@ -96,3 +97,24 @@ def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(runs:
     assert states(log)[-4:] == [READY, FAULT, IDLE, READY]
     assert {int(row["limb"]): int(row["bus_off"]) for row in log.buses[-4:]} == {LF: 0, RF: 0, LR: 1, RR: 0}
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"
+
+
+STOPPED = "{kind: runtime_stopped, at_s: 7.0, for_s: 0.7}"
+STARVED = "{kind: cpu_starved, at_s: 7.0, for_s: 0.7, share: 0.4}"
+
+
+@pytest.mark.parametrize("fault", [STOPPED, STARVED])
+def test_while_the_runtime_stands_still_the_nodes_hold_and_it_tells_that_it_was_late(
+    fault: str, tmp_path: Path
+) -> None:
+    result, log = broken_climb(plan_short_climb(tmp_path), f"version: 1\nfaults: [{fault}]\n", "late")
+    assert result["robot_on_wall"]
+    assert result["slips"] == 0
+    (course,) = result["faults"]
+    runs_on_s = 0.0 if fault == STOPPED else 0.04
+    assert course["held_s"] <= runs_on_s + HELD_WITHIN_S
+    assert course["cause"] == "26 cycle_late"
+    assert course["moved_m"] < 0.005
+    assert not course["moved_on"]
+    asleep_s = 0.7 if fault == STOPPED else 0.06
+    assert log.timing["late_ns"].max() * 1e-9 == pytest.approx(asleep_s, abs=0.005)

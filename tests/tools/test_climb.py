@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
-from crux_msgs import plan_t
+from crux_msgs import command_t, plan_t
 from crux_tools.errors import WorkFailed
 from crux_tools.output import alone_with
 from crux_tools.replay import recompute
+from crux_tools.sim.lcm_flood import FIRST_REQUEST
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.reader import read_channels, read_log, read_payloads
 from crux_tools.telemetry.summary import summarise
@@ -261,6 +262,18 @@ def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp
     assert result["goal_error"]["m"] < 0.01
     told = read_channels(log).messages.get("/truth/verdict", [])  # there may have been space left for it
     assert [verdict.reason for verdict in told] == [result["reason"]] * len(told)
+
+
+def test_a_flood_of_messages_reaches_the_runtime_and_the_robot_climbs_on(tmp_path: Path) -> None:
+    faults, log = tmp_path / "faults.yaml", tmp_path / "log.mcap"
+    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 3, for_s: 60}]\n")
+    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    status, result = finish_climb(start_climb(plan, log, "--bus", "udp", "--faults", str(faults)))
+    assert status == 0, result
+    assert result["missed_cycles"] == 0
+    flood = [command for command in read_log(log).commands if command.request_id >= FIRST_REQUEST]
+    assert len(flood) > 100
+    assert {command.command for command in flood} == {command_t.START}
 
 
 def test_a_log_that_is_being_written_is_not_written_by_a_second_climb(tmp_path: Path) -> None:

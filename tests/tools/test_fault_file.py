@@ -1,7 +1,8 @@
-"""Scheduled faults: what a file may say, and what strangers put on a bus."""
+"""Scheduled faults: what a file may say, what strangers put on a bus, and what is done to the runtime's process."""
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,8 @@ from crux_contracts import can_codec
 from crux_contracts.yaml_document import DocumentError
 from crux_tools.errors import UsageError
 from crux_tools.sim.disturbance import Disturbance
-from crux_tools.sim.fault_file import KINDS, ON_SOCKETCAN, Fault, read_faults
+from crux_tools.sim.fault_file import FOR_GOOD, KINDS, OF_THE_RUNTIME, ON_SOCKETCAN, Fault, read_faults
+from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
 from crux_tools.sim.strangers import SENDERS
 
 DT_S = 0.002
@@ -22,10 +24,15 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
-    lines = [f"  - {{kind: {kind}, limb: RR, at_s: {10 - n * 0.5}, for_s: 0.5}}" for n, kind in enumerate(KINDS)]
+    lines = []
+    for n, kind in enumerate(KINDS):
+        limb = "" if kind in OF_THE_RUNTIME else ", limb: RR"
+        lasts = "" if kind in FOR_GOOD else ", for_s: 0.5"
+        lines.append(f"  - {{kind: {kind}{limb}, at_s: {20 - n * 0.5}{lasts}}}")
     faults = read_faults(written(tmp_path, "version: 1\nfaults:\n" + "\n".join(lines) + "\n"))
     assert [fault.kind for fault in faults] == list(reversed(KINDS))
-    assert faults[0].limb == 3
+    assert {fault.limb for fault in faults if fault.kind not in OF_THE_RUNTIME} == {3}
+    assert {fault.limb for fault in faults if fault.kind in OF_THE_RUNTIME} == {-1}
 
 
 @pytest.mark.parametrize(
@@ -39,6 +46,10 @@ def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
         ("version: 1\nfaults:\n  - {kind: cut, limb: RF, at_s: 1}\n", "for_s"),
         ("version: 1\nfaults:\n  - {kind: reset, limb: RF, node: 8, at_s: 1, for_s: 1}\n", "node"),
         ("version: 1\nfaults:\n  - {kind: loss, limb: RF, share: 30, at_s: 1, for_s: 1}\n", "share"),
+        ("version: 1\nfaults:\n  - {kind: cut, at_s: 1, for_s: 1}\n", "limb"),
+        ("version: 1\nfaults:\n  - {kind: runtime_killed, limb: RF, at_s: 1}\n", "limb"),
+        ("version: 1\nfaults:\n  - {kind: runtime_stopped, at_s: 1}\n", "for_s"),
+        ("version: 1\nfaults:\n  - {kind: disk_full, at_s: 1, share: 0.5}\n", "share"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, text: str, said: str) -> None:
@@ -99,3 +110,54 @@ def test_strangers_frames_are_whole_but_for_damaged_ones(kind: str) -> None:
         assert len(frames) >= 6
         verdicts = {can_codec.check(frame, can_codec.Receiver()) for frame in frames}
         assert verdicts == {can_codec.Verdict.CORRUPT if kind == "crc" else can_codec.Verdict.OK}
+
+
+class MadeUpRuntime:
+    """A process that there is not."""
+
+    pid = 1 << 30
+    lcm_url = "memq://"
+    alive = True
+
+    def is_alive(self) -> bool:
+        return self.alive
+
+
+def test_a_starved_runtime_has_its_share_at_the_beginning_of_each_period(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[tuple[int, int]] = []
+    cycle = 0
+    monkeypatch.setattr("crux_tools.sim.process_faults.os.kill", lambda _pid, number: sent.append((cycle, number)))
+    process = ProcessFaults(MadeUpRuntime(), tmp_path / "log")  # type: ignore[arg-type]
+    fault = Fault("cpu_starved", -1, at_s=0.02, for_s=0.25, share=0.3)
+    disturbance = Disturbance([fault], Recorded(), DT_S, None, 0, process)  # type: ignore[arg-type]
+    for cycle in range(200):
+        disturbance.begin_cycle(cycle)
+    stop, go = signal.SIGSTOP, signal.SIGCONT
+    assert sent == [(25, stop), (60, go), (75, stop), (110, go), (125, stop), (135, go)]
+
+
+def test_a_runtime_that_is_stopped_goes_on_when_the_climb_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[int] = []
+    monkeypatch.setattr("crux_tools.sim.process_faults.os.kill", lambda _pid, number: sent.append(number))
+    runtime = MadeUpRuntime()
+    with ProcessFaults(runtime, tmp_path / "log") as process:  # type: ignore[arg-type]
+        process.switch(Fault("runtime_stopped", -1, 1.0, 9.0), True)
+        assert sent == [signal.SIGSTOP]
+    assert sent == [signal.SIGSTOP, signal.SIGCONT]
+    runtime.alive = False
+    process.switch(Fault("runtime_killed", -1, 1.0), True)
+    assert len(sent) == 2, "its number may be another's by now"
+
+
+def test_faults_of_the_runtime_need_a_process_and_some_the_clock() -> None:
+    for kind in OF_THE_RUNTIME:
+        with pytest.raises(UsageError, match=f"'{kind}' needs a runtime of its own: --bus udp"):
+            check_process_faults([Fault(kind, -1, 1.0, 1.0)], "memory", "lockstep")
+        check_process_faults([Fault(kind, -1, 1.0, 1.0)], "udp", "realtime")
+    for kind in ("runtime_stopped", "cpu_starved"):
+        with pytest.raises(UsageError, match=f"'{kind}': in lockstep .* --pace realtime"):
+            check_process_faults([Fault(kind, -1, 1.0, 1.0)], "udp", "lockstep")

@@ -18,14 +18,17 @@ from crux_tools.sim.loop import (
     Ending,
     Loop,
     Outcome,
+    WorldClock,
 )
 from crux_tools.sim.plant import Plant
+from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
 from hand_plan import standing_plan
 from holding_controller import HoldingController
 from numpy.typing import NDArray
 
 START = START_CYCLE + START_GRACE_CYCLES
+LATE_S = 1e-6
 
 
 class MadeUpNodes:
@@ -64,6 +67,25 @@ class MadeUpNodes:
 
 def run(nodes: MadeUpNodes, plant: Plant, max_cycles: int = 10**6, alive: bool = True) -> Outcome:
     return Loop(nodes, plant, lambda: alive, lambda _time_s: None, max_cycles).run()
+
+
+class TimedNodes(MadeUpNodes):
+    """Syncs come a period after each other; who waits in vain wakes up a little late; before `asleep` cycles the
+    simulation itself sleeps for a second."""
+
+    now_s = 0.0
+    asleep: tuple[int, ...] = ()
+
+    def wait_sync(self, timeout_s: float) -> int | None:
+        cycle = super().wait_sync(timeout_s)
+        self.now_s += timeout_s + LATE_S if cycle is None else self._plant.dt_s
+        self.now_s += 1.0 if cycle in self.asleep else 0.0
+        return cycle
+
+
+def run_by_the_clock(nodes: TimedNodes, plant: Plant) -> Outcome:
+    clock = WorldClock(plant.dt_s, lambda: nodes.now_s)
+    return Loop(nodes, plant, lambda: True, lambda _time_s: None, 10**6, clock=clock).run()
 
 
 @pytest.fixture
@@ -138,3 +160,44 @@ def test_limp_joints_drop_the_robot_even_where_its_grippers_hold(plant: Plant, g
 
     outcome = run(Failing(plant, [*range(1500), None], {0: READY, START_CYCLE: CLIMBING}), plant, alive=False)
     assert outcome.robot_on_wall is False
+
+
+STOPS = [*range(1501), *[None] * 100, *range(1501, 3000)]
+TO_THE_END = {0: READY, START_CYCLE: CLIMBING, 1800: HOLDING | PLAN_COMPLETE}
+
+
+def test_in_real_time_nodes_and_physics_go_on_while_no_sync_comes(plant: Plant) -> None:
+    nodes = TimedNodes(plant, STOPS, TO_THE_END)
+    outcome = run_by_the_clock(nodes, plant)
+    assert outcome.ending is Ending.COMPLETE
+    assert plant.cycle == nodes.controlled == nodes.published == outcome.cycles + 100
+    assert plant.time_s == pytest.approx(nodes.now_s, abs=3 * plant.dt_s)
+    truth = recorded(plant)
+    stopped = truth.cycle == 1500
+    assert np.count_nonzero(stopped) >= 20
+    assert not truth.climbing[stopped].any(), "a runtime that is silent does not climb"
+    assert truth.climbing[(truth.cycle > 1500) & (truth.cycle < 1800)].all()
+
+
+def test_in_lockstep_they_wait_for_it(plant: Plant) -> None:
+    nodes = MadeUpNodes(plant, STOPS, TO_THE_END)
+    outcome = run(nodes, plant)
+    assert plant.cycle == nodes.controlled == outcome.cycles == 1800 + REST_CYCLES + 1
+
+
+def test_what_the_simulation_itself_sleeps_through_is_lost_and_not_made_good(plant: Plant) -> None:
+    nodes = TimedNodes(plant, [*range(1501), *range(2000, 3000)], {**TO_THE_END, 1800: CLIMBING, 2200: PLAN_COMPLETE})
+    nodes.asleep = (2000,)
+    outcome = run_by_the_clock(nodes, plant)
+    assert outcome.missed == 499
+    assert plant.cycle == outcome.cycles - 499
+
+
+def test_syncs_that_come_too_often_make_the_world_no_faster() -> None:
+    now_s = 0.0
+    clock = WorldClock(0.002, lambda: now_s)
+    steps = 0
+    for millisecond in range(1000):
+        now_s = millisecond * 1e-3
+        steps += clock.moves_on(heard=True)
+    assert steps == pytest.approx(500, abs=2)

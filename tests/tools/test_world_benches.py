@@ -8,27 +8,116 @@ from typing import Any
 
 import pytest
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import load_robot
+from crux_msgs import plan_t
 from crux_tools.benchmarks import world_faults, worlds
-from crux_tools.benchmarks.world_faults import KINDS, Fault, draw_fault, ending_of
-from crux_tools.campaign.job import WorldFile
+from crux_tools.benchmarks.world_faults import (
+    KINDS,
+    LOSES_A_HOLD,
+    OF_THE_RUNTIME,
+    START_S,
+    Fault,
+    draw_fault,
+    ending_of,
+    gripped,
+    job_of,
+)
+from crux_tools.campaign.job import PLAN_FILE, WorldFile
+from crux_tools.sim.fault_file import read_faults
 from crux_tools.sim.world_file import read_world
-from hand_plan import standing_plan
+from hand_plan import climbing_plan, standing_plan
 
 
 def row(verdict: str = "failed", reason: str = "", fell: bool = False, body_m: float = 0.002) -> dict[str, Any]:
     return {"verdict": verdict, "reason": reason, "climb": {"fell": fell, "tracking": {"body_m": body_m}}}
 
 
-def test_every_kind_of_fault_comes_by_turns_as_a_world_that_can_be_read(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def plan() -> plan_t:
+    """LF goes from hold 0 to hold 4."""
+    return climbing_plan(limbs_to_move=(0,))
+
+
+def test_every_kind_of_fault_comes_by_turns_as_a_file_that_can_be_read(plan: plan_t, tmp_path: Path) -> None:
     faults = [draw_fault(seed) for seed in range(60)]
     assert Counter(fault.kind for fault in faults) == dict.fromkeys(KINDS, 60 // len(KINDS))
     for number, fault in enumerate(faults):
         path = tmp_path / f"{number}.yaml"
-        path.write_text(fault.text)
-        assert read_world(path).name == fault.kind
-        assert fault.limb == "" or fault.limb in LIMB_NAMES
+        path.write_text(fault.text(plan))
+        if fault.kind in OF_THE_RUNTIME:
+            (read,) = read_faults(path)
+            assert read.kind == fault.kind.replace("-", "_")
+            assert 6.0 <= read.at_s <= START_S + plan.knots[-1].time_s
+        else:
+            assert read_world(path).name == fault.kind
+        assert (fault.limb in LIMB_NAMES) == (fault.kind not in (*LOSES_A_HOLD, *OF_THE_RUNTIME))
     assert [draw_fault(seed) for seed in range(60)] == faults
-    assert len({fault.text for fault in faults}) > 50
+    assert len({fault.text(plan) for fault in faults}) > 50
+
+
+def test_holds_go_wrong_that_the_plan_still_grips(plan: plan_t) -> None:
+    assert gripped(plan, 0.0) == [0, 1, 2, 3, 4]
+    assert gripped(plan, plan.knots[-1].time_s + 9.0) == [1, 2, 3, 4]
+    seeds = [seed for seed in range(400) if draw_fault(seed).kind == "hold-breaks"]
+    broken = Counter[int]()
+    for seed in seeds:
+        world = world_faults.FaultyWorld("hold-breaks").draw(seed, plan)
+        ((name, change),) = world.holds.items()
+        hold = [hold.name for hold in plan.holds].index(name)
+        assert hold in gripped(plan, change.breaks_at_s - START_S)
+        broken[hold] += 1
+    assert len(broken) >= 4
+
+
+def test_a_kind_of_fault_has_walls_of_both_kinds() -> None:
+    count = 2 * len(KINDS)
+    jobs = world_faults.jobs_of(count, 1)
+    assert [job.seed for job in jobs] == list(range(1, count + 1))
+    for first, second in zip(jobs[: len(KINDS)], jobs[len(KINDS) :], strict=True):
+        assert first.walls == second.walls
+        assert {bool(first.wall.kind), bool(second.wall.kind)} == {False, True}
+
+
+@pytest.mark.parametrize("kind", ["runtime-killed", "disk-full"])
+def test_a_runtime_killed_or_without_space_is_told_and_the_robot_stays(kind: str, plan: plan_t, tmp_path: Path) -> None:
+    seed = list(KINDS).index(kind)
+    job = job_of(draw_fault(seed), 0, seed)
+    write_plan(tmp_path / PLAN_FILE, plan)
+    climb = job._climb(plan, load_robot("scaler"), tmp_path)
+    end = ending_of({"reason": climb["reason"], "climb": climb}, draw_fault(seed))
+    assert (end.fell, end.told) == (False, True), climb
+    assert end.climbed == (kind == "disk-full")
+    (course,) = climb["faults"]
+    if kind == "runtime-killed":
+        assert climb["cycles"] == round(course["at_s"] / 0.002) + 1
+        assert 0.0 < course["held_s"] <= 0.1, "the nodes hold by themselves"
+        assert course["moved_m"] < 0.005
+    assert job.climb_command().endswith("--faults faults.yaml --bus udp")
+
+
+def test_what_stops_the_runtime_is_climbed_in_a_kernel_with_virtual_time() -> None:
+    for kind, options in (
+        ("runtime-stopped", "--bus socketcan --pace realtime"),
+        ("cpu-starved", "--bus socketcan --pace realtime"),
+        ("lcm-flooded", "--bus udp --pace realtime"),
+    ):
+        command = job_of(Fault(kind, ""), 0, 7).climb_command()
+        assert command.endswith(f"crux climb plan.mcap -o again.mcap --seed 7 --faults faults.yaml {options}")
+        assert command.startswith("crux can run --virtual-time") == ("socketcan" in options)
+
+
+def test_another_end_of_the_runtime_than_its_fault_is_not_told() -> None:
+    fault = Fault("runtime-stopped", "")
+    late = "9.0 s: 26 cycle_late: a control cycle began 0.9 s late (limit: 0.01 s)"
+    for reason, on_wall, told in (
+        (late, True, True),
+        (late, False, False),
+        ("9.0 s: 3 node_stopped, limb LF, node 1: it holds", True, False),
+    ):
+        end = row(reason=reason)
+        end["climb"]["robot_on_wall"] = on_wall
+        assert ending_of(end, fault).told == told
 
 
 def test_walls_of_both_kinds_each_in_a_world_of_its_own() -> None:
@@ -63,14 +152,14 @@ def test_the_ordinary_world_has_every_error_that_it_says() -> None:
     ],
 )
 def test_a_fault_is_told_where_its_limb_is_named(kind: str, reason: str, told: bool) -> None:
-    limb = "" if kind in world_faults.WITHOUT_A_LIMB else "RF"
-    assert ending_of(row(reason=reason), Fault(kind, limb, "")).told == told
+    limb = "" if kind in LOSES_A_HOLD else "RF"
+    assert ending_of(row(reason=reason), Fault(kind, limb)).told == told
 
 
 def test_a_limb_off_its_hold_has_not_fallen_where_the_body_stays() -> None:
     lost, thrown = row(fell=True, body_m=0.004), row(fell=True, body_m=0.2)
-    assert [ending_of(end, Fault("hold-breaks", "", "")).fell for end in (lost, thrown)] == [False, True]
-    assert ending_of(lost, Fault("ft-zero", "RF", "")).fell
+    assert [ending_of(end, Fault("hold-breaks", "")).fell for end in (lost, thrown)] == [False, True]
+    assert ending_of(lost, Fault("ft-zero", "RF")).fell
 
 
 def test_causes_are_counted_without_their_numbers() -> None:

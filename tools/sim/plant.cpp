@@ -58,6 +58,7 @@ struct crux_plant {
   std::normal_distribution<double> normal_;
   std::array<double, CRUX_SIM_JOINTS> ft_bias_{};
   std::array<double, 3> hand_position_{};
+  std::int64_t cycle_ = -1;  ///< of the runtime, when record() was called last
 };
 
 crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, const crux_plant_settings& settings,
@@ -168,7 +169,9 @@ void crux_plant::take_contact(const mjContact& contact) {
 }
 
 void crux_plant::record(std::int64_t cycle, std::int32_t climbing) {
-  if (cycle % crux_plant_contact_period != kFirstContactStep - 1) return;
+  const std::int64_t step = cycle == cycle_ ? state_.cycle : cycle + 1;  // by itself while the runtime is silent
+  cycle_ = cycle;
+  if (step % crux_plant_contact_period != kFirstContactStep) return;
   crux_plant_truth& row = truth_.emplace_back();
   row.cycle = cycle;
   row.climbing = climbing;

@@ -88,8 +88,8 @@ CRUX_SIM_API const crux_plant_state *crux_plant_state_of(const crux_plant *plant
 /// (24,) of the joints' motors [degC], NaN where no world heats it; NULL when it heats none.
 CRUX_SIM_API const double *crux_plant_temperature(const crux_plant *plant);
 
-/// Keeps a sample of the truth when contacts were looked at in this step; `cycle` is the runtime's count, `climbing` 1
-/// where the nodes receive that it climbs, -1 in reverse, else 0.
+/// Keeps a sample of the truth when contacts were looked at in this step; `cycle` is the runtime's count, the same
+/// again while it is silent, `climbing` 1 where the nodes receive that it climbs, -1 in reverse, else 0.
 CRUX_SIM_API void crux_plant_record(crux_plant *plant, int64_t cycle, int32_t climbing);
 
 /// The samples so far, valid until the next one; their number in `count`.

@@ -8,7 +8,6 @@ does meanwhile.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +17,7 @@ from crux_contracts.output_file import look_at_folder
 
 from crux_tools.arguments import whole
 from crux_tools.benchmarks import world_faults
-from crux_tools.benchmarks.cold_process import crux_json
+from crux_tools.benchmarks.cold_process import CRUX, GUEST, crux_json
 from crux_tools.campaign.command import add_cluster_options
 from crux_tools.campaign.job import FAILED, HELD, LOG_FILE, NOMINAL, PLAN_FILE, Outcome
 from crux_tools.errors import WorkFailed
@@ -33,8 +32,6 @@ IN_THE_AIR, BEARING = "LF", "RF"
 ALSO_IN_THE_AIR = ("cut", "reset", "controller_off", "interface_down")
 OF_ONE_NODE = ("reset", "controller_off")
 JOINT, GRIPPER = 2, 7  # the shoulder's pitch bears most
-BUSES = "can0,can1,can2,can3"
-TIMEOUT_S = "900"
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--images", action="store_true", help="the limb's nodes run their images on emulated microcontrollers"
     )
     parser.add_argument(
-        "--world", action="store_true", help="single faults of holds, sensors and drives instead of the buses'"
+        "--world", action="store_true", help="single faults of holds, sensors, drives and the runtime's process"
     )
     parser.add_argument(
         "--count", type=whole(1), default=300, metavar="N", help="with --world: climbs (default: %(default)s)"
@@ -138,20 +135,9 @@ class FaultJob:
             plan, log, faults = (Path(name) / file for file in (PLAN_FILE, LOG_FILE, "faults.yaml"))
             plan.write_bytes(self.plan)
             faults.write_text(self.case.document())
-            guest = ["can", "run", "--virtual-time", "-i", BUSES, "--timeout", TIMEOUT_S, "--"]
-            climb = [
-                sys.executable,
-                "-m",
-                "crux_tools.cli",
-                "climb",
-                str(plan),
-                "-o",
-                str(log),
-                "--faults",
-                str(faults),
-            ]
+            climb = ["climb", str(plan), "-o", str(log), "--faults", str(faults)]
             emulated = ["--emulate", self.case.limb] if self.images else []
-            result, _ = crux_json(*guest, *climb, "--bus", "socketcan", "--pace", "realtime", *emulated)
+            result, _ = crux_json(*GUEST, *CRUX, *climb, "--bus", "socketcan", "--pace", "realtime", *emulated)
             files = {file.name: file.read_bytes() for file in Path(name).iterdir()}
         if "faults" not in result:
             raise WorkFailed(f"{self.case.kind} on {self.case.where}: {result.get('error', 'no result')}")

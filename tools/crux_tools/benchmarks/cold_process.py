@@ -19,6 +19,11 @@ from crux_contracts.plan_file import read_plan
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import SCENARIOS
 
+BUSES = "can0,can1,can2,can3"
+TIMEOUT_S = "900"
+GUEST = ("can", "run", "--virtual-time", "-i", BUSES, "--timeout", TIMEOUT_S, "--")
+"""Words of crux before a command that is to run in a kernel with SocketCAN and virtual time."""
+CRUX = (sys.executable, "-m", "crux_tools.cli")
 _POLL_S = 0.02
 HANGING = 10.0  # times its limit of computing: a process that takes so long by the wall clock is ended
 
@@ -29,7 +34,7 @@ def crux_json(*words: str) -> tuple[dict[str, Any], float]:
     A run without an object comes back as {"ok": False, "error": why}.
     """
     began = time.monotonic()
-    command = [sys.executable, "-m", "crux_tools.cli", *words, "--json"]
+    command = [*CRUX, *words, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.monotonic() - began
     return _object(words[0], done.stdout, done.stderr, done.returncode), seconds

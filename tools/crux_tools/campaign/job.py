@@ -21,8 +21,8 @@ CLIMBED, PLANNED, HELD = "climbed", "planned", "held"
 FAILED, WRONG, INFEASIBLE, UNDECIDED, REFUSED, ERROR = "failed", "wrong", "infeasible", "undecided", "refused", "error"
 SUCCESSES = (CLIMBED, PLANNED, HELD)
 NOMINAL = "nominal"
-SCENARIO_FILE, WORLD_FILE, PLAN_FILE, LOG_FILE, RERUN_FILE = (
-    "scenario.yaml", "world.yaml", "plan.mcap", "log.mcap", "rerun.sh",
+SCENARIO_FILE, WORLD_FILE, PLAN_FILE, LOG_FILE, AGAIN_FILE, RERUN_FILE = (
+    "scenario.yaml", "world.yaml", "plan.mcap", "log.mcap", "again.mcap", "rerun.sh",
 )  # fmt: skip
 
 
@@ -132,6 +132,11 @@ class ClimbJob:
         said = {**result.to_json(), "plan_id": result.plan.plan_id}
         return {name: value for name, value in said.items() if name not in ("check", "history", "alone")}
 
+    def climb_command(self) -> str:
+        """What climbs so, beside the job's files."""
+        world = f" --world {WORLD_FILE}" if self.world.text else ""
+        return f"crux climb {PLAN_FILE} -o {AGAIN_FILE} --seed {self.seed}{world}"
+
     def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
         """What `crux climb --json` prints, but for the log's place; log and drawn world go into `folder`."""
         from crux_tools.sim.climb import ClimbOptions, climb
@@ -152,8 +157,7 @@ class ClimbJob:
         lines = ["#!/bin/sh -e", 'cd "$(dirname "$0")"', f"crux plan {SCENARIO_FILE} -o {PLAN_FILE}{method}{limit}"]
         lines.append(f"crux check {PLAN_FILE}")
         if self.climbs:
-            world = f" --world {WORLD_FILE}" if self.world.text else ""
-            lines.append(f"crux climb {PLAN_FILE} -o again.mcap --seed {self.seed}{world} --report report.html")
+            lines.append(f"{self.climb_command()} --report report.html")
         return "\n".join(lines) + "\n"
 
 

@@ -23,13 +23,14 @@ from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
 from crux_tools.sim.disturbance import Course, Disturbance, look_back
 from crux_tools.sim.emulated_boards import EmulatedBoards, Place
-from crux_tools.sim.fault_file import Fault
+from crux_tools.sim.fault_file import OF_THE_RUNTIME, Fault
 from crux_tools.sim.firmware_nodes import FirmwareNodes
 from crux_tools.sim.judge import Tracking, Verdict, judge, track
-from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome
+from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
 from crux_tools.sim.priority import no_garbage_collection, realtime_priority
+from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
 from crux_tools.sim.recorder import recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
@@ -119,7 +120,7 @@ class ClimbResult:
         if self.outcome.robot_on_wall is not None:
             result["robot_on_wall"] = self.outcome.robot_on_wall
         if self.courses:
-            result["robot_on_wall"] = not verdict.fell
+            result["robot_on_wall"] = not verdict.fell and self.outcome.robot_on_wall is not False
             result["faults"] = [course.as_json() for course in self.courses]
         return result
 
@@ -200,6 +201,7 @@ def climb(
             "--bus socketcan: this kernel has no CAN; run it under one that has: "
             f"crux can run --virtual-time -i {','.join(INTERFACES)} -- crux climb …"
         )
+    check_process_faults(options.faults, options.bus, options.pace)
     plant = plant_of(plan, robot, options)
     with ExitStack() as stack:
         boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
@@ -212,16 +214,16 @@ def climb(
         )
         plan_s = plan.knots[-1].time_s
         limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
-        disturbance = None
-        if options.faults:
-            interfaces = INTERFACES if options.bus == "socketcan" else None
-            disturbance = Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed)
+        disturbance = _disturbance(stack, runtime, nodes, plant, log, options) if options.faults else None
         watched_s = WATCHED_S if options.world is not None else 0.0
-        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s)
+        clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
+        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
         outcome = loop.run()
+        if disturbance is not None:
+            disturbance.end()
         interrupts = None
         if boards is not None:
             boards.check()
@@ -259,11 +261,25 @@ def _power_on(
         return runtime, link, nodes
     ports = stack.enter_context(run_ports())
     buses = ports.bus_urls() if options.bus == "udp" else [f"socketcan:{interface}" for interface in INTERFACES]
-    guard_s = FAULT_GUARD_S if options.faults else GUARD_TIME_S
+    breaks_buses = any(fault.kind not in OF_THE_RUNTIME for fault in options.faults)
+    guard_s = FAULT_GUARD_S if breaks_buses else GUARD_TIME_S
     runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
     link = stack.enter_context(OperatorLink(ports.lcm_url))
     _start(runtime, link, plan)  # before there are nodes: they would make it begin
     return runtime, link, stack.enter_context(FirmwareNodes(buses, robot, boards, options.world))
+
+
+def _disturbance(
+    stack: ExitStack,
+    runtime: RuntimeProcess | RuntimeHere,
+    nodes: FirmwareNodes,
+    plant: Plant,
+    log: Path,
+    options: ClimbOptions,
+) -> Disturbance:
+    interfaces = INTERFACES if options.bus == "socketcan" else None
+    process = stack.enter_context(ProcessFaults(runtime, log)) if isinstance(runtime, RuntimeProcess) else None
+    return Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed, process)
 
 
 def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan_t) -> None:

@@ -67,7 +67,7 @@ def add_parser(subparsers: Any) -> None:
         "--faults",
         type=Path,
         metavar="FILE.yaml",
-        help="what goes wrong on the buses, and when (tools/README.md has the kinds)",
+        help="what goes wrong on the buses or with the runtime's process, and when (tools/README.md has the kinds)",
     )
     parser.add_argument(
         "--world",
@@ -119,13 +119,16 @@ def _print_summary(result: Any) -> None:
     )
     for course in result.courses:
         fault = course.as_json()
+        on = "" if fault["limb"] is None else f" on {fault['limb']}"
         stopped = (
             "climbed on" if course.runtime_s is None else f"stopped climbing after {course.runtime_s * 1e3:.0f} ms"
         )
+        if result.outcome.robot_on_wall is not None:
+            stopped = "the runtime died"
         held = "" if course.held_s is None else f", held after {course.held_s * 1e3:.0f} ms"
         cause = "" if course.cause is None else f" ({course.cause})"
         moved = "" if course.moved_m is None else f", body moved {course.moved_m * 1e3:.1f} mm"
-        note(f"  fault     {fault['kind']} on {fault['limb']} at {fault['at_s']:g} s: {stopped}{cause}{held}{moved}")
+        note(f"  fault     {fault['kind']}{on} at {fault['at_s']:g} s: {stopped}{cause}{held}{moved}")
     note(f"  log       {result.log}")
 
 

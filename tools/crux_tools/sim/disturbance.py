@@ -11,13 +11,15 @@ from crux_contracts import LIMB_NAMES
 
 from crux_tools.errors import UsageError
 from crux_tools.sim import can_interface
-from crux_tools.sim.fault_file import NODES, ON_SOCKETCAN, Fault
+from crux_tools.sim.fault_file import NODES, OF_THE_RUNTIME, ON_SOCKETCAN, Fault
+from crux_tools.sim.process_faults import ProcessFaults
 from crux_tools.sim.recorder import Truth
 from crux_tools.sim.strangers import SENDERS
 from crux_tools.telemetry.summary import FaultNote
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
 CLIMBING, HOLDING, FAULT = 2, 3, 4  # robot_state_t
+SILENT = -1
 STATE_MASK = 0x07
 TRACK, DECELERATE = 2, 3  # DBC: JointStatus.State
 ALL_FRAMES = 0xFFFFFFFF
@@ -58,7 +60,7 @@ class Course:
         """One entry of `faults` in `crux climb --json`."""
         return {
             "kind": self.fault.kind,
-            "limb": LIMB_NAMES[self.fault.limb],
+            "limb": LIMB_NAMES[self.fault.limb] if self.fault.limb >= 0 else None,
             "at_s": self.fault.at_s,
             "for_s": self.fault.for_s,
             "runtime_s": self.runtime_s,
@@ -86,9 +88,16 @@ class Disturbance:
     """The faults of one run."""
 
     def __init__(
-        self, faults: Sequence[Fault], nodes: Injector, dt_s: float, interfaces: Sequence[str] | None, seed: int
+        self,
+        faults: Sequence[Fault],
+        nodes: Injector,
+        dt_s: float,
+        interfaces: Sequence[str] | None,
+        seed: int,
+        process: ProcessFaults | None = None,
     ) -> None:
-        """`interfaces`: of LF, RF, LR, RR; None on UDP buses. Raises UsageError for faults that need interfaces."""
+        """`interfaces`: of LF, RF, LR, RR; None on UDP buses. `process`: where the runtime is one of its own. Raises
+        UsageError for faults that need interfaces."""
         for fault in faults:
             if fault.kind in ON_SOCKETCAN and interfaces is None:
                 raise UsageError(f"fault '{fault.kind}' needs a CAN interface: --bus socketcan")
@@ -97,11 +106,12 @@ class Disturbance:
         self._dt_s = dt_s
         self._interfaces = interfaces
         self._seed = seed
+        self._process = process
         self._begun: set[int] = set()
         self._ended: set[int] = set()
 
     def begin_cycle(self, cycle: int) -> None:
-        """Begins, goes on with and ends what is due; after the cycle's Sync, before the nodes control."""
+        """Begins, goes on with and ends what is due; `cycle` counts in physics. Before the nodes control."""
         for number, course in enumerate(self.courses):
             fault = course.fault
             if number not in self._begun and cycle >= self._cycle(fault.at_s):
@@ -111,14 +121,16 @@ class Disturbance:
                 if cycle >= self._cycle(fault.end_s):
                     self._ended.add(number)
                     self._switch(fault, False)
+                elif self._process is not None and fault.kind in OF_THE_RUNTIME:
+                    self._process.go_on(fault, (cycle - self._cycle(fault.at_s)) * self._dt_s)
                 elif fault.kind in SENDERS:
                     for frame in SENDERS[fault.kind](cycle):
                         self._nodes.intrude(fault.limb, frame.identifier, frame.data)
 
-    def end_cycle(self, cycle: int) -> None:
-        """Watches; after the nodes have controlled."""
+    def end_cycle(self, cycle: int, heard: bool = True) -> None:
+        """Watches; after the nodes have controlled. `heard`: the runtime has sent this cycle's Sync."""
         now_s = (cycle + 1) * self._dt_s
-        state = self._nodes.host_state() & STATE_MASK
+        state = self._nodes.host_state() & STATE_MASK if heard else SILENT
         joints, _, grippers, _ = self._nodes.states()
         nodes = joints + grippers
         held = state != CLIMBING and DECELERATE not in nodes and (state == HOLDING or TRACK not in nodes)
@@ -132,6 +144,11 @@ class Disturbance:
             if course.held_s is None and held:
                 course.held_s = round(since_s, 6)
 
+    def end(self) -> None:
+        """The climb is over: what is done to the runtime's process ends."""
+        if self._process is not None:
+            self._process.end()
+
     def over(self, cycle: int) -> bool:
         """All faults are over and have been watched long enough."""
         return cycle >= self._cycle(max(course.fault.end_s for course in self.courses) + WATCHED_S)
@@ -140,7 +157,9 @@ class Disturbance:
         return round(time_s / self._dt_s)
 
     def _switch(self, fault: Fault, on: bool) -> None:
-        if fault.kind in ("cut", "loss"):
+        if self._process is not None and fault.kind in OF_THE_RUNTIME:
+            self._process.switch(fault, on)
+        elif fault.kind in ("cut", "loss"):
             share = 0.0 if not on else 1.0 if fault.kind == "cut" else fault.share
             self._nodes.lose(fault.limb, share, self._seed + 1)
         elif fault.kind == "reset":  # it hears and says nothing meanwhile

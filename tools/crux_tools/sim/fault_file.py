@@ -1,9 +1,10 @@
-"""Scheduled faults of the buses, as `crux climb --faults FILE` reads them.
+"""Scheduled faults of the buses and of the runtime's process, as `crux climb --faults FILE` reads them.
 
 version: 1
 faults:
   - {kind: cut, limb: RF, at_s: 8.0, for_s: 1.0}
   - {kind: reset, limb: LF, node: 3, at_s: 12.0, for_s: 0.2}
+  - {kind: runtime_stopped, at_s: 14.0, for_s: 1.0}
 
 Times count from the first control cycle; a climb starts at 2 s. README.md of the tools says what each kind does.
 """
@@ -21,21 +22,25 @@ VERSION = 1
 NODES = 7
 MAX_FAULTS = 100
 MAX_TIME_S = 3600.0
-SHARE = 0.3  # of `loss`, unless told
+SHARE = 0.3  # of `loss` and `cpu_starved`, unless told
 
 ON_ANY_BUS = ("cut", "loss", "crc", "stale", "forged", "ahead", "second_master", "reset", "controller_off")
 ON_SOCKETCAN = ("bus_off", "error_passive", "unacknowledged", "queue_full", "interface_down")
-KINDS = ON_ANY_BUS + ON_SOCKETCAN
+FOR_GOOD = ("runtime_killed", "disk_full")
+BY_THE_CLOCK = ("runtime_stopped", "cpu_starved")  # in lockstep physics waits for the runtime
+OF_THE_RUNTIME = (*FOR_GOOD, *BY_THE_CLOCK, "lcm_flooded")  # of its process, on no limb
+KINDS = ON_ANY_BUS + ON_SOCKETCAN + OF_THE_RUNTIME
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that goes wrong on one limb's bus."""
+    """One thing that goes wrong on one limb's bus, or with the runtime's process."""
 
     kind: str
     limb: int
+    """0..3; -1: of the runtime"""
     at_s: float
-    for_s: float
+    for_s: float = 0.0
     node: int = 1
     share: float = SHARE
 
@@ -59,7 +64,13 @@ def read_faults(path: Path) -> list[Fault]:
 
 
 def _fault(check: Checker, node: Node) -> Fault:
-    known = check.members(node, ("kind", "limb", "at_s", "for_s"), ("node", "share"))
+    word = node.content["kind"].content if isinstance(node.content, dict) and "kind" in node.content else ""
+    needed: tuple[str, ...] = ("kind", "limb", "at_s", "for_s")
+    optional: tuple[str, ...] = ("node", "share")
+    if word in OF_THE_RUNTIME:
+        needed = ("kind", "at_s") if word in FOR_GOOD else ("kind", "at_s", "for_s")
+        optional = ("share",) if word == "cpu_starved" else ()
+    known = check.members(node, needed, optional)
     kind = check.choice(known["kind"], KINDS) if "kind" in known else ""
     limb = check.choice(known["limb"], LIMB_NAMES) if "limb" in known else ""
     numbers = {
@@ -70,7 +81,7 @@ def _fault(check: Checker, node: Node) -> Fault:
     number = check.integer(known["node"], 1, NODES) if "node" in known else 1
     return Fault(
         kind=kind,
-        limb=LIMB_NAMES.index(limb) if limb in LIMB_NAMES else 0,
+        limb=LIMB_NAMES.index(limb) if limb in LIMB_NAMES else -1,
         at_s=numbers.get("at_s", 0.0),
         for_s=numbers.get("for_s", 0.0),
         node=number,

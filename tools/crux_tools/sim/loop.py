@@ -1,13 +1,14 @@
 """The bench's control cycle: a Sync arrives, the firmware cores control, physics moves on, the nodes answer.
 
-In lockstep the runtime waits for the answers: a run is as fast as the machine allows and always the same.
+In lockstep the runtime waits for the answers: a run is as fast as the machine allows and always the same. In real time
+physics and nodes go on by a clock of their own, also while no Sync comes.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -20,6 +21,7 @@ START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something
 START_GRACE_CYCLES = 100
 SYNC_TIMEOUT_S = 0.2
+LOST_PERIODS = 3  # the simulation itself was late: no Sync is waited for so long
 SILENCE_S = 30.0  # of wall time, more than the runtime waits for its nodes
 FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
 STAYED_M = 0.02  # of the body in that time
@@ -64,6 +66,36 @@ class Ending(Enum):
 
 
 @dataclass
+class WorldClock:
+    """Real time of nodes and physics: a period a step.
+
+    A Sync that comes within a period of its time makes the step, so that the nodes answer with what they measured after
+    it; a step that no Sync makes is made a period late. What the simulation itself comes too late for is lost: physics
+    does not catch up, for the nodes would take that for a silent runtime.
+    """
+
+    period_s: float
+    now_s: Callable[[], float] = time.monotonic
+    _due_s: float | None = field(default=None, init=False)
+    """of the next step; None: before the first"""
+
+    def patience_s(self) -> float:
+        """How long to wait for a Sync."""
+        return SYNC_TIMEOUT_S if self._due_s is None else max(0.0, self._due_s + self.period_s - self.now_s())
+
+    def moves_on(self, heard: bool) -> bool:
+        """Whether a step is to be made now; then it counts. `heard`: a Sync has come."""
+        now_s = self.now_s()
+        if self._due_s is None:
+            self._due_s = now_s
+        late_s = now_s - self._due_s
+        if late_s < (-self.period_s if heard else self.period_s):
+            return False
+        self._due_s = now_s if late_s > LOST_PERIODS * self.period_s else self._due_s + self.period_s
+        return True
+
+
+@dataclass
 class Outcome:
     """How the loop ended."""
 
@@ -89,6 +121,8 @@ class Loop:
     """faults to live through: a climb that stops is then watched until they are over"""
     watched_s: float = 0.0
     """how long the robot is watched besides, after it has stopped climbing"""
+    clock: WorldClock | None = None
+    """real time; None: lockstep"""
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Goes on answering Syncs, unjudged, until `until()`: in real time silent nodes would be a fault."""
@@ -97,9 +131,20 @@ class Loop:
                 self.nodes.step(self.plant)
                 self.nodes.publish(self.plant)
 
-    def _step(self, cycle: int, way: int) -> None:
+    def _step(self, cycle: int, heard: bool = True) -> None:
+        """One period of nodes and physics, and what goes wrong in it; `cycle` is the runtime's count, `heard` whether
+        it has sent its Sync."""
+        if self.disturbance is not None:
+            self.disturbance.begin_cycle(self.plant.cycle)
         self.nodes.step(self.plant)
-        self.plant.record(cycle, way)
+        self.plant.record(cycle, climbing(self.nodes.host_state()) if heard else 0)
+        if self.disturbance is not None:
+            self.disturbance.end_cycle(self.plant.cycle - 1, heard)
+        self.nodes.publish(self.plant)
+
+    def _moves_on(self, heard: bool) -> bool:
+        """Whether nodes and physics make a step now: in lockstep with every Sync, in real time by the clock."""
+        return heard if self.clock is None else self.clock.moves_on(heard)
 
     def run(self) -> Outcome:
         """Answers Syncs until the climb is over."""
@@ -109,13 +154,15 @@ class Loop:
         missed = 0
         began_s = heard_s = time.monotonic()
         while True:
-            cycle = self.nodes.wait_sync(SYNC_TIMEOUT_S)
+            cycle = self.nodes.wait_sync(SYNC_TIMEOUT_S if self.clock is None else self.clock.patience_s())
             if cycle is None:
                 wall_s = time.monotonic() - began_s
                 if not self.runtime_alive():
                     return Outcome(Ending.RUNTIME_DIED, last + 1, wall_s, missed, robot_on_wall=self._free_run(last))
                 if time.monotonic() - heard_s > SILENCE_S:
                     return Outcome(Ending.SILENT, last + 1, wall_s, missed)
+                if last > 0 and self._moves_on(heard=False):
+                    self._step(last, heard=False)
                 continue
             heard_s = time.monotonic()
             if cycle == last:  # the runtime repeats its first Sync until all nodes have answered
@@ -124,12 +171,10 @@ class Loop:
             if last < 0:
                 began_s = time.monotonic()
             missed += cycle - last - 1  # the bench came too late: physics stands still, no watchdog counts
-            if self.disturbance is not None:
-                self.disturbance.begin_cycle(cycle)
-            self._step(cycle, climbing(self.nodes.host_state()))
-            if self.disturbance is not None:
-                self.disturbance.end_cycle(cycle)
-            self.nodes.publish(self.plant)
+            if cycle <= 0 or self._moves_on(heard=True):
+                self._step(cycle)
+            else:
+                self.nodes.publish(self.plant)
             last = cycle
             if cycle % REPORT_CYCLES == 0:
                 self.progress(self.plant.time_s)
@@ -148,7 +193,8 @@ class Loop:
         if host != UNKNOWN:
             if host & PLAN_COMPLETE:
                 return Ending.COMPLETE
-            if cycle > START_CYCLE + START_GRACE_CYCLES and (self.disturbance is None or self.disturbance.over(cycle)):
+            lived_through = self.disturbance is None or self.disturbance.over(self.plant.cycle - 1)
+            if cycle > START_CYCLE + START_GRACE_CYCLES and lived_through:
                 if state in (HOLDING, FAULT):
                     return Ending.STOPPED
                 if state != CLIMBING:
@@ -160,7 +206,6 @@ class Loop:
         before = self.plant.data.qpos[:3].copy()
         held = self.plant.limbs_on_holds()
         for step in range(int(FREE_RUN_S / self.plant.dt_s)):
-            self._step(last + 1 + step, 0)
-            self.nodes.publish(self.plant)
+            self._step(last + 1 + step, heard=False)
         moved_m = float(np.linalg.norm(self.plant.data.qpos[:3] - before))
         return moved_m < STAYED_M and bool(np.all(self.plant.limbs_on_holds()[held]))

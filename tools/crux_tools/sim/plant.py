@@ -127,8 +127,9 @@ class Plant:
         self._native.crux_plant_step(self.handle, torque.ctypes.data_as(DOUBLES), force.ctypes.data_as(DOUBLES))
 
     def record(self, cycle: int, climbing: int) -> None:
-        """Keeps a sample of what really is, when this step looked at the contacts; `cycle` is the runtime's count,
-        `climbing` whether it climbs, as the nodes receive it (-1: in reverse). Read them by recorder.recorded()."""
+        """Keeps a sample of what really is, when this step looked at the contacts; `cycle` is the runtime's count, the
+        same again while it is silent, `climbing` whether it climbs, as the nodes receive it (-1: in reverse). Read them
+        by recorder.recorded()."""
         self._native.crux_plant_record(self.handle, cycle, climbing)
 
     def limbs_on_holds(self) -> NDArray[np.bool_]:

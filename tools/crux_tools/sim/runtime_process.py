@@ -46,6 +46,7 @@ class RuntimeProcess:
 
     def __init__(self, bus_urls: list[str], pace: str, lcm_url: str, guard_s: float, arguments: list[str]) -> None:
         """`guard_s`: how long the runtime waits for the nodes in lockstep; `arguments`: runtime_arguments()."""
+        self.lcm_url = lcm_url
         self._arguments = [
             *("setpriv", "--pdeathsig", "TERM"),  # it ends with the simulation, however that ends
             *(str(built(BINARY)), "--pace", pace, "--lcm", lcm_url, "--guard-time", str(guard_s), *arguments),
