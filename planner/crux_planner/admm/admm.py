@@ -19,8 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from crux_planner import clock
-from crux_planner.admm.consensus import Eta, Residuals
+from crux_planner.solvers import clock
+from crux_planner.trajectory.consensus import Eta, Residuals
 
 Report = Callable[[str], None]
 

@@ -14,14 +14,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner import clock
 from crux_planner.admm.limb_paths import LimbPaths, Path
 from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
-from crux_planner.problem import LIMBS
+from crux_planner.model.arrays import Array
 from crux_planner.search.balance import Balance
+from crux_planner.solvers import clock
 
 _MOST_AT_ONCE = 2
 _CHEAPEST_FIRST = 150  # conflicts resolved in the order of cost
@@ -76,7 +76,7 @@ class Agreement:
 
     def __init__(self, stages: Stages, balance: Balance) -> None:
         self.stages, self.balance = stages, balance
-        self.paths = [LimbPaths(stages, limb) for limb in range(len(LIMBS))]
+        self.paths = [LimbPaths(stages, limb) for limb in range(len(LIMB_NAMES))]
         self.at_once = 1  # limbs in the air together; more only where the wall or the time leave no other way
         self._flying = [
             np.array([[a.first <= t < a.end for a in paths.arcs] for t in range(stages.count)], dtype=bool)
@@ -97,8 +97,10 @@ class Agreement:
         first = [paths.shortest(own.held, own.arcs) for paths, own in zip(self.paths, prices, strict=True)]
         for limb, path in enumerate(first):
             if not np.isfinite(path.cost):
-                raise InfeasibleError("contacts", f"{LIMBS[limb]} finds no chain of holds on the stages of its block")
-        nodes = [_Node(first, (frozenset(),) * len(LIMBS))]
+                raise InfeasibleError(
+                    "contacts", f"{LIMB_NAMES[limb]} finds no chain of holds on the stages of its block"
+                )
+        nodes = [_Node(first, (frozenset(),) * len(LIMB_NAMES))]
         by_cost, by_conflicts = [(nodes[0].cost, 0)], [(0, nodes[0].cost, 0)]
         resolved: set[int] = set()
         while len(resolved) < len(nodes) and clock.now() < deadline:
@@ -175,7 +177,7 @@ class Agreement:
         for limb, path in enumerate(paths):
             for i in path.arcs:
                 arc = self.paths[limb].arcs[i]
-                for other in range(len(LIMBS)):
+                for other in range(len(LIMB_NAMES)):
                     if other == limb:
                         continue
                     for stand in stands[other]:
@@ -187,7 +189,7 @@ class Agreement:
                         meet = beside.first < arc.end and arc.first < beside.end
                         if meet and not self._apart((arc.start, arc.goal), (beside.start, beside.goal)):
                             yield [Fact(limb, arc=i), Fact(other, arc=j)]
-        for limb, other in itertools.combinations(range(len(LIMBS)), 2):
+        for limb, other in itertools.combinations(range(len(LIMB_NAMES)), 2):
             for one, two in itertools.product(stands[limb], stands[other]):
                 begin, end = max(one.first, two.first), min(one.last, two.last)
                 if begin <= end and contacts[one.contact].hold == contacts[two.contact].hold:

@@ -1,7 +1,7 @@
 """The paper's benchmark: P1 as one NLP, its binaries continuous, pressed towards 0 and 1 by a shrinking relaxation.
 
 alpha in [0, 1] with alpha (1 - alpha) <= relaxation, and (10a) as products, alpha |pose - grasp|^2 <= relaxation,
-which vanish together (relaxation.py).
+which vanish together (solvers/relaxation.py).
 (14) needs no binaries: a finger is outside a hold exactly if some convex combination of its distances beyond the faces
 is not negative. What it reaches may be no plan, and then that is said.
 """
@@ -13,21 +13,21 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.admm.motion_block import gripper_fingers
-from crux_planner.admm.relaxation import Relaxed
 from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.swing import contact_pose
-from crux_planner.terms.bounds import body_bounds
-from crux_planner.terms.cost import body_cost, wrench_cost
-from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
-from crux_planner.terms.limit_surface import cone_demand
-from crux_planner.terms.reach import offset_in_body
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.bounds import body_bounds
+from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
+from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.limit_surface import cone_demand
+from crux_planner.physics.reach import offset_in_body
+from crux_planner.solvers.relaxation import Relaxed
+from crux_planner.swing.swing import contact_pose
 
 _POSE, _FACES = 5, 5
 _FORCE_UNIT_N = 10.0
@@ -99,8 +99,8 @@ class Benchmark:
             names = [self.problem.hold_names[self.problem.contacts[c].hold] for c in (start, goal)]
             raise InfeasibleError(
                 "benchmark",
-                f"the benchmark NLP lets {LIMBS[limb]} go from {names[0]} to {names[1]} in {later - k - 1} steps in "
-                "the air: no swing is that quick",
+                f"the benchmark NLP lets {LIMB_NAMES[limb]} go from {names[0]} to {names[1]} in {later - k - 1} steps "
+                "in the air: no swing is that quick",
             )
         return Swinging(limb, k + 1, later, start, goal)
 

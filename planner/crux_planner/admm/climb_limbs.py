@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.agreement import Agreement
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.contact_block import ContactPlan
-from crux_planner.admm.knot_qp import KnotSolution, plan_cost, solve_knots
 from crux_planner.admm.limb_block import LimbAnswer
 from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS
+from crux_planner.model.arrays import Array
+from crux_planner.physics.cost import plan_cost
 from crux_planner.search.balance import Balance
-from crux_planner.worker import Team
+from crux_planner.solvers.worker import Team
+from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Motion
@@ -46,7 +47,7 @@ class ClimbLimbs:
         return self._agreed(self._answers(rho, target, self._scales), target.body)
 
     def _answers(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
-        return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMBS))])
+        return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMB_NAMES))])
 
     def _agreed(self, answers: list[LimbAnswer], body: Array) -> ContactPlan:
         stages, problem = self._stages, self._stages.problem

@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.hull import Decision, HullMilp
-from crux_planner.admm.knot_qp import KnotSolution, solve_knots
 from crux_planner.admm.stage_cost import stage_cost
 from crux_planner.admm.stages import Stages, Swinging, clash
-from crux_planner.arrays import Array
 from crux_planner.errors import InfeasibleError
-from crux_planner.problem import Problem
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
 from crux_planner.search.balance import Balance
-from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach, search
-from crux_planner.search.ways import Ways
+from crux_planner.solvers import clock
+from crux_planner.swing.ways import Ways
+from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
 MILP_GAP = 0.02
 MILP_TIME_S = 6.0  # of one iteration, once some contacts are known

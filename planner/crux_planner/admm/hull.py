@@ -3,7 +3,7 @@
 A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole stages). The wrench of a contact is
 its own set of variables q = (s1, s2, m / k, F+, F-, n), zero unless the contact is held, so that the limit surface
 (2)+(3) needs no big M; n is the smaller of the two normal forces n1 = n + F+ and n2 = n + F-, and the sign variable
-gamma of (12) is not needed (terms.limit_surface). Grasp points are constants, so that balance (8), moments included,
+gamma of (12) is not needed (physics.limit_surface). Grasp points are constants, so that balance (8), moments included,
 is linear. Squares enter as tangents, in perspective form where they hang on a binary; the rows do not depend on the
 ADMM's iteration, only the cost does.
 """
@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner.admm.milp import Milp, MilpResult
 from crux_planner.admm.stages import Arc, Stages, Swinging
-from crux_planner.arrays import Array, Indices
+from crux_planner.model.arrays import Array, Indices
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import SPEED_SHARE
+from crux_planner.solvers.milp import Milp, MilpResult
 
 SHARES = 6  # q of one contact
 SQUARED = 5  # s1, s2, m / k, n1, n2

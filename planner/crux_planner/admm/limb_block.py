@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import piqp
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.agreement import Prices
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.limb_paths import LimbPaths, Path
 from crux_planner.admm.stage_cost import arc_costs, held_costs
 from crux_planner.admm.stages import REST_KNOTS, Stages
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS
+from crux_planner.model.arrays import Array
+from crux_planner.physics.bounds import wrench_bounds
+from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.search.balance import WRENCH, Balance
-from crux_planner.terms.bounds import wrench_bounds
-from crux_planner.terms.limit_surface import finger_forces
+from crux_planner.trajectory.consensus import Eta, Scales
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class LimbBlocks:
     """The MIPs of all limbs."""
 
     def __init__(self, stages: Stages, balance: Balance) -> None:
-        self._blocks = [LimbBlock(stages, balance, limb) for limb in range(len(LIMBS))]
+        self._blocks = [LimbBlock(stages, balance, limb) for limb in range(len(LIMB_NAMES))]
 
     def __call__(self, limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
         """LimbBlock.minimise of one limb."""

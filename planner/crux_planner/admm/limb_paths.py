@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crux_planner.admm.stages import Arc, Stages, Swinging
-from crux_planner.arrays import Array, Indices
+from crux_planner.model.arrays import Array, Indices
 
 
 @dataclass(frozen=True)

@@ -7,24 +7,25 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.admm import Report, Run, multi_block, two_block
 from crux_planner.admm.benchmark import Benchmark
 from crux_planner.admm.climb_limbs import ClimbLimbs
-from crux_planner.admm.consensus import Scales
 from crux_planner.admm.contact_block import ContactBlock, ContactPlan
 from crux_planner.admm.limb_block import LimbBlocks
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.stages import Stages
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS, Problem
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
 from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import BodyPath
-from crux_planner.search.schedule import Schedule
 from crux_planner.search.stances import Reach
-from crux_planner.search.ways import Ways
-from crux_planner.solution import Solution
-from crux_planner.worker import Team, crew
+from crux_planner.solvers.worker import Team, crew
+from crux_planner.swing.ways import Ways
+from crux_planner.trajectory.consensus import Scales
+from crux_planner.trajectory.solution import Solution
 
 RHO, MULTI_RHO = 10.0, 40.0
 ITERATIONS, MULTI_ITERATIONS = 10, 40
@@ -95,7 +96,7 @@ def decide_two_block(task: Task) -> Decided:
 def decide_multi_block(task: Task) -> Decided:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
     stages = Stages(task.problem, task.reach, task.ways)
-    with crew(len(LIMBS) - 1, LimbBlocks.__module__, log=task.report) as workers:
+    with crew(len(LIMB_NAMES) - 1, LimbBlocks.__module__, log=task.report) as workers:
         blocks = Team(workers, LimbBlocks, stages, task.balance)
         run = multi_block(
             ClimbLimbs(stages, task.balance, blocks, MULTI_SCALES, task.deadline),

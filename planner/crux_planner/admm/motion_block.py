@@ -11,13 +11,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from crux_planner.admm.consensus import FINGERS, Eta, Scales
-from crux_planner.arrays import Array
-from crux_planner.problem import Problem
-from crux_planner.terms.bounds import body_bounds
-from crux_planner.terms.cost import body_cost
-from crux_planner.terms.dynamics import BODY_STATES, euler_step
-from crux_planner.terms.reach import offset_in_body
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.physics.bounds import body_bounds
+from crux_planner.physics.cost import body_cost
+from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.reach import offset_in_body
+from crux_planner.trajectory.consensus import FINGERS, Eta, Scales
 
 _POSE = 5  # x, y, z, yaw, opening of a gripper
 _FORCE_UNIT_N, _MOMENT_UNIT_NM = 10.0, 0.1  # of the NLP's variables

@@ -24,7 +24,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 
 from crux_planner.admm.paper_scene import PaperScene, paper_scene
-from crux_planner.arrays import Array, Flags, Indices
+from crux_planner.model.arrays import Array, Flags, Indices
 
 _BESIDE_M = 0.6  # how far beyond the outermost face a finger or the body may be
 _TANGENTS = np.array([-0.9, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9])  # shares of a variable's bound

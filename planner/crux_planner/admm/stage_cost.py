@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from crux_planner.admm.consensus import Eta, Scales, finger_positions
 from crux_planner.admm.hull import SHARES, SQUARED, StageCost
 from crux_planner.admm.stages import REST_KNOTS, Stages
-from crux_planner.arrays import Array
-from crux_planner.search.swing import contact_pose
-from crux_planner.terms.cost import swing_cost
+from crux_planner.model.arrays import Array
+from crux_planner.physics.cost import swing_cost
+from crux_planner.swing.swing import contact_pose
+from crux_planner.trajectory.consensus import Eta, Scales, finger_positions
 
 
 def stage_cost(stages: Stages, rho: float, target: Eta | None, scales: Scales) -> StageCost:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.stances import Move, Reach, Stance, goal_contacts
-from crux_planner.search.ways import Ways
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Schedule, Stance
+from crux_planner.search.stances import Reach, goal_contacts
+from crux_planner.swing.ways import Ways
 
 STAGE_KNOTS = 5
 REST_KNOTS = 1  # at the beginning of a swing's first stage: wrenches of a new stance settle before a limb lets go
@@ -162,7 +163,7 @@ def clash(stages: Stages, swings: list[Swinging]) -> tuple[Swinging, ...] | None
     problem, ways = stages.problem, stages.ways
     for swing in swings:
         beside = [s for s in swings if s.limb != swing.limb]
-        for limb in range(len(LIMBS)):
+        for limb in range(len(LIMB_NAMES)):
             if limb == swing.limb:
                 continue
             own = sorted((s for s in swings if s.limb == limb), key=lambda s: s.first)

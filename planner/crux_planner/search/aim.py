@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from crux_planner.arrays import Array, Flags
-from crux_planner.kinematics import rotation_from_rpy
-from crux_planner.problem import Goal, Pose, Problem
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.problem import Goal, Pose, Problem
 
 _SAMPLES = 4000
 _USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and around it

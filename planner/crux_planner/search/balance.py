@@ -1,6 +1,6 @@
 """Static balance on a set of grasps: is there a body position within bounds, and a wrench for every gripper?
 
-The oracle of the search. Balance (8) is linear (see terms.dynamics.static_map), the limit surface (2)+(3) enters as its
+The oracle of the search. Balance (8) is linear (physics.dynamics.static_map), the limit surface (2)+(3) enters as its
 inner polytope, scaled by a margin. Least-norm wrenches, one product with a stored matrix, settle most queries; a small
 QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and twist of a finger, net force along the axis.
 """
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import piqp
 
-from crux_planner.arrays import Array
-from crux_planner.problem import Problem
-from crux_planner.terms.dynamics import skew, static_map
-from crux_planner.terms.limit_surface import polytope_directions
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.limit_surface import polytope_directions
 
 WRENCH = 5  # QP variables a gripper: w and the smaller normal force n of its two fingers
 FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact

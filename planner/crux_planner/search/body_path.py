@@ -12,16 +12,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from crux_planner.arrays import Array, Indices
-from crux_planner.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.problem import Problem
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Schedule
+from crux_planner.physics.reach import body_positions, turned_half
+from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
-from crux_planner.search.calm import speeds
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.sparse_qp import SparseQp
-from crux_planner.search.stances import Move, Reach
-from crux_planner.search.ways import Ways
-from crux_planner.terms.reach import body_positions, turned_half
+from crux_planner.search.stances import Reach
+from crux_planner.solvers.sparse_qp import SparseQp
+from crux_planner.swing.ways import Ways
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save

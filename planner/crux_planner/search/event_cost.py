@@ -12,17 +12,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from crux_planner.arrays import Array, Indices
-from crux_planner.problem import Problem
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Stance
+from crux_planner.physics.bounds import LEAST_NORMAL_N
+from crux_planner.physics.cost import swing_cost
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, Balance
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.sparse_qp import SparseQp
-from crux_planner.search.stances import REACH_RESERVE_M, Move, Reach, Stance
-from crux_planner.search.ways import Ways
-from crux_planner.terms.bounds import LEAST_NORMAL_N
-from crux_planner.terms.cost import swing_cost
-from crux_planner.terms.limit_surface import polytope_directions
-from crux_planner.terms.reach import body_positions, turned_half
+from crux_planner.search.stances import REACH_RESERVE_M, Reach
+from crux_planner.solvers.sparse_qp import SparseQp
+from crux_planner.swing.ways import Ways
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.arrays import Array
+from crux_planner.model.arrays import Array
+from crux_planner.model.schedule import Move, Stance
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
-from crux_planner.search.stances import Move, Stance, goal_contacts
+from crux_planner.search.stances import goal_contacts
+from crux_planner.solvers import clock
 
 ESTIMATES = 60  # at most
 _LEAST_GAIN = 2e-4  # of J, as a share of it

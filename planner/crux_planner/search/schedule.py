@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from crux_planner.arrays import Array
 from crux_planner.errors import HorizonError
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.calm import Contacts
-from crux_planner.search.stances import Move
-from crux_planner.search.ways import Ways
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Contacts, Move, Schedule
+from crux_planner.swing.ways import Ways
 
 TURN_SHARE = 0.9  # of the body's largest rate
 STEP_OF_CALM = 0.95  # of what a slower body could go, as usual
 LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Contacts and gripper poses at the knots 0..N.
-
-    `contacts[k][limb]` is a contact's index, None in the air. `poses` (N + 1, 4, 5) holds x, y, z, yaw, opening (pad
-    face to gripper centre); at the first knot in the air a gripper still stands in its old grasp.
-    """
-
-    moves: list[Move]
-    contacts: list[list[int | None]]
-    poses: Array
-    yaw_rad: Array | None = None  # (N + 1,) of the body, where the search chose it
-
-    @property
-    def gait(self) -> list[str]:
-        """The limbs in the order in which they let go."""
-        return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]
 
 
 def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:

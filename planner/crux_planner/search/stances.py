@@ -11,44 +11,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.arrays import Array, Flags, Indices
-from crux_planner.problem import Problem, turned_problem
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.schedule import Move, Stance
+from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.balance import Balance
-from crux_planner.search.calm import Contacts
-from crux_planner.search.sight import Sight
-from crux_planner.search.ways import Ways
-from crux_planner.terms.reach import body_positions, turned_half
-
-Stance = tuple[int, int, int, int]
+from crux_planner.solvers import clock
+from crux_planner.swing.sight import Sight
+from crux_planner.swing.ways import Ways
 
 UNREACHABLE = 1e6
 _IN_PLANE = np.array([1.0, 1.0, 0.0])
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
-
-
-@dataclass(frozen=True)
-class Move:
-    """From `before` to `after` the limbs `limbs` go to new contacts; the body lifts off and touches down in balance."""
-
-    before: Stance
-    after: Stance
-    limbs: tuple[int, ...]
-    lift_off: Array
-    touch_down: Array
-    yaw_rad: float = 0.0  # of the body meanwhile
-
-    @property
-    def support(self) -> tuple[int, ...]:
-        """Contacts of the limbs that stay."""
-        return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)
-
-    @property
-    def held(self) -> Contacts:
-        """Of every limb, None in the air."""
-        return tuple(None if limb in self.limbs else c for limb, c in enumerate(self.before))
 
 
 @dataclass

@@ -10,10 +10,10 @@ import itertools
 
 import numpy as np
 
-from crux_planner.kinematics import rotation_from_rpy
-from crux_planner.problem import Problem
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.problem import Problem
 from crux_planner.search.balance import Balance
-from crux_planner.search.ways import Ways
+from crux_planner.swing.ways import Ways
 
 
 def clear_start(problem: Problem, ways: Ways) -> tuple[int, int, int, int] | None:

@@ -13,10 +13,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from crux_planner.arrays import Array
-from crux_planner.problem import Problem
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.physics.torque import JOINTS, joint_torques
 from crux_planner.search.balance import WRENCH, Balance
-from crux_planner.terms.torque import JOINTS, joint_torques
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be

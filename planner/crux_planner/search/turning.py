@@ -14,16 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.arrays import Array, Flags
-from crux_planner.kinematics import rotation_z
-from crux_planner.problem import Problem
-from crux_planner.search.calm import Contacts, steady_speed
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Contacts, Move, Stance
+from crux_planner.physics.speed_limits import steady_speed
 from crux_planner.search.schedule import TURN_SHARE
-from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, Move, Reach, SearchReport, Stance
+from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, Reach, SearchReport
 from crux_planner.search.strength import Strength
-from crux_planner.search.swing import STEP_SHARE
-from crux_planner.search.ways import Ways
+from crux_planner.solvers import clock
+from crux_planner.swing.swing import STEP_SHARE
+from crux_planner.swing.ways import Ways
 
 HEADING_STEP_RAD = 0.07
 YAW_RESERVE_RAD = 0.01  # kept of the grippers' range of yaw

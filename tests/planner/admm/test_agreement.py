@@ -6,13 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from crux_planner import clock
 from crux_planner.admm.agreement import Agreement, Prices
 from crux_planner.admm.limb_paths import Path
 from crux_planner.admm.stages import Stages, clash
 from crux_planner.errors import InfeasibleError
-
-from .scenes import Scene, scene
+from crux_planner.solvers import clock
+from scenes import Scene, scene
 
 
 def random_prices(stages: Stages, seed: int) -> list[Prices]:

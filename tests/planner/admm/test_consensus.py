@@ -6,11 +6,10 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from crux_planner.admm.consensus import Eta, Residuals, Scales, finger_positions
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.kinematics import rotation_from_rpy
-
-from .scenes import Scene, scene
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.trajectory.consensus import Eta, Residuals, Scales, finger_positions
+from scenes import Scene, scene
 
 
 def random_eta(steps: int, seed: int) -> Eta:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, StageCost
 from crux_planner.admm.stage_cost import stage_cost
 from crux_planner.admm.stages import Swinging
-from crux_planner.terms.cost import schedule_cost
-
-from .scenes import Scene, scene
+from crux_planner.physics.cost import schedule_cost
+from crux_planner.trajectory.consensus import Eta, Scales
+from scenes import Scene, scene
 
 
 def linear_cost(small: Scene, seed: int) -> StageCost:

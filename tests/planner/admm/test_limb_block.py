@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.limb_block import LimbBlock
 from crux_planner.admm.limb_paths import LimbPaths
-
-from .scenes import scene
+from crux_planner.trajectory.consensus import Eta, Scales
+from scenes import scene
 
 LIMB, RHO, SCALES = 0, 10.0, Scales()
 

@@ -1,0 +1,60 @@
+"""Prices that rise by a proximal bundle: where the crawls seen so far, mixed, are in balance with the body.
+
+What it proposes need not be trusted: every price gives a bound.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import piqp
+
+from crux_planner.certificates.bound.pressed import Pressed
+from crux_planner.model.arrays import Array
+
+_KEPT = 24  # columns
+_NEARNESS = 0.5  # weight on how far the next prices are from the best ones
+
+
+class Bundle:
+    """Crawls seen, as columns of their cost and outputs."""
+
+    def __init__(self, pressed: Pressed, prices: Array) -> None:
+        self.prices, self.bound, self.best = prices, -np.inf, prices
+        self._free = pressed.outputs
+        self._inverse = np.linalg.inv(pressed.yielding + _NEARNESS * np.eye(len(prices)))
+        self._costs: list[float] = []
+        self._outputs: list[Array] = []
+
+    def add(self, bound: float, cost: float, outputs: Array) -> None:
+        """What the prices gave."""
+        if bound > self.bound:
+            self.bound, self.best = bound, self.prices
+        self._costs.append(cost)
+        self._outputs.append(outputs)
+
+    def propose(self) -> None:
+        """Set the next prices."""
+        columns, costs = np.array(self._outputs), np.array(self._costs)
+        about = self._free + _NEARNESS * self.best
+        weighed = columns @ self._inverse
+        m = len(costs)
+        solver = piqp.DenseSolver()
+        solver.settings.verbose = False
+        solver.setup(
+            weighed @ columns.T + 1e-12 * np.eye(m),
+            costs - weighed @ about,
+            np.ones((1, m)),
+            np.ones(1),
+            None,
+            None,
+            None,
+            np.zeros(m),
+            np.ones(m),
+        )
+        solver.solve()
+        share = np.nan_to_num(np.array(solver.result.x))
+        self.prices = self._inverse @ (about - share @ columns)
+        if m > _KEPT:
+            kept = {*np.argsort(-share)[: _KEPT - 1].tolist(), m - 1}
+            self._costs = [self._costs[i] for i in kept]
+            self._outputs = [self._outputs[i] for i in kept]

@@ -1,0 +1,315 @@
+"""What a gait costs, nearly: P2a of a walk in the plane, a fifth of the size of trajectory.walk_qp's.
+
+The body keeps its height. Normal forces are shares of the weight and lateral forces follow from where they act, so
+that (8) is two rows a knot; tilting and turning cost no force here, but they are as slow as there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import piqp
+import scipy.sparse as sp
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.gait import Gait, nominal_footholds, progress
+from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.physics.walk_bounds import (
+    FEET_APART_M,
+    body_bounds,
+    foothold_bounds,
+    least_load_N,
+    rate_steps,
+    step_polygon,
+)
+from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
+
+_BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
+_MOVED_SHARE = 0.5  # of a foot's least load that is left when the body has moved on
+_FREE = 1e3  # a bound beyond what matters
+_INFINITE = 1e30  # as PIQP has it
+_ITERATIONS = 30  # gaits that need more have no solution
+
+
+@dataclass(frozen=True)
+class FlatWalk:
+    """J, nearly; footholds (4 + S, 2), the body's states (N + 1, 12), foot forces (N, 4, 3) [N]; what each foot on the
+    ground costs, and what each in the air would save were it on the ground (N, 4).
+    """
+
+    gait: Gait
+    cost: float
+    footholds: Array
+    body: Array
+    forces: Array
+    price: Array
+
+
+class FlatQp:
+    """The QP of one problem for any gait; rows that gaits have in common are built once."""
+
+    def __init__(self, problem: WalkProblem) -> None:
+        self.problem = problem
+        n, dt = problem.steps, problem.dt_s
+        self.across = -float(problem.gravity_w[2])
+        self.height = problem.pendulum_s2 * self.across
+        self.weight_N = problem.mass_kg * self.across
+        k = np.arange(n)
+        second = np.zeros((n, n + 1))  # a_k of explicit Euler, at rest after the last knot
+        second[k, k] += 1.0
+        second[k, k + 1] -= 2.0
+        second[k, np.minimum(k + 2, n)] += 1.0
+        self._second = second / dt**2
+        first = np.zeros((n, n + 1))
+        first[k, k], first[k, k + 1] = -1.0 / dt, 1.0 / dt
+        # variables: the body's of every knot, then loads, then footholds
+        self._at_loads = 5 * (n + 1)
+        motion = self.height / self.across * self._second - np.eye(n, n + 1)
+        tilting = self._second * np.diag(problem.inertia_b)[[1, 0], None, None] / self.weight_N
+        rows, columns, values = [], [], []
+        for axis, (turn, sign) in enumerate(((3, 1.0), (2, -1.0))):
+            for matrix, which in ((motion, axis), (sign * tilting[axis], turn)):
+                i, j = np.nonzero(matrix)
+                rows.append(n + 2 * i + axis)
+                columns.append(5 * j + which)
+                values.append(matrix[i, j])
+        self._motion = [np.concatenate(each) for each in (rows, columns, values)]
+        goal = problem.goal.body
+        self._goal = np.concatenate([goal.position_m[:2], goal.rpy_rad])
+        weights = problem.weights
+        self._pull = np.array([weights.position] * 2 + [weights.orientation] * 3)
+        self._linear = np.tile(-2 * self._pull * self._goal, n + 1)
+        self._first = first
+        self._hessian = self._body_hessian()
+
+    def _body_hessian(self) -> tuple[Indices, Indices, Array]:
+        """Rows, columns, values of Q on the body's pose and its rates."""
+        rates = 2 * self.problem.weights.velocity * self._first.T @ self._first
+        i, j = np.nonzero(rates)
+        knots = np.arange(self.problem.steps + 1)
+        rows, columns, values = [], [], []
+        for axis, weight in enumerate(self._pull):
+            rows += [5 * knots + axis, 5 * i + axis]
+            columns += [5 * knots + axis, 5 * j + axis]
+            values += [np.full(len(knots), 2 * weight), rates[i, j]]
+        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+
+    def solve(self, gait: Gait) -> FlatWalk | None:
+        """Minimise J; None where the gait has no solution."""
+        problem, n = self.problem, self.problem.steps
+        spots = foothold_bounds(problem, gait)
+        low, high = (each[:, _BODY].copy() for each in body_bounds(problem, gait))
+        if spots is None or (low > high).any():
+            return None
+        low[1] = high[1] = low[0]  # at rest
+        stance = gait.stance[:n]
+        k, i = np.nonzero(stance)
+        count, at_l = len(k), self._at_loads
+        at_h = at_l + count
+        size = at_h + 2 * len(gait.steps)
+        whole = gait.blend
+        blend, fixed = whole[:, :, 4:], whole[:, :, :4] @ problem.start_feet_w_m
+        places = nominal_footholds(problem, gait)
+        places[4:] = nominal = np.clip(places[4:], *spots)
+        feet = whole @ places
+        even = stance / stance.sum(axis=1, keepdims=True)
+        # loads sum to the weight; (8a), (8b) linear about even loads on nominal footholds
+        load = at_l + np.arange(count)
+        carried = np.einsum("ki,kij->kj", even, blend[:n])
+        here, which = np.nonzero(carried)
+        rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
+        columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
+        values = [np.ones(count), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
+        equal = _matrix(rows, columns, values, (3 * n, size))
+        lean = self.height / self.across * problem.gravity_w[:2] + carried @ nominal
+        right = np.concatenate([np.ones(n), lean.ravel()])
+        below, low_g, high_g = self._inequalities(gait, k, i, whole, fixed, places, at_h, size)
+        weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
+        others = np.arange(at_l, size)
+        own = np.concatenate([np.full(count, weight), np.full(size - at_h, 2 * FOOTHOLD_WEIGHT)])
+        hessian = _matrix([self._hessian[0], others], [self._hessian[1], others], [self._hessian[2], own], (size, size))
+        linear = np.concatenate([self._linear, np.zeros(count), -2 * FOOTHOLD_WEIGHT * nominal.ravel()])
+        least = least_load_N(problem) / self.weight_N
+        most = problem.max_normal_N / self.weight_N
+        solver = piqp.SparseSolver()
+        settings = solver.settings
+        settings.verbose, settings.max_iter = False, _ITERATIONS
+        settings.eps_abs = settings.eps_rel = 1e-4
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-4
+        solver.setup(
+            hessian,
+            linear,
+            equal,
+            right,
+            below,
+            low_g,
+            high_g,
+            np.concatenate([np.maximum(low, -_FREE).ravel(), np.full(count, least), spots[0].ravel()]),
+            np.concatenate([np.minimum(high, _FREE).ravel(), np.full(count, most), spots[1].ravel()]),
+        )
+        if solver.solve() != piqp.PIQP_SOLVED:
+            return None
+        values_x = np.array(solver.result.x)
+        body = values_x[:at_l].reshape(n + 1, 5)
+        loads = np.zeros((n, 4))
+        loads[k, i] = values_x[at_l:at_h]
+        footholds = np.vstack([problem.start_feet_w_m, values_x[at_h:].reshape(-1, 2)])
+        dual = np.array(solver.result.y)
+        pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
+        price = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
+        cost = self._cost(gait, body, loads, stance)
+        return FlatWalk(gait, cost, footholds, self._states(body), self._forces(body, loads, stance), price)
+
+    def _states(self, body: Array) -> Array:
+        """(N + 1, 12): the height goes straight from start to goal."""
+        states = np.zeros((self.problem.steps + 1, BODY_STATES))
+        states[:, _BODY] = body
+        states[:, 2] = np.linspace(self.problem.start.position_m[2], self.problem.goal.body.position_m[2], len(body))
+        states[:-1, 6:] = np.diff(states[:, :6], axis=0) / self.problem.dt_s
+        return states
+
+    def _forces(self, body: Array, loads: Array, stance: Flags) -> Array:
+        lateral = self.problem.mass_kg * (self._second @ body[:, :2] - self.problem.gravity_w[:2])
+        share = stance / stance.sum(axis=1, keepdims=True)
+        forces: Array = np.concatenate([share[..., None] * lateral[:, None], self.weight_N * loads[..., None]], axis=2)
+        return forces
+
+    def _cost(self, gait: Gait, body: Array, loads: Array, stance: Flags) -> float:
+        """J; the feet in stance share the lateral force."""
+        problem, weights = self.problem, self.problem.weights
+        lateral = problem.mass_kg * (self._second @ body[:, :2] - problem.gravity_w[:2])
+        squares = self.weight_N**2 * float((loads**2).sum())
+        squares += float(((lateral**2).sum(axis=1) / stance.sum(axis=1)).sum())
+        total = float((self._pull * (body - self._goal) ** 2).sum())
+        total += weights.velocity * float(((self._first @ body) ** 2).sum())
+        return total + FORCE_SHARE * weights.wrench * squares + gait_cost(problem, gait)
+
+    def _inequalities(
+        self,
+        gait: Gait,
+        k: Indices,
+        i: Indices,
+        whole: Array,
+        fixed: Array,
+        nominal: Array,
+        at_h: int,
+        size: int,
+    ) -> tuple[sp.csc_matrix, Array, Array]:
+        """(7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
+        problem, n, blend = self.problem, self.problem.steps, whole[:, :, 4:]
+        feet = whole @ nominal
+        rows, columns, values, low, high = [], [], [], [], []
+        start = 0
+        # accelerations, speeds
+        fastest = rate_steps(problem)[list(_BODY)] / problem.dt_s
+        speed = np.full(2, problem.body.max_speed_m_s)
+        for matrix, most in ((self._second, fastest), (self._first, speed)):
+            at, j = np.nonzero(matrix)
+            for axis in range(len(most)):
+                rows.append(start + len(most) * at + axis)
+                columns.append(5 * j + axis)
+                values.append(matrix[at, j])
+            low.append(np.tile(-most, n))
+            high.append(np.tile(most, n))
+            start += len(most) * n
+        # (9a): offsets in the body frame, along and across
+        way = np.interp(np.arange(n + 1), *progress(problem, gait))
+        yaw = way * float(problem.goal.body.rpy_rad[2])
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)[1:]
+        knots = np.arange(1, n + 1)
+        for limb in range(4):
+            centre, half = problem.boxes.centre_b_m[limb, :2], problem.boxes.half_m[:2]
+            moved, j = np.nonzero(blend[1:, limb])
+            for axis in (0, 1):
+                row = start + 2 * (knots - 1) + axis
+                for b in (0, 1):
+                    rows += [row, row[moved]]
+                    columns += [5 * knots + b, at_h + 2 * j + b]
+                    values += [-turned[:, axis, b], turned[moved, axis, b] * blend[1 + moved, limb, j]]
+                sign = 1 - 2 * axis
+                rows += [row, row]
+                columns += [5 * knots + 3 - axis, 5 * knots + 4]
+                values += [np.full(n, sign * self.height), np.full(n, sign * centre[1 - axis])]
+            known = np.einsum("kab,kb->ka", turned, fixed[1:, limb])
+            known += np.outer(yaw[1:], centre[::-1] * [-1.0, 1.0])
+            low.append((centre - half - known).ravel())
+            high.append((centre + half - known).ravel())
+            start += 2 * n
+        # the limbs' mass on three feet
+        number = np.full((n, 4), -1)
+        number[k, i] = np.arange(len(k))
+        three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
+        on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
+        corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
+        shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
+        spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
+        neutral = np.einsum("kba,b->ka", turned[np.maximum(three - 1, 0)], problem.neutral_feet_b_m.sum(axis=0))
+        together = problem.pressed(blend.sum(axis=1))[three]
+        seen, j = np.nonzero(together)
+        for corner in range(3):
+            row = start + 3 * np.arange(len(three)) + corner
+            rows.append(row)
+            columns.append(self._at_loads + number[three, on[:, corner]])
+            values.append(np.ones(len(three)))
+            for b in (0, 1):
+                rows += [row, row[seen]]
+                columns += [5 * three + b, at_h + 2 * j + b]
+                values += [-4 * spread[:, corner, b], spread[seen, corner, b] * together[seen, j]]
+                for ahead, share in enumerate((1.0, -2.0, 1.0)):
+                    rows.append(row)
+                    columns.append(5 * np.minimum(three + ahead, n) + b)
+                    values.append(4 * share * inertia * spread[:, corner, b])
+        known = np.einsum("kab,kb->ka", spread, problem.pressed(fixed.sum(axis=1))[three] - neutral)
+        low.append((problem.care.true_share - known).ravel())
+        high.append(np.full(3 * len(three), _INFINITE))
+        start += 3 * len(three)
+        # the same feet when the body has moved on to the next knot
+        for corner in range(3):
+            row = start + 3 * np.arange(len(three)) + corner
+            rows.append(row)
+            columns.append(self._at_loads + number[three, on[:, corner]])
+            values.append(np.ones(len(three)))
+            for b in (0, 1):
+                rows += [row, row]
+                columns += [5 * three + b, 5 * three + 5 + b]
+                values += [-shift[:, corner, b], shift[:, corner, b]]
+        low.append(np.full(3 * len(three), _MOVED_SHARE * problem.care.least_share))
+        high.append(np.full(3 * len(three), _INFINITE))
+        start += 3 * len(three)
+        # lengths of steps
+        last = list(range(4))
+        for which, step in enumerate(gait.steps):
+            before = last[step.limb]
+            normals, most = step_polygon(problem, step, nominal[before], nominal[4 + which])
+            sides = start + np.arange(len(most))
+            for b in (0, 1):
+                rows.append(sides)
+                columns.append(np.full(len(most), at_h + 2 * which + b))
+                values.append(normals[:, b])
+                if before >= 4:
+                    rows.append(sides)
+                    columns.append(np.full(len(most), at_h + 2 * (before - 4) + b))
+                    values.append(-normals[:, b])
+            low.append(np.full(len(most), -_INFINITE))
+            high.append(most + normals @ problem.start_feet_w_m[before] if before < 4 else most)
+            last[step.limb] = 4 + which
+            start += len(most)
+        # feet of a side apart
+        for front, rear in ((0, 2), (1, 3)):
+            difference = blend[:, front] - blend[:, rear]
+            at, j = np.nonzero(difference)
+            rows.append(start + at)
+            columns.append(at_h + 2 * j)
+            values.append(difference[at, j])
+            low.append(FEET_APART_M - (fixed[:, front, 0] - fixed[:, rear, 0]))
+            high.append(np.full(n + 1, _INFINITE))
+            start += n + 1
+        return _matrix(rows, columns, values, (start, size)), np.concatenate(low), np.concatenate(high)
+
+
+def _matrix(rows: list[Indices], columns: list[Indices], values: list[Array], shape: tuple[int, int]) -> sp.csc_matrix:
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return sp.csc_matrix((np.concatenate(values), where), shape)
