@@ -22,7 +22,7 @@ __all__ = [
     "FORCE_THRESHOLD_N",
     "METHODS_HERE",
     "POSITION_THRESHOLD_M",
-    "Alone",
+    "MethodReport",
     "climb_alone",
     "start_is_well_formed",
     "walk_residuals",
@@ -38,7 +38,7 @@ METHODS_HERE = """what the paper's methods are here:
 
 
 @dataclass(frozen=True)
-class Alone:
+class MethodReport:
     """What a method reached before the exact NLP, as a plan, and the checker's verdict on it."""
 
     decided: Decided
@@ -46,23 +46,23 @@ class Alone:
     check: CheckReport
 
 
-def climb_alone(scenario: Scenario, method: str, **settings: Any) -> Alone:
+def climb_alone(scenario: Scenario, method: str, **settings: Any) -> MethodReport:
     """Run `method` on a climb; `settings` as `crux_planner.admm.methods.Task` has them. Raises InfeasibleError."""
     from crux_planner.admm.methods import METHODS, Task
     from crux_planner.checker import check_plan
     from crux_planner.model.build import build_problem
     from crux_planner.pipeline.message import plan_message
-    from crux_planner.search.balance import Balance
-    from crux_planner.search.stances import Reach
-    from crux_planner.swing.ways import Ways
+    from crux_planner.search.equilibrium import StaticEquilibrium
+    from crux_planner.search.stances import ReachableSet
+    from crux_planner.swing.swing_cache import SwingCache
 
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
-    balance = Balance(problem, problem.friction_share)
-    task = Task(problem, balance, Reach(problem), Ways(problem), clock.now() + LIMIT_S, **settings)
+    equilibrium = StaticEquilibrium(problem, problem.friction_share)
+    task = Task(problem, equilibrium, ReachableSet(problem), SwingCache(problem), clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
     plan = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
-    return Alone(decided, plan, check_plan(plan, robot))
+    return MethodReport(decided, plan, check_plan(plan, robot))
 
 
 def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dict[str, float]]:
@@ -79,11 +79,11 @@ def start_is_well_formed(scenario: Scenario) -> bool:
     from crux_planner.errors import InfeasibleError
     from crux_planner.model.build import build_problem
     from crux_planner.pipeline.explanation import check_start
-    from crux_planner.search.balance import Balance
+    from crux_planner.search.equilibrium import StaticEquilibrium
 
     try:
         problem = build_problem(scenario, load_robot(scenario.robot))
-        check_start(scenario, problem, Balance(problem, problem.friction_share))
+        check_start(scenario, problem, StaticEquilibrium(problem, problem.friction_share))
     except ScenarioError:
         return False
     except InfeasibleError:

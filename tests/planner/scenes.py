@@ -8,13 +8,13 @@ from typing import Any
 
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_planner.admm.stages import Stages
+from crux_planner.admm.windows import Windows
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
-from crux_planner.search.balance import Balance
-from crux_planner.search.stances import Reach
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 
 FEET = {"LF": (0.14, 0.36), "RF": (0.14, -0.36), "LR": (-0.14, 0.36), "RR": (-0.14, -0.36)}
 
@@ -24,10 +24,10 @@ class Scene:
     """A problem with what the methods need of it."""
 
     problem: Problem
-    balance: Balance
-    reach: Reach
-    ways: Ways
-    stages: Stages
+    equilibrium: StaticEquilibrium
+    reach: ReachableSet
+    swings: SwingCache
+    windows: Windows
 
     @property
     def later(self) -> float:
@@ -63,5 +63,9 @@ def wall(steps: int, *, width_m: float = 0.06, goal_m: float = 0.15) -> str:
 def scene(steps: int = 40, **how: Any) -> Scene:
     """The problem of `wall`."""
     problem = build_problem(parse_scenario(wall(steps, **how)), load_robot("scaler"))
-    balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
-    return Scene(problem, balance, reach, ways, Stages(problem, reach, ways))
+    equilibrium, reach, swings = (
+        StaticEquilibrium(problem, problem.friction_share),
+        ReachableSet(problem),
+        SwingCache(problem),
+    )
+    return Scene(problem, equilibrium, reach, swings, Windows(problem, reach, swings))

@@ -15,15 +15,15 @@ from crux_planner.admm.climb_limbs import ClimbLimbs
 from crux_planner.admm.contact_block import ContactBlock, ContactPlan
 from crux_planner.admm.limb_block import LimbBlocks
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.admm.stages import Stages
+from crux_planner.admm.windows import Windows
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
-from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import BodyPath
-from crux_planner.search.stances import Reach
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet
 from crux_planner.solvers.worker import Team, crew
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Scales
 from crux_planner.trajectory.solution import Solution
 
@@ -37,9 +37,9 @@ class Task:
     """A problem with what has been computed of it, and the method's settings."""
 
     problem: Problem
-    balance: Balance
-    reach: Reach
-    ways: Ways
+    equilibrium: StaticEquilibrium
+    reach: ReachableSet
+    swings: SwingCache
     deadline: float  # of clock.now
     rho: float | None = None
     iterations: int | None = None
@@ -79,7 +79,9 @@ class Decided:
 def decide_two_block(task: Task) -> Decided:
     """Equation (19), but for a contact block that begins with the search of `auto` and has (8b) in its MIP."""
     scales = Scales()
-    contacts = ContactBlock(task.problem, task.balance, task.reach, task.ways, moments=task.moments, scales=scales)
+    contacts = ContactBlock(
+        task.problem, task.equilibrium, task.reach, task.swings, moments=task.moments, scales=scales
+    )
     motion = MotionBlock(task.problem, scales=scales)
     run = two_block(
         contacts,
@@ -95,11 +97,11 @@ def decide_two_block(task: Task) -> Decided:
 
 def decide_multi_block(task: Task) -> Decided:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
-    stages = Stages(task.problem, task.reach, task.ways)
+    windows = Windows(task.problem, task.reach, task.swings)
     with crew(len(LIMB_NAMES) - 1, LimbBlocks.__module__, log=task.report) as workers:
-        blocks = Team(workers, LimbBlocks, stages, task.balance)
+        blocks = Team(workers, LimbBlocks, windows, task.equilibrium)
         run = multi_block(
-            ClimbLimbs(stages, task.balance, blocks, MULTI_SCALES, task.deadline),
+            ClimbLimbs(windows, task.equilibrium, blocks, MULTI_SCALES, task.deadline),
             MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),
             rho=task.rho or MULTI_RHO,
             iterations=task.iterations or MULTI_ITERATIONS,
@@ -112,7 +114,7 @@ def decide_multi_block(task: Task) -> Decided:
 
 def decide_benchmark(task: Task) -> Decided:
     """P1 as one NLP."""
-    benchmark = Benchmark(Stages(task.problem, task.reach, task.ways))
+    benchmark = Benchmark(Windows(task.problem, task.reach, task.swings))
     schedule, body, wrenches, cost, iterations = benchmark.solve(task.deadline)
     return Decided(schedule, body, wrenches, cost, converged=True, iterations=iterations)
 

@@ -2,7 +2,7 @@
 
 Binaries alpha (finger i on face c), beta (finger i outside face h of obstacle v), gamma (sign of m^z), one each a knot;
 big-M rows for (10), (12), (14); one rotation matrix, the level one, in (9a); forces by (8a), no moments (8b). HiGHS has
-no mixed-integer quadratic programmes, so every square of (6) is a variable above tangents: what is minimised is below
+no mixed-integer quadratic programs, so every square of (6) is a variable above tangents: what is minimised is below
 J, and so are its bounds. |z_next - z|^2 is |z_next - z|, for z is 0 or 1.
 
     python -m crux_planner.admm.paper_form SCENARIO [--time-limit S] --json
@@ -144,15 +144,15 @@ def _body(model: Model, scene: PaperScene) -> dict[str, Indices]:
     far = _far(scene)
     floor, top = np.array([-far, -far, body.height_m[0]]), np.array([far, far, body.height_m[1]])
     tilt = np.array([body.max_tilt_rad, body.max_tilt_rad, np.pi])
-    for name, rate, low, high, start, end, room, weight, fast in (
-        ("r", "v", floor, top, scene.start.position_m, goal.body.position_m, goal.position_room_m, weights.position,
+    for name, rate, low, high, start, end, slack, weight, fast in (
+        ("r", "v", floor, top, scene.start.position_m, goal.body.position_m, goal.position_slack_m, weights.position,
          body.max_speed_m_s),
-        ("theta", "omega", -tilt, tilt, scene.start.rpy_rad, goal.body.rpy_rad, goal.rotation_room_rad,
+        ("theta", "omega", -tilt, tilt, scene.start.rpy_rad, goal.body.rpy_rad, goal.rotation_slack_rad,
          weights.orientation, body.max_rate_rad_s),
     ):  # fmt: skip
         lows, highs = np.tile(low, (n + 1, 1)), np.tile(high, (n + 1, 1))
         lows[0] = highs[0] = start
-        lows[-1], highs[-1] = np.maximum(low, end - room), np.minimum(high, end + room)
+        lows[-1], highs[-1] = np.maximum(low, end - slack), np.minimum(high, end + slack)
         x[name] = model.variables((n + 1, 3), lows, highs)
         fastest = np.full((n + 1, 3), fast)
         fastest[[0, -1]] = 0.0
@@ -192,7 +192,7 @@ def _ends(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     placed = np.flatnonzero(~np.isnan(scene.end_w_m[:, 0]))
     if len(placed):
         where = scene.end_w_m[placed]
-        model.add([(p[-1, placed], 1.0)], where - scene.end_room_m, where + scene.end_room_m)
+        model.add([(p[-1, placed], 1.0)], where - scene.end_slack_m, where + scene.end_slack_m)
 
 
 def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:

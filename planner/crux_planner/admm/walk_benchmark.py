@@ -100,8 +100,8 @@ class WalkBenchmark:
         high_p = np.tile([np.inf, np.inf, problem.step_height_m], (n + 1, _FEET))
         low_p[0] = high_p[0] = np.column_stack([problem.start_feet_w_m, np.zeros(_FEET)]).ravel()
         there = np.column_stack([problem.goal_feet_w_m, np.zeros(_FEET)])
-        room = np.array([FINAL_FOOT_M, FINAL_FOOT_M, 0.0])
-        low_p[-1], high_p[-1] = (there - room).ravel(), (there + room).ravel()
+        slack = np.array([FINAL_FOOT_M, FINAL_FOOT_M, 0.0])
+        low_p[-1], high_p[-1] = (there - slack).ravel(), (there + slack).ravel()
         low_alpha, high_alpha = np.zeros((n + 1, _FEET)), np.ones((n + 1, _FEET))
         low_alpha[:FIRST_LIFT] = low_alpha[n - LAST_LAND :] = 1.0
         most = problem.max_normal_N / FORCE_UNIT_N
@@ -160,9 +160,9 @@ def _knot_function(problem: WalkProblem) -> ca.Function:
         demand = ca.sqrt(force[0] ** 2 + force[1] ** 2 + (SMOOTHING_N / FORCE_UNIT_N) ** 2) - SMOOTHING_N / FORCE_UNIT_N
         rows += [relaxation - alpha[i] * (1 - alpha[i])]
         rows += [relaxation - alpha[i] * p[3 * i + 2] / _LENGTH_UNIT_M]
-        room = _ROOM_N / FORCE_UNIT_N
-        rows += [most * alpha[i] - force[2] + room, force[2] - least * alpha[i] + room]
-        rows += [problem.friction * force[2] - demand + room]
+        slack = _ROOM_N / FORCE_UNIT_N
+        rows += [most * alpha[i] - force[2] + slack, force[2] - least * alpha[i] + slack]
+        rows += [problem.friction * force[2] - demand + slack]
     for front, rear in ((0, 2), (1, 3)):
         rows.append((p[3 * front] - p[3 * rear] - FEET_APART_M) / _LENGTH_UNIT_M)
     return ca.Function("knot", [z, relaxation], [ca.vertcat(*rows)])

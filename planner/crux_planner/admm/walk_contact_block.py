@@ -191,16 +191,16 @@ class WalkContacts:
         effort = FORCE_SHARE * problem.weights.wrench
         if self._scales is not None:
             effort += rho / 2 * self._scales.force**2
-        price = (best.pull**2).sum(axis=2) / (4 * effort)
-        price[best.pull[..., 2] > 0] = 0.0  # the ground does not pull
-        price = np.where(alpha, effort * (best.forces**2).sum(axis=2), price)
+        worth = (best.pull**2).sum(axis=2) / (4 * effort)
+        worth[best.pull[..., 2] > 0] = 0.0  # the ground does not pull
+        worth = np.where(alpha, effort * (best.forces**2).sum(axis=2), worth)
         ranked = {}
         for change, slots in here.neighbours():
             if slots in seen or slots in ranked:
                 continue
             if slots.possible(problem) and self._flat.strides.long_enough(slots):
                 then = slots.alpha(problem.steps)
-                gain = float(price[then & ~alpha].sum() - price[alpha & ~then].sum())
+                gain = float(worth[then & ~alpha].sum() - worth[alpha & ~then].sum())
                 ranked[slots] = (doubts[change], -gain, change)
         return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
 

@@ -73,9 +73,9 @@ class FootBlock:
         begin = problem.start_feet_w_m[self.limb]
         ahead = feet[:, :2] - begin
         wanted = self._way @ ahead  # (M, 2)
-        room = problem.goal_feet_w_m[self.limb] - begin
-        low, high = room - FINAL_FOOT_M, room + FINAL_FOOT_M
-        if (low <= 0.0).all() and (high >= 0.0).all() and np.abs(room).max() < 1e-9:
+        slack = problem.goal_feet_w_m[self.limb] - begin
+        low, high = slack - FINAL_FOOT_M, slack + FINAL_FOOT_M
+        if (low <= 0.0).all() and (high >= 0.0).all() and np.abs(slack).max() < 1e-9:
             return FootPlan((), np.zeros((0, 2)), held)
         one_cost, one = self._one_step(near, wanted, fixed, low, high)
         best = int(np.argmin(one_cost))

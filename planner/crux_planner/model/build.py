@@ -36,7 +36,7 @@ from crux_planner.model.shapes import limb_shape
 from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
-TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more room
+TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
@@ -193,16 +193,16 @@ def _contacts(
                 unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
                 continue
             if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
-                room = shape.largest_opening - shape.pad_radius
+                slack = shape.largest_opening - shape.pad_radius
                 unusable[index, pair] = (
-                    f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * room:g} m"
+                    f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * slack:g} m"
                 )
                 continue
             middle = np.array([*cuboids.foot_w_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2
             axis = np.array([np.cos(normal), np.sin(normal), 0.0])
-            room = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
-            sides = (0.0, room, -room) if off_centre and room > EDGE_RESERVE_M else (0.0,)
+            slack = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
+            sides = (0.0, slack, -slack) if off_centre and slack > EDGE_RESERVE_M else (0.0,)
             for side in sides:
                 centre = middle + side * np.array([-axis[1], axis[0], 0.0])
                 opening = None

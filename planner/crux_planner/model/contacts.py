@@ -116,8 +116,8 @@ def opening_for(
     others = np.arange(len(cuboids.yaw_rad)) != hold
     best = None
     for opening in np.linspace(smallest, shape.largest_opening, 9):
-        ways = np.linspace(half_m, opening, 9) + shape.pad_radius
-        points = contact_centre + np.concatenate([ways, -ways])[:, None] * axis
+        swings = np.linspace(half_m, opening, 9) + shape.pad_radius
+        points = contact_centre + np.concatenate([swings, -swings])[:, None] * axis
         if others.any() and cuboids.distance(points)[:, others].min() < clearance_m:
             break
         if best is None or abs(opening - shape.open_opening) < abs(best - shape.open_opening):

@@ -61,12 +61,12 @@ def foothold_ranges(
     yaw_rad: float,
     feet: Array,
     wanted: Array,
-    room_m: Array,
+    slack_m: Array,
 ) -> FootholdRanges:
     """In the frame that is turned by `heading_rad`.
 
     Feet (4, 2) are where they stand, `wanted` (4, 2) where they would be at the goal, turned by up to `yaw_rad` on the
-    way; `room_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
+    way; `slack_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
     obstacle, or has no way past one.
     """
     first, along, passing, last = stages = tuple(_everywhere() for _ in range(4))
@@ -84,16 +84,16 @@ def foothold_ranges(
                 text = f"start.feet.{name} is {-1000 * outside.max():.0f} mm too near to obstacle {obstacle.name!r}"
                 raise InfeasibleError("contacts", f"{text} for its gripper")
             begins = _side(np.where(outside >= 0.0, inside, np.inf))
-            if inside[begins] <= room_m[begins[1]]:
+            if inside[begins] <= slack_m[begins[1]]:
                 for stage in stages:
                     _keep(stage, limb, begins, centre, half)
                 continue
             across = np.full((2, 2), np.inf)
             across[:, 1 - begins[1]] = inside[:, 1 - begins[1]]
             then, beyond = _side(across), (1 - begins[0], begins[1])
-            back = max(inside[beyond], 0.0) < across[then] and inside[beyond] <= room_m[begins[1]]
+            back = max(inside[beyond], 0.0) < across[then] and inside[beyond] <= slack_m[begins[1]]
             # on the way, the body may be as far off its way as the foot off its place
-            if across[then] > (2 if back else 1) * room_m[then[1]]:
+            if across[then] > (2 if back else 1) * slack_m[then[1]]:
                 text = f"no foothold for {name} beside obstacle {obstacle.name!r}"
                 raise InfeasibleError("contacts", f"{text} {'on the way' if back else 'at the goal'}")
             _keep(first, limb, begins, centre, half)

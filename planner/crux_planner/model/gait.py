@@ -86,8 +86,8 @@ def longest_step(problem: WalkProblem, step: Step) -> float:
     """How long a step may be [m] for the foot's mean speed over every interval."""
     way, lift = (np.abs(np.diff(shares)) for shares in step.shares())
     share = SPEED_SHARE * problem.paces[step.limb]
-    room = (share * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
-    return float(np.sqrt((np.maximum(room, 0.0) / way**2).min()))
+    slack = (share * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+    return float(np.sqrt((np.maximum(slack, 0.0) / way**2).min()))
 
 
 def most_turn(problem: WalkProblem, step: Step) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.schedule import Calm
+from crux_planner.model.schedule import SpeedLimits
 
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact, GripperShape
@@ -84,12 +84,12 @@ class Goal:
     aim_share: float = _GOAL_SHARE  # of the tolerances, for the body's last pose
 
     @property
-    def position_room_m(self) -> float:
+    def position_slack_m(self) -> float:
         """Half edge of the cube around the goal that lies well inside its tolerance."""
         return _GOAL_SHARE * self.tolerance_m / 3**0.5
 
     @property
-    def rotation_room_rad(self) -> float:
+    def rotation_slack_rad(self) -> float:
         """The same for roll, pitch and yaw."""
         return _GOAL_SHARE * self.tolerance_rad / 3**0.5
 
@@ -135,8 +135,8 @@ class Problem:
     heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
-    tilt_room_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
-    calm: Calm = field(default_factory=dict)  # where the body must be slower than its bound
+    tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
+    speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
     turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
     @property

@@ -13,7 +13,7 @@ Stance = tuple[int, int, int, int]
 """The contact of every limb."""
 Contacts = tuple[int | None, ...]
 """Of every limb, None in the air."""
-Calm = Mapping[Contacts, float]
+SpeedLimits = Mapping[Contacts, float]
 """Largest body speed [m/s] while exactly these contacts are held."""
 
 
@@ -54,5 +54,5 @@ class Schedule:
 
     @property
     def gait(self) -> list[str]:
-        """The limbs in the order in which they let go."""
+        """The limbs in the order in which they release."""
         return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]

@@ -28,8 +28,8 @@ FINAL_FOOT_M = 0.02  # of a foot at the end off its place under the body, along 
 
 
 @dataclass(frozen=True)
-class Care:
-    """What a walk keeps clear of beyond (7) and (8): room for what the robot does not do as planned."""
+class MarginProfile:
+    """What a walk keeps clear of beyond (7) and (8): space for what the robot does not do as planned."""
 
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
     true_share: float  # the same with the limbs' own mass where it is and as it accelerates, while three feet stand
@@ -45,9 +45,9 @@ class Cut:
     most: float
 
 
-USUAL = Care(0.1275, 0.07, (1.0, 0.35))
-BOLD = Care(0.1275, 0.07, (2.0, 0.7))  # where strides are too long for the usual
-BOLDEST = Care(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
+USUAL = MarginProfile(0.1275, 0.07, (1.0, 0.35))
+BOLD = MarginProfile(0.1275, 0.07, (2.0, 0.7))  # where strides are too long for the usual
+BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
@@ -79,7 +79,7 @@ class WalkProblem:
     limbs_share: float  # of a foot's way over the body, how far it moves the centre of mass: limbs have mass too
     neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
     weights: Weights
-    care: Care
+    profile: MarginProfile
     opening_m: float  # of the fingers, all the time
     heading_rad: float  # of this frame in W
 
@@ -89,14 +89,14 @@ class WalkProblem:
         height = (self.start.position_m[2] + self.goal.body.position_m[2]) / 2
         return float(height / -self.gravity_w[2])
 
-    def pressed(self, places: Array) -> Array:
+    def centre_of_pressure(self, places: Array) -> Array:
         """Places (N + 1, ...) at the knots, less what moving masses at them by their acceleration do to the centre of
         pressure.
         """
         ahead = np.zeros_like(places)
         ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
-        pressed: Array = places - self.pendulum_s2 / self.dt_s**2 * ahead
-        return pressed
+        centre_of_pressure: Array = places - self.pendulum_s2 / self.dt_s**2 * ahead
+        return centre_of_pressure
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
@@ -135,8 +135,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     share, neutral = _limbs_pull(robot, start, feet)
     goal_yaw = float(goal.rpy_rad[2])
     goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T
-    room = boxes.half_m[:2] - np.abs(goal_feet - goal.position_m[:2] - boxes.centre_b_m[:, :2]).max(axis=0)
-    ranges = foothold_ranges(scenario.obstacles, robot, heading, goal_yaw, feet, goal_feet, np.maximum(room, 0.0))
+    slack = boxes.half_m[:2] - np.abs(goal_feet - goal.position_m[:2] - boxes.centre_b_m[:, :2]).max(axis=0)
+    ranges = foothold_ranges(scenario.obstacles, robot, heading, goal_yaw, feet, goal_feet, np.maximum(slack, 0.0))
     problem = WalkProblem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
@@ -162,7 +162,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         limbs_share=share,
         neutral_feet_b_m=neutral,
         weights=weights_of(scenario, WEIGHTS),
-        care=USUAL,
+        profile=USUAL,
         opening_m=robot.gripper.opening_m[0],
         heading_rad=heading,
     )

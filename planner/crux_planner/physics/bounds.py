@@ -12,7 +12,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.physics.speed_limits import speeds
 
 LEAST_NORMAL_N = 1.0  # a finger in stance keeps touching
-_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
+_SHARE = 0.999  # of speeds and tilt: space for the solver's tolerance
 
 
 def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Array]:
@@ -21,8 +21,8 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
     speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
     top = [np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3]
     high = np.tile(top, (n + 1, 1))
-    if schedule is not None and problem.calm:
-        high[:, 6:9] = speeds(problem.calm, schedule.contacts, speed)[:, None]
+    if schedule is not None and problem.speed_limits:
+        high[:, 6:9] = speeds(problem.speed_limits, schedule.contacts, speed)[:, None]
     low = -high
     low[:, 2] = body.height_m[0]
     if schedule is not None:
@@ -31,10 +31,10 @@ def body_bounds(problem: Problem, schedule: Schedule | None) -> tuple[Array, Arr
         high[:, 5] = (yaws - problem.gripper_yaw_rad[0]).min(axis=1)
     low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
-    room = np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
+    slack = np.array([goal.position_slack_m] * 3 + [goal.rotation_slack_rad] * 3)
     aim, near = np.clip(pose, low[-1, :6], high[-1, :6]), np.array([goal.aim_m] * 3 + [goal.aim_rad] * 3)
-    low[-1] = np.concatenate([np.max([low[-1, :6], pose - room, aim - near], axis=0), np.zeros(6)])
-    high[-1] = np.concatenate([np.min([high[-1, :6], pose + room, aim + near], axis=0), np.zeros(6)])
+    low[-1] = np.concatenate([np.max([low[-1, :6], pose - slack, aim - near], axis=0), np.zeros(6)])
+    high[-1] = np.concatenate([np.min([high[-1, :6], pose + slack, aim + near], axis=0), np.zeros(6)])
     return low, high
 
 

@@ -48,7 +48,7 @@ def paper_directions(k_m: float) -> tuple[Array, Array]:
     return signs * np.array([1.0, 1.0, 1.0 / k_m]), np.ones(len(signs))
 
 
-def surface_room(variant: str, wrench: Any, spine_share: Any, loads: Any, k_m: float) -> Any:
+def surface_slack(variant: str, wrench: Any, spine_share: Any, loads: Any, k_m: float) -> Any:
     """What must not be negative [N] for a gripper's two fingers, with loads mu n each (casadi).
 
     `variant`: `cone` is (2), `inner` its inscribed polytope, `paper` (11).

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.schedule import Calm, Contacts
+from crux_planner.model.schedule import Contacts, SpeedLimits
 
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact
@@ -57,6 +57,6 @@ def _cross(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-def speeds(calm: Calm, contacts: list[list[int | None]], most_m_s: float) -> Array:
+def speeds(speed_limits: SpeedLimits, contacts: list[list[int | None]], most_m_s: float) -> Array:
     """(N + 1,) largest body speed at the knots."""
-    return np.array([min(calm.get(tuple(held), most_m_s), most_m_s) for held in contacts])
+    return np.array([min(speed_limits.get(tuple(held), most_m_s), most_m_s) for held in contacts])

@@ -10,8 +10,8 @@ from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 
 FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
 _CORNERS = 8  # of that polygon
-_SHARE = 0.999  # of speeds and tilt: room for the solver's tolerance
-GOAL_SHARE = 0.3  # of the goal's room that the last pose may use up: the rest is the robot's
+_SHARE = 0.999  # of speeds and tilt: space for the solver's tolerance
+GOAL_SHARE = 0.3  # of what the goal allows that the last pose may use up: the rest is the robot's
 
 
 def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
@@ -27,15 +27,15 @@ def body_bounds(problem: WalkProblem, gait: Gait | None) -> tuple[Array, Array]:
         high[:, 5] = yaws.min(axis=1) - problem.foot_yaw_rad[0]
     low[0] = high[0] = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
     pose = np.concatenate([goal.body.position_m, goal.body.rpy_rad])
-    room = GOAL_SHARE * np.array([goal.position_room_m] * 3 + [goal.rotation_room_rad] * 3)
-    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - room), np.zeros(6)])
-    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + room), np.zeros(6)])
+    slack = GOAL_SHARE * np.array([goal.position_slack_m] * 3 + [goal.rotation_slack_rad] * 3)
+    low[-1] = np.concatenate([np.maximum(low[-1, :6], pose - slack), np.zeros(6)])
+    high[-1] = np.concatenate([np.minimum(high[-1, :6], pose + slack), np.zeros(6)])
     return low, high
 
 
 def rate_steps(problem: WalkProblem) -> Array:
     """(6,): by how much dr/dt and omega may change from knot to knot."""
-    return problem.dt_s * np.repeat(problem.care.acceleration, 3)
+    return problem.dt_s * np.repeat(problem.profile.acceleration, 3)
 
 
 def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | None:
@@ -65,7 +65,7 @@ def foothold_bounds(problem: WalkProblem, gait: Gait) -> tuple[Array, Array] | N
 
 def least_load_N(problem: WalkProblem) -> float:
     """Normal force of a foot in stance."""
-    return -problem.care.least_share * problem.mass_kg * float(problem.gravity_w[2])
+    return -problem.profile.least_share * problem.mass_kg * float(problem.gravity_w[2])
 
 
 def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 from crux_contracts.scenario_reader import MAX_STEPS
 
-from crux_planner.certificates.bound.beside import ClimbBeside
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
@@ -22,17 +22,17 @@ from crux_planner.pipeline.explanation import check_start, explain
 from crux_planner.pipeline.fallback import plan_turning, plan_wider
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.solve_and_check import Failure, evenly, finish, gait, longest, path_to_goal
-from crux_planner.pipeline.too_fast import TooHasty
+from crux_planner.pipeline.too_fast import TooFast
 from crux_planner.pipeline.work import Progress, Work, begin
-from crux_planner.search.balance import Balance
+from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
-from crux_planner.search.stances import Reach, SearchReport, goal_contacts, search
-from crux_planner.search.strength import Strength
+from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
+from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.solution import start_from_path
 
 IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
@@ -42,7 +42,7 @@ WIDER_SHARE = 0.4  # goes at most into the search for other headings before that
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
-CALMINGS = 6  # times that a sequence is laid out anew with a slower body on the supports that the check names
+SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
 LONGER = 2  # times as long a horizon is tried where nothing is found
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
@@ -68,20 +68,20 @@ def plan(
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)
-        check_start(scenario, problem, Balance(problem, problem.friction_share))
-        reach, ways = Reach(problem), Ways(problem)
+        check_start(scenario, problem, StaticEquilibrium(problem, problem.friction_share))
+        reach, swings = ReachableSet(problem), SwingCache(problem)
     worker = worker or Worker(log=work.log)
-    work.bound = ClimbBeside(worker, problem, prove_s)
+    work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
         if method != "auto":
-            return _plan_by_method(scenario, robot, problem, reach, ways, work, deadline, method)
-        result = _plan_anyhow(scenario, robot, problem, reach, ways, work, deadline)
+            return _plan_by_method(scenario, robot, problem, reach, swings, work, deadline, method)
+        result = _plan_anyhow(scenario, robot, problem, reach, swings, work, deadline)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
         reason, late = none, work.cut_short
         if method == "auto":
-            reason = _cause(scenario, robot, problem, reach, ways, work, deadline, none)
+            reason = _cause(scenario, robot, problem, reach, swings, work, deadline, none)
         raise reason.out_of_time() if reason is none and (late or clock.now() > deadline) else reason from None
     finally:
         worker.stop()
@@ -90,14 +90,20 @@ def plan(
 
 
 def _plan_anyhow(
-    scenario: Scenario, robot: Robot, problem: Problem, reach: Reach, ways: Ways, work: Work, deadline: float
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    reach: ReachableSet,
+    swings: SwingCache,
+    work: Work,
+    deadline: float,
 ) -> PlanResult:
     """A level body, then other headings; where the level search takes long, other headings before it goes on."""
 
     def level(quick: bool) -> PlanResult:
         now = clock.now()
         until = now + LEVEL_SHARE * (deadline - now)
-        return _plan_level(scenario, robot, problem, reach, ways, work, until, quick)
+        return _plan_level(scenario, robot, problem, reach, swings, work, until, quick)
 
     try:
         return level(quick=True)
@@ -107,9 +113,9 @@ def _plan_anyhow(
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(scenario, robot, problem, none_level, realise_moves, work, deadline)
+        return plan_wider(scenario, robot, problem, none_level, solve_and_check, work, deadline)
     try:
-        return plan_wider(scenario, robot, problem, none_level, realise_moves, work, deadline, share=WIDER_SHARE)
+        return plan_wider(scenario, robot, problem, none_level, solve_and_check, work, deadline, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
         if none_wider.proven or clock.now() > deadline:
             raise
@@ -124,8 +130,8 @@ def _cause(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,
-    reach: Reach,
-    ways: Ways,
+    reach: ReachableSet,
+    swings: SwingCache,
     work: Work,
     deadline: float,
     none: InfeasibleError,
@@ -140,11 +146,11 @@ def _cause(
 
         scenario, problem = rewritten(scenario, steps=steps), replace(problem, steps=steps)
         try:
-            _plan_level(scenario, robot, problem, reach, ways, work, deadline, quick=True)
+            _plan_level(scenario, robot, problem, reach, swings, work, deadline, quick=True)
             found = True
         except InfeasibleError:
             until = clock.now() + WIDER_SHARE * (deadline - clock.now())
-            found = plan_turning(scenario, robot, problem, realise_moves, work, until, deadline) is not None
+            found = plan_turning(scenario, robot, problem, solve_and_check, work, until, deadline) is not None
         if found:
             text = f"no plan found in {given} steps of {problem.dt_s:g} s, but one in {steps}"
             return HorizonError(f"{text}; allow as many", steps)
@@ -155,8 +161,8 @@ def _plan_level(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,
-    reach: Reach,
-    ways: Ways,
+    reach: ReachableSet,
+    swings: SwingCache,
     work: Work,
     deadline: float,
     quick: bool,
@@ -170,29 +176,29 @@ def _plan_level(
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
             break
-        balance = Strength(problem, problem.friction_share)
+        equilibrium = TorqueLimits(problem, problem.friction_share)
         for _ in range(ATTEMPTS):
             with work.part("contacts", 0.1):
-                moves, seen = _search(problem, balance, reach, ways, at_once, deadline, quick)
+                moves, seen = _search(problem, equilibrium, reach, swings, at_once, deadline, quick)
             if moves is None:
-                failures.append(explain(problem, balance, reach, ways, seen, at_once))
+                failures.append(explain(problem, equilibrium, reach, swings, seen, at_once))
                 break
-            attempt = realise_moves(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
+            attempt = solve_and_check(scenario, robot, problem, equilibrium, reach, swings, moves, work, deadline)
             if isinstance(attempt, PlanResult):
                 attempt.gap = _proven_gap(work, attempt.cost)
                 return attempt
-            failure, culprit = attempt
+            failure, blamed = attempt
             failures.append(failure)
             if clock.now() > deadline:
                 break
             if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
-                problem = replace(problem, friction_share=tight)  # more room for what moves between the knots
-                balance = Strength(problem, tight)
-            elif culprit is None:
+                problem = replace(problem, friction_share=tight)  # more space for what moves between the knots
+                equilibrium = TorqueLimits(problem, tight)
+            elif blamed is None:
                 break
             else:
-                ways.forbid(*culprit)
-        ways.allow_all()
+                swings.forbid(*blamed)
+        swings.allow_all()
     raise failures[0]
 
 
@@ -200,8 +206,8 @@ def _plan_by_method(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,
-    reach: Reach,
-    ways: Ways,
+    reach: ReachableSet,
+    swings: SwingCache,
     work: Work,
     deadline: float,
     method: str,
@@ -216,9 +222,9 @@ def _plan_by_method(
     if all(goal_contacts(problem, reach, aimed.goal.aim_m)):
         problem = aimed
     for _ in range(ATTEMPTS):
-        balance, options = Balance(problem, problem.friction_share), scenario.planner
+        equilibrium, options = StaticEquilibrium(problem, problem.friction_share), scenario.planner
         with work.part("contacts", 0.1):
-            task = Task(problem, balance, reach, ways, deadline, options.rho, options.iterations, report=work.log)
+            task = Task(problem, equilibrium, reach, swings, deadline, options.rho, options.iterations, report=work.log)
             decided = DECIDE[method](task)
         alone = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
         with work.part("check", 0.4):
@@ -232,15 +238,15 @@ def _plan_by_method(
             worst = alone_report.to_json()["worst"][:1]
             attempt.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
             return attempt
-        failure, culprit = attempt
+        failure, blamed = attempt
         failures.append(failure)
-        if culprit is None or clock.now() > deadline:
+        if blamed is None or clock.now() > deadline:
             break
         work.log(f"refused: {failure}")
         if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
             problem = replace(problem, friction_share=tight)
         else:
-            ways.forbid(*culprit)
+            swings.forbid(*blamed)
     raise failures[0]
 
 
@@ -253,11 +259,19 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 
 
 def _search(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, at_once: int, deadline: float, quick: bool
+    problem: Problem,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
+    at_once: int,
+    deadline: float,
+    quick: bool,
 ) -> tuple[list[Move] | None, SearchReport]:
     """The quickest moves if they are found with so much work, else any that are quick enough."""
     greed, busy_until = (1.0, _busy_until(QUICKEST_SHARE, deadline)) if quick else (GREED, np.inf)
-    return search(problem, balance, reach, ways, at_once=at_once, greed=greed, deadline=deadline, busy_until=busy_until)
+    return search(
+        problem, equilibrium, reach, swings, at_once=at_once, greed=greed, deadline=deadline, busy_until=busy_until
+    )
 
 
 def _busy_until(share: float, deadline: float) -> float:
@@ -265,46 +279,46 @@ def _busy_until(share: float, deadline: float) -> float:
     return time.process_time() + share * (deadline - clock.now())
 
 
-def realise_moves(
+def solve_and_check(
     scenario: Scenario,
     robot: Robot,
     problem: Problem,
-    balance: Balance,
-    reach: Reach,
-    ways: Ways,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
     moves: list[Move],
     work: Work,
     deadline: float,
 ) -> PlanResult | Failure:
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
     with work.part("improve", 0.3):
-        costs = EventCost(problem, balance, reach, ways)
+        costs = EventCost(problem, equilibrium, reach, swings)
         level = moves and not problem.turns  # its estimates are of a level body that takes steps
         busy_until = _busy_until(IMPROVING_SHARE, deadline)
         timed = improve(costs, moves, deadline, busy_until=busy_until) if level else None
     first: Failure | None = None
     attempt: PlanResult | Failure
-    hasty = problem
+    as_given = problem
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(problem.contacts, problem.weight_N, problem.dt_s, stances)
-    problem = replace(problem, calm={**slow, **problem.calm})
-    choices = [*([timed] if timed is not None else []), *[None] * CALMINGS]
+    problem = replace(problem, speed_limits={**slow, **problem.speed_limits})
+    choices = [*([timed] if timed is not None else []), *[None] * SLOWINGS]
     for choice in choices:
         if first is not None and clock.now() > deadline:
             break
         with work.part("body", 0.4):
             try:
                 schedule = (
-                    at_knots(problem, ways, choice.moves, choice.stances, choice.swings)
+                    at_knots(problem, swings, choice.moves, choice.stances, choice.swings)
                     if choice is not None
-                    else evenly(problem, balance, reach, ways, moves)
+                    else evenly(problem, equilibrium, reach, swings, moves)
                 )
             except InfeasibleError as too_short:
-                if problem.calm == hasty.calm or first is not None:
+                if problem.speed_limits == as_given.speed_limits or first is not None:
                     return first or (too_short, None)
-                problem = hasty  # the check may forgive what was foreseen
+                problem = as_given  # the check may forgive what was foreseen
                 continue
-            aimed, path = path_to_goal(problem, balance, schedule)
+            aimed, path = path_to_goal(problem, equilibrium, schedule)
         if path is not None:
             start = start_from_path(aimed, path, schedule.yaw_rad)
             attempt = finish(scenario, robot, aimed, schedule, start, work, deadline)
@@ -314,8 +328,8 @@ def realise_moves(
             text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
             attempt = InfeasibleError("body", text), longest(problem, schedule.moves)
         first = first or attempt
-        if isinstance(attempt[0], TooHasty):
-            problem = replace(problem, calm=attempt[0].calm)
+        if isinstance(attempt[0], TooFast):
+            problem = replace(problem, speed_limits=attempt[0].speed_limits)
         elif choice is None:
             break
     return first or attempt

@@ -11,14 +11,14 @@ from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
-from crux_planner.search.balance import Balance
-from crux_planner.search.stances import Reach, SearchReport, costs_to_go, goal_contacts
-from crux_planner.swing.ways import Ways
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.swing.swing_cache import SwingCache
 
 _LACKING_N = 0.01  # a balance that lacks less is met
 
 
-def check_start(scenario: Scenario, problem: Problem, balance: Balance) -> None:
+def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
     """Raise ScenarioError where a start grasp is out of reach or the start is not in equilibrium."""
     rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
@@ -37,8 +37,8 @@ def check_start(scenario: Scenario, problem: Problem, balance: Balance) -> None:
                 f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m",
             )
     stance = problem.start_contacts
-    if balance.position(stance, *[problem.start.position_m] * 3) is None:
-        lacking = balance.missing_force(stance, *[problem.start.position_m] * 2)
+    if equilibrium.position(stance, *[problem.start.position_m] * 3) is None:
+        lacking = equilibrium.missing_force(stance, *[problem.start.position_m] * 2)
         raise wrong(
             scenario,
             "start.grasps",
@@ -49,15 +49,20 @@ def check_start(scenario: Scenario, problem: Problem, balance: Balance) -> None:
 
 
 def explain(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, report: SearchReport, at_once: int
+    problem: Problem,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
+    report: SearchReport,
+    at_once: int,
 ) -> InfeasibleError:
     """Why the search found nothing."""
     return (
         _goal_out_of_reach(problem, reach)
-        or _chain_broken(problem, reach, ways)
+        or _chain_broken(problem, reach, swings)
         or _timed_out(problem, report)
-        or _goal_unbalanced(problem, balance, report)
-        or _lift_unbalanced(problem, balance, reach, report, at_once)
+        or _goal_unbalanced(problem, equilibrium, report)
+        or _lift_unbalanced(problem, equilibrium, reach, report, at_once)
         or InfeasibleError(
             "passage",
             f"from {_stance_text(problem, report.nearest)} no gripper gets on: other grippers or cuboids stand in the "
@@ -66,8 +71,8 @@ def explain(
     )
 
 
-def _goal_out_of_reach(problem: Problem, reach: Reach) -> InfeasibleError | None:
-    goal, room = problem.goal.body.position_m, problem.goal.position_room_m
+def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:
+    goal, slack = problem.goal.body.position_m, problem.goal.position_slack_m
     for limb, ends in enumerate(goal_contacts(problem, reach)):
         if ends:
             continue
@@ -80,7 +85,7 @@ def _goal_out_of_reach(problem: Problem, reach: Reach) -> InfeasibleError | None
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
         low, high = reach.low[limb, usable], reach.high[limb, usable]
-        beyond = np.maximum(low - room - goal, goal - room - high).max(axis=1)
+        beyond = np.maximum(low - slack - goal, goal - slack - high).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
         place = point_text(problem, goal)
@@ -92,9 +97,9 @@ def _goal_out_of_reach(problem: Problem, reach: Reach) -> InfeasibleError | None
     return None
 
 
-def _chain_broken(problem: Problem, reach: Reach, ways: Ways) -> InfeasibleError | None:
+def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> InfeasibleError | None:
     """A limb whose holds do not lead from start to goal, even with all other limbs out of the way."""
-    for limb, table in enumerate(costs_to_go(problem, reach, ways)):
+    for limb, table in enumerate(costs_to_go(problem, reach, swings)):
         if problem.start_contacts[limb] in table:
             continue
         low, high = reach.low[limb], reach.high[limb]
@@ -109,7 +114,7 @@ def _chain_broken(problem: Problem, reach: Reach, ways: Ways) -> InfeasibleError
             span = f"{point_text(problem, line[first])} and {point_text(problem, line[after - 1])}"
             return InfeasibleError("reach", f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}")
         hold = problem.hold_names[problem.contacts[problem.start_contacts[limb]].hold]
-        if ways.any_forbidden:
+        if swings.any_forbidden:
             return InfeasibleError(
                 "passage", f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
             )
@@ -131,11 +136,11 @@ def _timed_out(problem: Problem, report: SearchReport) -> InfeasibleError | None
     )
 
 
-def _goal_unbalanced(problem: Problem, balance: Balance, report: SearchReport) -> InfeasibleError | None:
+def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: SearchReport) -> InfeasibleError | None:
     """The search reached stances with the goal in reach, but the body cannot stand there."""
     if report.nearest is None or report.nearest_cost > 1e-9:
         return None
-    lacking = balance.missing_force(report.nearest, *[problem.goal.body.position_m] * 2)
+    lacking = equilibrium.missing_force(report.nearest, *[problem.goal.body.position_m] * 2)
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
@@ -144,7 +149,7 @@ def _goal_unbalanced(problem: Problem, balance: Balance, report: SearchReport) -
 
 
 def _lift_unbalanced(
-    problem: Problem, balance: Balance, reach: Reach, report: SearchReport, at_once: int
+    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, report: SearchReport, at_once: int
 ) -> InfeasibleError | None:
     bounds = reach.of(report.nearest) if report.nearest is not None else None
     if report.nearest is None or bounds is None or not report.lifts_without_balance:
@@ -153,7 +158,7 @@ def _lift_unbalanced(
     shortages = []
     for limb in limbs:
         support = tuple(c for other, c in enumerate(report.nearest) if other != limb)
-        shortages.append((balance.missing_force(support, *bounds), limb))
+        shortages.append((equilibrium.missing_force(support, *bounds), limb))
     lacking, limb = min(shortages)
     return InfeasibleError(
         "equilibrium",

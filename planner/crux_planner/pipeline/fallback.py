@@ -12,7 +12,7 @@ from dataclasses import replace
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.certificates.bound.beside import AIM, PATIENCE_S
+from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S
 from crux_planner.certificates.bound.climb import EFFORT, lower_bound
 from crux_planner.certificates.bound.gap import gap
 from crux_planner.certificates.infeasibility.infeasible import Proof
@@ -22,29 +22,29 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.work import Culprit, Work
-from crux_planner.search.aim import aimed
-from crux_planner.search.balance import Balance
-from crux_planner.search.stances import Reach
+from crux_planner.pipeline.work import BlamedMove, Work
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.goal_pose import aimed
+from crux_planner.search.heading_search import HeadingSearch
+from crux_planner.search.stances import ReachableSet
 from crux_planner.search.standing import clear_start
-from crux_planner.search.turning import Turning
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 
 GREED = 3.0
 ATTEMPTS = 8
 
-Realise = Callable[
-    [Scenario, Robot, Problem, Balance, Reach, Ways, list[Move], Work, float],
-    PlanResult | tuple[InfeasibleError, Culprit],
+SolveAndCheck = Callable[
+    [Scenario, Robot, Problem, StaticEquilibrium, ReachableSet, SwingCache, list[Move], Work, float],
+    PlanResult | tuple[InfeasibleError, BlamedMove],
 ]
 
 
-TILT_ROOM_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
-PASSING_M = 0.006  # between grippers that pass each other where they leave no more room; the check asks for 3 mm
+TILT_SLACK_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
+PASSING_M = 0.006  # between grippers that pass each other where they leave no more space; the check asks for 3 mm
 AIMS = 4  # goal poses tried, each with ends in reach that none before has
-LEVELS = ((False, 0.0, None), (True, TILT_ROOM_M, None), (True, TILT_ROOM_M, PASSING_M))
-"""Grasps off the middle, room for a tilt, and clearance of passing grippers, None: the usual."""
+LEVELS = ((False, 0.0, None), (True, TILT_SLACK_M, None), (True, TILT_SLACK_M, PASSING_M))
+"""Grasps off the middle, space for a tilt, and clearance of passing grippers, None: the usual."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
@@ -57,7 +57,7 @@ def plan_wider(
     robot: Robot,
     problem: Problem,
     none_level: InfeasibleError,
-    realise: Realise,
+    solve_and_check: SolveAndCheck,
     work: Work,
     deadline: float,
     share: float | None = None,
@@ -80,7 +80,7 @@ def plan_wider(
     now = clock.now()
     search_s = max(SEARCH_S, SEARCH_SHARE * (deadline - now))
     until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + search_s)
-    found = plan_turning(scenario, robot, problem, realise, work, until, deadline)
+    found = plan_turning(scenario, robot, problem, solve_and_check, work, until, deadline)
     if found is not None:
         result, wide = found
         with work.part("bound", 0.95):  # of the problem with this aim and these grasps
@@ -95,7 +95,13 @@ def plan_wider(
 
 
 def plan_turning(
-    scenario: Scenario, robot: Robot, problem: Problem, realise: Realise, work: Work, until: float, deadline: float
+    scenario: Scenario,
+    robot: Robot,
+    problem: Problem,
+    solve_and_check: SolveAndCheck,
+    work: Work,
+    until: float,
+    deadline: float,
 ) -> tuple[PlanResult, Problem] | None:
     """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found until then,
     or made of it until the deadline.
@@ -116,13 +122,15 @@ def plan_turning(
         found = aims[off_centre, aim]
         if found is None:
             continue
-        wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_room_m=tilt_m)
+        wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_slack_m=tilt_m)
         if passing_m is not None:
             wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
-        if off_centre and (start := clear_start(wide, Ways(wide))) is not None:
+        if off_centre and (start := clear_start(wide, SwingCache(wide))) is not None:
             wide = replace(wide, start_contacts=start)
         now = clock.now()
-        result = _plan_aimed(scenario, robot, wide, found[1], realise, work, now + TURN_SHARE * (until - now), deadline)
+        result = _plan_aimed(
+            scenario, robot, wide, found[1], solve_and_check, work, now + TURN_SHARE * (until - now), deadline
+        )
         if result is not None:
             return result, wide
     return None
@@ -138,38 +146,38 @@ def _plan_aimed(
     robot: Robot,
     problem: Problem,
     ends: Flags,
-    realise: Realise,
+    solve_and_check: SolveAndCheck,
     work: Work,
     until: float,
     deadline: float,
 ) -> PlanResult | None:
     """A plan whose search chooses headings; None where none is found until then, or made of it until the deadline."""
-    reach, ways = Reach(problem), Ways(problem)
-    calmer = [(1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER)]  # of the limit surface, and of the speed
+    reach, swings = ReachableSet(problem), SwingCache(problem)
+    gentler = [(1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER)]  # of the limit surface, and of the speed
     given = problem
     for _ in range(ATTEMPTS):
         if clock.now() > until:
             work.cut_short = True
             break
         with work.part("headings", 0.2):
-            moves, seen = Turning(problem, reach, ways, ends).search(greed=GREED, deadline=until)
+            moves, seen = HeadingSearch(problem, reach, swings, ends).search(greed=GREED, deadline=until)
         work.cut_short |= seen.timed_out
         if moves is None:
             break
-        balance = Balance(problem, problem.friction_share)
-        attempt = realise(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
+        attempt = solve_and_check(scenario, robot, problem, equilibrium, reach, swings, moves, work, deadline)
         if isinstance(attempt, PlanResult):
             return attempt
-        failure, culprit = attempt
+        failure, blamed = attempt
         if isinstance(failure, HorizonError):
             work.too_short.append(failure)
         work.log(f"refused: {failure}")
-        if failure.constraint.startswith("limit_surface") and calmer:
-            share, speed = calmer.pop(0)
+        if failure.constraint.startswith("limit_surface") and gentler:
+            share, speed = gentler.pop(0)
             body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
             problem = replace(given, friction_share=share * given.friction_share, body=body)
-        elif culprit is None:
+        elif blamed is None:
             break
         else:
-            ways.forbid(*culprit)
+            swings.forbid(*blamed)
     return None

@@ -23,7 +23,7 @@ _SAME = 1e-6  # metres and radians between a grasp of the plan and one of the pr
 
 
 @dataclass(frozen=True)
-class Tail:
+class RemainingPlan:
     """Knots 0..N from a stance on as a schedule, and where it starts the exact P1."""
 
     schedule: Schedule
@@ -48,7 +48,7 @@ class Tail:
             found[moves[i].before] = moves[i:]
         return found
 
-    def begun_at_rest(self, problem: Problem) -> Tail:
+    def begun_at_rest(self, problem: Problem) -> RemainingPlan:
         """The same from the problem's start at rest, later by as much as the body needs to be where it lifts off."""
         contacts, body = self.schedule.contacts, self.start.body
         lift_off = next((k for k, knot in enumerate(contacts) if None in knot), self.steps - 1)
@@ -64,10 +64,10 @@ class Tail:
         moved[: wait + 1, :6] = pose + share[:, None] * way
         moved[:wait, 6:] = np.diff(moved[: wait + 1, :6], axis=0) / problem.dt_s
         schedule = Schedule(self.schedule.moves, [contacts[i] for i in index], self.schedule.poses[index])
-        return Tail(schedule, Start(moved, [self.start.wrenches[i] for i in index[:-1]], near=True))
+        return RemainingPlan(schedule, Start(moved, [self.start.wrenches[i] for i in index[:-1]], near=True))
 
 
-def read_tail(problem: Problem, running: Any, first: int) -> Tail | None:
+def read_remaining(problem: Problem, running: Any, first: int) -> RemainingPlan | None:
     """A running plan from knot `first` on, None where a grasp of it is none of the problem's.
 
     `problem` starts in that knot's stance, in the heading frame of the plan's wall.
@@ -96,7 +96,7 @@ def read_tail(problem: Problem, running: Any, first: int) -> Tail | None:
     inputs = finger_inputs(force, moment, poses[..., 3])
     wrenches = [{limb: inputs[k, limb] for limb in range(4) if now[limb] is not None} for k, now in enumerate(contacts)]
     schedule = Schedule(_moves(contacts, body), contacts, poses)
-    return Tail(schedule, Start(body, wrenches[:-1], near=True))
+    return RemainingPlan(schedule, Start(body, wrenches[:-1], near=True))
 
 
 def _contacts(problem: Problem, running: Any, knots: list[Any], poses: Array) -> list[list[int | None]] | None:

@@ -21,25 +21,25 @@ from crux_planner.model.build import build_problem, start_contacts, start_inerti
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Move, Schedule
-from crux_planner.pipeline.climb import plan, realise_moves
+from crux_planner.pipeline.climb import plan, solve_and_check
 from crux_planner.pipeline.fallback import plan_turning
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.remaining_plan import Tail, read_tail
+from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.solve_and_check import Failure, finish, in_time
 from crux_planner.pipeline.work import Work
-from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.stances import Reach, search
-from crux_planner.search.strength import Strength
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 
 TIME_LIMIT_S = 10.0
 TURNING_S = 4.0  # at most, for the searches that choose headings
-_ROOM_M = 1e-3
+_SLACK_M = 1e-3
 SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
 
 
@@ -50,8 +50,8 @@ class Planner:
         """Raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
         self.scenario, self.robot = scenario, robot
         self.problem = build_problem(scenario, robot)
-        self.balance = Strength(self.problem, self.problem.friction_share)
-        self.reach, self.ways = Reach(self.problem), Ways(self.problem)
+        self.equilibrium = TorqueLimits(self.problem, self.problem.friction_share)
+        self.reach, self.swings = ReachableSet(self.problem), SwingCache(self.problem)
         self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
 
     def replan(
@@ -83,20 +83,20 @@ class Planner:
             problem = self._from(scenario, without)
             if body is not None:
                 check_body(scenario, problem.body, problem.start, problem.goal.body)
-            tail = read_tail(problem, running, first)
+            remaining = read_remaining(problem, running, first)
         result = None
-        if tail is not None and tail.open_to(problem):
-            result = self._along(scenario, problem, tail, work, deadline)
+        if remaining is not None and remaining.open_to(problem):
+            result = self._along(scenario, problem, remaining, work, deadline)
         most = max(problem.steps, self.scenario.horizon.steps - first)
         if result is None:
-            result = self._anew(scenario, problem, most, tail, work, deadline)
+            result = self._anew(scenario, problem, most, remaining, work, deadline)
         if result is None:
             scenario = rewritten(scenario, steps=most)
             found = plan_turning(
                 scenario,
                 self.robot,
                 self.problem,
-                self._realise,
+                self._solve_and_check,
                 work,
                 min(deadline, clock.now() + TURNING_S),
                 deadline,
@@ -111,53 +111,59 @@ class Planner:
         return result
 
     def _along(
-        self, scenario: Scenario, problem: Problem, tail: Tail, work: Work, deadline: float
+        self, scenario: Scenario, problem: Problem, remaining: RemainingPlan, work: Work, deadline: float
     ) -> PlanResult | None:
         """The running plan's own moves, from the problem's start."""
-        begun = tail.begun_at_rest(problem)
+        begun = remaining.begun_at_rest(problem)
         return self._finish(scenario, replace(problem, steps=begun.steps), begun.schedule, begun.start, work, deadline)
 
     def _anew(
-        self, scenario: Scenario, problem: Problem, most: int, tail: Tail | None, work: Work, deadline: float
+        self,
+        scenario: Scenario,
+        problem: Problem,
+        most: int,
+        remaining: RemainingPlan | None,
+        work: Work,
+        deadline: float,
     ) -> PlanResult | None:
         """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
         wide = replace(problem, steps=most)
-        known = None if tail is None else tail.known(problem)
+        known = None if remaining is None else remaining.known(problem)
         with work.part("contacts", 0.1):
             moves, _ = search(
-                wide, self.balance, self.reach, self.ways, at_once=1, greed=1.0, deadline=deadline, known=known
+                wide, self.equilibrium, self.reach, self.swings, at_once=1, greed=1.0, deadline=deadline, known=known
             )
         for spare in SPARE_KNOTS if moves is not None else ():
             with work.part("body", 0.3):
-                laid = self._lay_out(problem, moves or [], spare)
-            if laid is not None:
-                result = self._finish(scenario, *laid, work, deadline)
+                timed = self._scheduled(problem, moves or [], spare)
+            if timed is not None:
+                result = self._finish(scenario, *timed, work, deadline)
                 if result is not None:
                     return result
         return None
 
-    def _lay_out(self, problem: Problem, moves: list[Move], spare: int) -> tuple[Problem, Schedule, Start] | None:
+    def _scheduled(self, problem: Problem, moves: list[Move], spare: int) -> tuple[Problem, Schedule, Start] | None:
         """Moves with knots to spare beyond what they need, None where the body has no path."""
-        problem, schedule = in_time(problem, self.balance, self.reach, self.ways, moves, spare)
-        path = knot_path(self._as_level(problem), self.balance, schedule)
+        problem, schedule = in_time(problem, self.equilibrium, self.reach, self.swings, moves, spare)
+        path = knot_path(self._as_level(problem), self.equilibrium, schedule)
         return None if path is None else (problem, schedule, start_from_path(problem, path))
 
-    def _realise(
+    def _solve_and_check(
         self,
         scenario: Scenario,
         robot: Robot,
         problem: Problem,
-        balance: Balance,
-        reach: Reach,
-        ways: Ways,
+        equilibrium: StaticEquilibrium,
+        reach: ReachableSet,
+        swings: SwingCache,
         moves: list[Move],
         work: Work,
         deadline: float,
     ) -> PlanResult | Failure:
         """A checked plan for moves of a problem of its own, with the steps they need."""
-        problem, _ = in_time(problem, balance, reach, ways, moves)
+        problem, _ = in_time(problem, equilibrium, reach, swings, moves)
         scenario = rewritten(scenario, steps=problem.steps)
-        return realise_moves(scenario, robot, problem, balance, reach, ways, moves, work, deadline)
+        return solve_and_check(scenario, robot, problem, equilibrium, reach, swings, moves, work, deadline)
 
     def _finish(
         self, scenario: Scenario, problem: Problem, schedule: Schedule, start: Start, work: Work, deadline: float
@@ -200,13 +206,13 @@ class Planner:
         return replace(problem, contacts=contacts)
 
     def _as_level(self, problem: Problem) -> Problem:
-        """The problem as the path of a level body sees it: how the robot is tilted is left to the exact programme."""
+        """The problem as the path of a level body sees it: how the robot is tilted is left to the exact program."""
         bounds = self.reach.of(problem.start_contacts)
         position = problem.start.position_m if bounds is None else _inside(problem.start.position_m, *bounds)
         return replace(problem, start=Pose(position, np.zeros(3)))
 
 
 def _inside(values: Array, low: Array, high: Array) -> Array:
-    """Values moved into bounds, with a little room where there is some."""
-    room = np.minimum(_ROOM_M, (high - low) / 2)
-    return np.clip(values, low + room, high - room)
+    """Values moved into bounds, with a little space where there is some."""
+    slack = np.minimum(_SLACK_M, (high - low) / 2)
+    return np.clip(values, low + slack, high - slack)

@@ -15,44 +15,53 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.cost import plan_cost
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.too_fast import TooHasty, slowed
-from crux_planner.pipeline.work import Culprit, Work
-from crux_planner.search.balance import Balance
+from crux_planner.pipeline.too_fast import TooFast, slowed
+from crux_planner.pipeline.work import BlamedMove, Work
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
-from crux_planner.search.schedule import lay_out, least_durations
-from crux_planner.search.stances import Reach
-from crux_planner.swing.ways import Ways
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.schedule import least_durations, scheduled
+from crux_planner.search.stances import ReachableSet
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import Start
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
-Failure = tuple[InfeasibleError, Culprit]
+Failure = tuple[InfeasibleError, BlamedMove]
 """Why there is no plan, and the move without which there may be one."""
 
 
-def evenly(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> Schedule:
+def evenly(
+    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache, moves: list[Move]
+) -> Schedule:
     """The moves as they are, the time to spare spread over stances and swings. Raises InfeasibleError."""
-    moves = smooth_events(problem, balance, reach, ways, moves)
-    return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    return scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
 def in_time(
-    problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move], spare: int = 0
+    problem: Problem,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
+    moves: list[Move],
+    spare: int = 0,
 ) -> tuple[Problem, Schedule]:
     """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
-    moves = smooth_events(problem, balance, reach, ways, moves)
+    moves = smooth_events(problem, equilibrium, reach, swings, moves)
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    needed = int(sum(part.sum() for part in least_durations(problem, ways, moves, step)))
+    needed = int(sum(part.sum() for part in least_durations(problem, swings, moves, step)))
     problem = replace(problem, steps=max(problem.steps, needed) + spare)
-    return problem, lay_out(problem, ways, moves, step)
+    return problem, scheduled(problem, swings, moves, step)
 
 
-def path_to_goal(problem: Problem, balance: Balance, schedule: Schedule) -> tuple[Problem, BodyPath | None]:
+def path_to_goal(
+    problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule
+) -> tuple[Problem, BodyPath | None]:
     """A body path to the middle of the goal's tolerance where there is one, else to where it may end at all."""
     aimed = problem.aimed()
-    path = knot_path(aimed, balance, schedule)
-    return (aimed, path) if path is not None else (problem, knot_path(problem, balance, schedule))
+    path = knot_path(aimed, equilibrium, schedule)
+    return (aimed, path) if path is not None else (problem, knot_path(problem, equilibrium, schedule))
 
 
 def finish(
@@ -102,8 +111,8 @@ def _finish_as_it_is(
         report = check_plan(message, robot)
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
-        calm = slowed(problem.calm, report, schedule.contacts, speed, problem.dt_s)
-        refused = _refused(report) if calm is None else TooHasty(_refused(report), calm)
+        speed_limits = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
+        refused = _refused(report) if speed_limits is None else TooFast(_refused(report), speed_limits)
         return refused, _blamed(report, schedule, problem)
     return PlanResult(
         ok=True,
@@ -119,7 +128,7 @@ def _finish_as_it_is(
 
 
 def gait(schedule: Schedule) -> str:
-    """The limbs in the order in which they let go, as text."""
+    """The limbs in the order in which they release, as text."""
     return ", ".join(schedule.gait) or "without a step"
 
 
@@ -134,7 +143,7 @@ def _refused(report: CheckReport) -> InfeasibleError:
     )
 
 
-def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> Culprit:
+def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> BlamedMove:
     """The move during which the check found the worst violation of a limb; else the longest."""
     for violation in sorted(report.violations, key=lambda v: -v.amount):
         if violation.limb is None or violation.time_s is None:
@@ -145,14 +154,14 @@ def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> Culpri
     return longest(problem, schedule.moves)
 
 
-def _move_at(schedule: Schedule, k: int, limb: int) -> Culprit:
+def _move_at(schedule: Schedule, k: int, limb: int) -> BlamedMove:
     """The move of a limb that is in the air at a knot."""
     before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
     after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
     return (before[-1], after[0]) if before and after and before[-1] != after[0] else None
 
 
-def longest(problem: Problem, moves: list[Move]) -> Culprit:
+def longest(problem: Problem, moves: list[Move]) -> BlamedMove:
     """The move over the greatest distance."""
     pairs = [(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs]
     contacts = problem.contacts

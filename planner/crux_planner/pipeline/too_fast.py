@@ -7,7 +7,7 @@ import numpy as np
 from crux_planner.checker import CheckReport
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.model.schedule import Calm, Contacts
+from crux_planner.model.schedule import Contacts, SpeedLimits
 from crux_planner.physics.speed_limits import WANTED_N
 
 BETWEEN_KNOTS = "limit_surface_between_knots"
@@ -16,22 +16,22 @@ _BEGUN, _BLENDED = 0.1, 0.45  # of an interval: its own motion counts from, that
 _STILL_M_S = 1e-4  # slower is no motion
 
 
-class TooHasty(InfeasibleError):
-    """A plan that the check refuses for what happens between its knots; with `calm` it may pass."""
+class TooFast(InfeasibleError):
+    """A plan that the check refuses for what happens between its knots; with `speed_limits` it may pass."""
 
-    def __init__(self, refused: InfeasibleError, calm: Calm) -> None:
+    def __init__(self, refused: InfeasibleError, speed_limits: SpeedLimits) -> None:
         super().__init__(refused.constraint, str(refused))
-        self.calm = calm
+        self.speed_limits = speed_limits
 
 
 def slowed(
-    calm: Calm, report: CheckReport, contacts: list[list[int | None]], speed_m_s: Array, dt_s: float
+    speed_limits: SpeedLimits, report: CheckReport, contacts: list[list[int | None]], speed_m_s: Array, dt_s: float
 ) -> dict[Contacts, float] | None:
-    """`calm` with the speeds that the report asks for; None where more than slowness is wanted.
+    """`speed_limits` with the speeds that the report asks for; None where more than slowness is wanted.
 
     `contacts` and `speed_m_s` (N + 1,), the largest component of the body's velocity, are those of the plan's knots.
     """
-    cut = dict(calm)
+    cut = dict(speed_limits)
     for violation in report.violations:
         if violation.constraint != BETWEEN_KNOTS or violation.time_s is None:
             return None

@@ -12,7 +12,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.admm.walk_contact_block import WalkContacts
-from crux_planner.certificates.bound.beside import Beside
+from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
@@ -93,9 +93,9 @@ def _plan(scenario: Scenario, robot: Robot, work: Work, worker: Worker, deadline
 
 
 def _walks(problem: WalkProblem, failures: list[InfeasibleError]) -> Iterator[WalkProblem]:
-    """The walk with the usual care, gentler where the check refused what was found, bolder where nothing was."""
-    for care in (USUAL, BOLD, BOLDEST):
-        walk = replace(problem, care=care)
+    """The walk with the usual margins, gentler where the check refused what was found, bolder where nothing was."""
+    for profile in (USUAL, BOLD, BOLDEST):
+        walk = replace(problem, profile=profile)
         for _ in range(1 + GENTLER):
             yield walk
             refused = failures[-1]
@@ -182,7 +182,7 @@ def _first_good(
     fails or the scenario keeps them.
     """
     failure: InfeasibleError | None = None
-    bound = Beside(worker, np.inf)
+    bound = BoundWorker(worker, np.inf)
     for _ in range(ATTEMPTS):
         try:
             with work.part("contacts", 0.1):
@@ -205,7 +205,7 @@ def _finish(
     robot: Robot,
     problem: WalkProblem,
     asked: WalkProblem,
-    bound: Beside,
+    bound: BoundWorker,
     knots: WalkKnots,
     work: Work,
     deadline: float,
@@ -229,14 +229,14 @@ def _finish_as_it_is(
     robot: Robot,
     problem: WalkProblem,
     asked: WalkProblem,
-    bound: Beside,
+    bound: BoundWorker,
     knots: WalkKnots,
     work: Work,
     deadline: float,
     method: str,
 ) -> PlanResult | InfeasibleError:
-    bounded = replace(asked, care=problem.care, steps=problem.steps)
-    bound.start((bounded.steps, bounded.care), lower_bound, bounded)
+    bounded = replace(asked, profile=problem.profile, steps=problem.steps)
+    bound.start((bounded.steps, bounded.profile), lower_bound, bounded)
     gait = knots.gait
     for _ in range(1 + CUTS):
         with work.part("nlp", 0.5):

@@ -14,7 +14,7 @@ from crux_planner.errors import HorizonError, wrong
 from crux_planner.solvers import clock
 
 if TYPE_CHECKING:
-    from crux_planner.certificates.bound.beside import ClimbBeside
+    from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -22,7 +22,7 @@ CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left t
 Progress = Callable[[str, float], None]
 """Called with what begins now and the share of the work behind, 0..1."""
 
-Culprit = tuple[int, int] | None
+BlamedMove = tuple[int, int] | None
 """The move (contact to contact) that a failed attempt should do without; None where no other sequence would help."""
 
 
@@ -34,7 +34,7 @@ class Work:
     log: Callable[[str], None]
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
-    bound: ClimbBeside | None = None
+    bound: ClimbBoundWorker | None = None
     cut_short: bool = False  # some search ended because of its time
     too_short: list[HorizonError] = field(default_factory=list)  # ways found that take more than the horizon
 

@@ -1,7 +1,7 @@
 """A local search over gaits on J as planar_qp has it, from the best of the orders of the feet.
 
-A foot off the ground has a price in the QP, the pull of the dynamics' duals on a force it does not exert; a foot on
-the ground has its share of the effort. Neighbours are tried in the order of what these prices promise.
+A foot off the ground has a value in the QP, the pull of the dynamics' duals on a force it does not exert; a foot on
+the ground has its share of the effort. Neighbours are tried in the order of what these values promise.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class FlatSearch:
         return best
 
     def _promising(self, best: FlatWalk, doubts: Counter[Change]) -> list[tuple[Change, Slots]]:
-        """Neighbours not seen, those first of which the prices promise most; changes that failed before, later."""
+        """Neighbours not seen, those first of which the values promise most; changes that failed before, later."""
         problem, here = self.problem, Slots.of(best.gait)
         alpha = here.alpha(problem.steps)
         ranked = {}
@@ -122,7 +122,7 @@ class FlatSearch:
                 continue
             if slots.possible(problem) and self.strides.long_enough(slots):
                 then = slots.alpha(problem.steps)
-                gain = float(best.price[then & ~alpha].sum() - best.price[alpha & ~then].sum())
+                gain = float(best.worth[then & ~alpha].sum() - best.worth[alpha & ~then].sum())
                 ranked[slots] = (doubts[change], -gain, change)
         return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
 

@@ -44,7 +44,7 @@ class FlatWalk:
     footholds: Array
     body: Array
     forces: Array
-    price: Array
+    worth: Array
 
 
 class FlatQp:
@@ -158,9 +158,9 @@ class FlatQp:
         footholds = np.vstack([problem.start_feet_w_m, values_x[at_h:].reshape(-1, 2)])
         dual = np.array(solver.result.y)
         pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
-        price = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
+        worth = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
         cost = self._cost(gait, body, loads, stance)
-        return FlatWalk(gait, cost, footholds, self._states(body), self._forces(body, loads, stance), price)
+        return FlatWalk(gait, cost, footholds, self._states(body), self._forces(body, loads, stance), worth)
 
     def _states(self, body: Array) -> Array:
         """(N + 1, 12): the height goes straight from start to goal."""
@@ -247,7 +247,7 @@ class FlatQp:
         shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
         spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
         neutral = np.einsum("kba,b->ka", turned[np.maximum(three - 1, 0)], problem.neutral_feet_b_m.sum(axis=0))
-        together = problem.pressed(blend.sum(axis=1))[three]
+        together = problem.centre_of_pressure(blend.sum(axis=1))[three]
         seen, j = np.nonzero(together)
         for corner in range(3):
             row = start + 3 * np.arange(len(three)) + corner
@@ -262,8 +262,8 @@ class FlatQp:
                     rows.append(row)
                     columns.append(5 * np.minimum(three + ahead, n) + b)
                     values.append(4 * share * inertia * spread[:, corner, b])
-        known = np.einsum("kab,kb->ka", spread, problem.pressed(fixed.sum(axis=1))[three] - neutral)
-        low.append((problem.care.true_share - known).ravel())
+        known = np.einsum("kab,kb->ka", spread, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
+        low.append((problem.profile.true_share - known).ravel())
         high.append(np.full(3 * len(three), _INFINITE))
         start += 3 * len(three)
         # the same feet when the body has moved on to the next knot
@@ -276,7 +276,7 @@ class FlatQp:
                 rows += [row, row]
                 columns += [5 * three + b, 5 * three + 5 + b]
                 values += [-shift[:, corner, b], shift[:, corner, b]]
-        low.append(np.full(3 * len(three), _MOVED_SHARE * problem.care.least_share))
+        low.append(np.full(3 * len(three), _MOVED_SHARE * problem.profile.least_share))
         high.append(np.full(3 * len(three), _INFINITE))
         start += 3 * len(three)
         # lengths of steps

@@ -15,10 +15,10 @@ from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.balance import Balance
+from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers import clock
-from crux_planner.swing.sight import Sight
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.link_clearance import LinkClearance
+from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
 _IN_PLANE = np.array([1.0, 1.0, 0.0])
@@ -38,7 +38,7 @@ class SearchReport:
     lifts_without_balance: Counter[int] = field(default_factory=Counter)  # per limb, from the nearest stance
 
 
-class Reach:
+class ReachableSet:
     """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
 
     `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's,
@@ -47,7 +47,7 @@ class Reach:
 
     def __init__(self, problem: Problem, turn_rad: float | None = None) -> None:
         self.problem = problem
-        self._turned: dict[float, Reach] = {0.0: self}
+        self._turned: dict[float, ReachableSet] = {0.0: self}
         turn = 0.0 if turn_rad is None and problem.turns else turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
@@ -62,10 +62,10 @@ class Reach:
         high = np.minimum(self.high[:, :, None], self.high[:, None])
         self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
 
-    def turned(self, yaw_rad: float) -> Reach:
+    def turned(self, yaw_rad: float) -> ReachableSet:
         """The same for a body turned by `yaw_rad`: positions are along its axes then."""
         if yaw_rad not in self._turned:
-            self._turned[yaw_rad] = Reach(turned_problem(self.problem, yaw_rad), 0.0)
+            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), 0.0)
         return self._turned[yaw_rad]
 
     def neighbours(self, limb: int, contact: int) -> Indices:
@@ -75,22 +75,22 @@ class Reach:
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
         """Bounds of the body position for all four limbs, None where they leave nothing.
 
-        A small tilt moves all grippers by the same way against their boxes: what it gives is room around the bounds.
+        A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
         """
         index = (np.arange(4), list(stance))
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
         if (low > high + 1e-9).any():
             return None
-        room = self.problem.tilt_room_m * _IN_PLANE
-        return low - room, high + room
+        slack = self.problem.tilt_slack_m * _IN_PLANE
+        return low - slack, high + slack
 
 
-def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = None) -> list[list[int]]:
+def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | None = None) -> list[list[int]]:
     """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose.
 
-    That is a cube of half edge `tolerance_m`, usually the goal's `position_room_m`.
+    That is a cube of half edge `tolerance_m`, usually the goal's `position_slack_m`.
     """
-    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_room_m
+    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)
@@ -105,7 +105,7 @@ def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = No
     return result
 
 
-def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, float]]:
+def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> list[dict[int, float]]:
     """Per limb and contact, the least knots to the goal were it alone: an exact shortest path, admissible for all."""
     tables = []
     for limb, ends in enumerate(goal_contacts(problem, reach)):
@@ -118,17 +118,17 @@ def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, fl
                 continue
             cost[c] = done
             for other in map(int, reach.neighbours(limb, c)):
-                if other in usable and other not in cost and ways.swing(other, c) is not None:
-                    heapq.heappush(queue, (done + _move_cost(ways, [(other, c)]), other))
+                if other in usable and other not in cost and swings.swing(other, c) is not None:
+                    heapq.heappush(queue, (done + _move_cost(swings, [(other, c)]), other))
         tables.append(cost)
     return tables
 
 
 def search(
     problem: Problem,
-    balance: Balance,
-    reach: Reach,
-    ways: Ways,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
     *,
     at_once: int,
     greed: float,
@@ -143,8 +143,8 @@ def search(
     and at `busy_until` (of time.process_time).
     """
     report = SearchReport()
-    to_go = costs_to_go(problem, reach, ways)
-    sight = Sight(problem, ways)
+    to_go = costs_to_go(problem, reach, swings)
+    links = LinkClearance(problem, swings)
     goal = problem.goal.body.position_m
     groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
 
@@ -166,7 +166,7 @@ def search(
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead
             report.lifts_without_balance.clear()
-        if ahead < 1e-9 and _ends_well(problem, balance, reach, stance):
+        if ahead < 1e-9 and _ends_well(problem, equilibrium, reach, stance):
             return _trace(parent, stance), report
         report.expanded += 1
         report.timed_out = clock.now() > deadline or time.process_time() > busy_until
@@ -175,24 +175,24 @@ def search(
             continue
         for limbs in groups:
             support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
-            lift_off = balance.position(support, *bounds, body)
+            lift_off = equilibrium.position(support, *bounds, body)
             if lift_off is None:
                 if stance == report.nearest:
                     report.lifts_without_balance.update(limbs)
                 continue
-            if not sight.stance_clear(stance, body, lift_off):
+            if not links.stance_clear(stance, body, lift_off):
                 continue
             for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
                 after = _after(stance, limbs, ends)
                 moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
                 landing = reach.of(after)
-                if landing is None or estimate(after) >= UNREACHABLE or not ways.free(moves, support):
+                if landing is None or estimate(after) >= UNREACHABLE or not swings.free(moves, support):
                     continue
-                new_cost = cost + _move_cost(ways, moves)
+                new_cost = cost + _move_cost(swings, moves)
                 if new_cost >= best.get(after, np.inf) - 1e-9:
                     continue
-                touch_down = balance.position(support, *landing, np.clip(goal, *landing))
-                if touch_down is None or not sight.move_clear(stance, after, limbs, lift_off, touch_down):
+                touch_down = equilibrium.position(support, *landing, np.clip(goal, *landing))
+                if touch_down is None or not links.move_clear(stance, after, limbs, lift_off, touch_down):
                     continue
                 best[after] = new_cost
                 parent[after] = Move(stance, after, limbs, lift_off, touch_down)
@@ -209,18 +209,18 @@ def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Sta
     return (changed[0], changed[1], changed[2], changed[3])
 
 
-def _move_cost(ways: Ways, moves: list[tuple[int, int]]) -> float:
-    return max(ways.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
+def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
+    return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 
-def _ends_well(problem: Problem, balance: Balance, reach: Reach, stance: Stance) -> bool:
+def _ends_well(problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, stance: Stance) -> bool:
     """Whether the goal's body pose is in reach and in balance on a stance."""
     bounds = reach.of(stance)
     if bounds is None:
         return False
-    goal, tolerance = problem.goal.body.position_m, problem.goal.position_room_m
+    goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
     low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
-    return bool((low <= high).all()) and balance.position(stance, low, high, goal) is not None
+    return bool((low <= high).all()) and equilibrium.position(stance, low, high, goal) is not None
 
 
 def _trace(parent: dict[Stance, Move], stance: Stance) -> list[Move]:

@@ -26,8 +26,8 @@ class Strides:
         steps = [[Step(limb, 0, max(air, LEAST_AIR)) for air in airs] for limb in range(4)]
         self._longest = np.array([[longest_step(problem, step) for step in own] for own in steps])
         self._turn = np.array([[most_turn(problem, step) for step in own] for own in steps])
-        ways = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
-        self._way = np.linalg.norm(ways, axis=1)
+        swings = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
+        self._way = np.linalg.norm(swings, axis=1)
         self._usual = np.linalg.norm(problem.goal_feet_w_m - problem.start_feet_w_m, axis=1) - FINAL_FOOT_M / 2
         self._goal_turn = abs(float(problem.goal.body.rpy_rad[2]))
 
@@ -45,8 +45,8 @@ class Strides:
         """How often every foot must step for the straight way; 0 at the goal."""
         problem = self.problem
         straight = np.abs(problem.goal.body.position_m - problem.start.position_m)[:2]
-        room = problem.goal.position_room_m
-        if np.linalg.norm(straight) <= room and self._goal_turn <= problem.goal.rotation_room_rad:
+        slack = problem.goal.position_slack_m
+        if np.linalg.norm(straight) <= slack and self._goal_turn <= problem.goal.rotation_slack_rad:
             return 0
         strides = straight / (LONGEST_STRIDE * 2 * problem.boxes.half_m[:2])
         ranges, longest = problem.foothold_ranges_w_m, LONGEST_STRIDE * 2 * problem.boxes.half_m[0]
@@ -70,7 +70,7 @@ class Strides:
         return [] if slots is None else [slots]
 
     def _laid_out(self, order: Sequence[int]) -> Slots | None:
-        """Steps one after the other, as short as they may be, with some room between them."""
+        """Steps one after the other, as short as they may be, with some space between them."""
         airs = [self._least_air(limb, max(list(order).count(limb), 1)) for limb in range(4)]
         spare = self.problem.steps - self._least_knots(order)
         if spare < 0:

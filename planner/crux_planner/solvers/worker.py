@@ -31,13 +31,13 @@ class WorkerLostError(Exception):
 
 
 class Worker:
-    """One such process, which imports `modules` to begin with; `log` is told if it is lost."""
+    """One such process, which imports `modules` to begin with; `log` reports it if it is lost."""
 
     def __init__(self, *modules: str, log: Log = lambda _line: None) -> None:
         self._modules, self._log = modules, log
         self._link: Connection | None = None
         self.process: subprocess.Popen[bytes] | None = None
-        self.waiting = 0  # calls begun whose results are not heard yet
+        self.waiting = 0  # calls begun whose results are not received yet
         self.lost = False  # it is not started again
 
     def __enter__(self) -> Worker:
@@ -64,12 +64,12 @@ class Worker:
         self._send((sys.path, self._modules))
 
     def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have the process call a function of some module; what it returns is to be heard."""
+        """Have the process call a function of some module; what it returns is to be received."""
         self.start()
         self.waiting += 1
         self._send((function, arguments))
 
-    def hear(self) -> Any:
+    def receive(self) -> Any:
         """The next value: what a function says (`say`) or, last, what it returns.
 
         Raises what the function raises, and WorkerLostError.
@@ -86,8 +86,8 @@ class Worker:
             raise value
         return value
 
-    def heard(self, within_s: float) -> bool:
-        """Whether there is something to hear, or comes within so many seconds; also that the process is lost."""
+    def ready(self, within_s: float) -> bool:
+        """Whether there is something to receive, or comes within so many seconds; also that the process is lost."""
         try:
             return self._link is None or self._link.poll(None if within_s == float("inf") else max(within_s, 0.0))
         except OSError:
@@ -112,7 +112,7 @@ class Worker:
         try:
             if self._link is not None:
                 self._link.send(message)
-        except OSError:  # it is lost, which whoever hears it will learn
+        except OSError:  # it is lost, which whoever receives from it will learn
             pass
 
     def _lose(self) -> str:
@@ -150,7 +150,7 @@ class Team(Generic[Answer]):
         self._workers, self._make, self._arguments = workers, make, arguments
         self._key = next(_KEYS)
         self._own: Callable[..., Answer] | None = None
-        self._told: dict[Worker, subprocess.Popen[bytes] | None] = {}  # the processes that have the object
+        self._known: dict[Worker, subprocess.Popen[bytes] | None] = {}  # the processes that have the object
 
     def free(self) -> list[Worker]:
         """The workers that can take a call at once."""
@@ -165,16 +165,16 @@ class Team(Generic[Answer]):
     def later(self, worker: Worker, *question: Any) -> Callable[[], Answer]:
         """Begin with a call; gives its answer when called, in the order of the calls of a worker."""
         worker.start()
-        known = self._told.get(worker) is worker.process
-        self._told[worker] = worker.process
+        known = self._known.get(worker) is worker.process
+        self._known[worker] = worker.process
         worker.begin(_answer, self._key, None if known else (self._make, self._arguments), question)
 
         def answer() -> Answer:
             try:
-                heard: Answer = worker.hear()
+                received: Answer = worker.receive()
             except WorkerLostError:
                 return self.call(*question)
-            return heard
+            return received
 
         return answer
 
@@ -187,7 +187,7 @@ class Team(Generic[Answer]):
             own = {i: self.call(*question) for i, question in enumerate(questions) if i not in begun}
             return [own[i] if i in own else begun[i]() for i in range(len(questions))]
         finally:
-            for worker in free:  # nobody hears what is left where a call has failed
+            for worker in free:  # nobody receives what is left where a call has failed
                 if worker.waiting:
                     worker.stop()
 
@@ -200,7 +200,7 @@ _PARENT: list[Connection] = []
 
 
 def say(value: Any) -> None:
-    """In a worker: have the parent hear a value before the function returns."""
+    """In a worker: have the parent receive a value before the function returns."""
     _PARENT[0].send((False, True, value))
 
 

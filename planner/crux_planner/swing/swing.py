@@ -16,7 +16,7 @@ from crux_planner.model.contacts import Contact, GripperShape
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.limits import SwingLimits
 
-STEP_SHARE = 0.95  # of the distance a knot's duration allows: room for rounding
+STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
 _SAMPLE_M = 0.01
 _BODY_SIDE = 0.5  # way that a metre nearer to the body is worth
@@ -50,10 +50,10 @@ class Swing:
             steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
             legs[int(np.argmax(steps))] += 1
         first, last = _closed(self.start), _closed(self.end)
-        ways = [_line(_open(self.start), self.stations[0], self.rise)]
-        ways += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
-        ways += [_line(self.stations[-1], _open(self.end), self.fall)]
-        poses: Array = np.vstack([first, *[way[1:] for way in ways[:-1]], ways[-1][1:-1], last])
+        swings = [_line(_open(self.start), self.stations[0], self.rise)]
+        swings += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
+        swings += [_line(self.stations[-1], _open(self.end), self.fall)]
+        poses: Array = np.vstack([first, *[way[1:] for way in swings[:-1]], swings[-1][1:-1], last])
         return poses
 
 
@@ -162,7 +162,7 @@ def _candidate_ways(
 ) -> list[list[Array]]:
     """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
     a, b = start.centre_w_m[:2], end.centre_w_m[:2]
-    ways: list[list[Array]] = [[]]
+    swings: list[list[Array]] = [[]]
     tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
     line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
     length, width = float(shape.half_length(max(start.open_m, end.open_m))), shape.pad_radius
@@ -171,22 +171,22 @@ def _candidate_ways(
             continue
         c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])
         turns = np.array([start.yaw_rad, end.yaw_rad]) - cuboids.yaw_rad[v]
-        room = limits.clearance_m + np.array(
+        slack = limits.clearance_m + np.array(
             [
                 (length * np.abs(np.cos(turns)) + width * np.abs(np.sin(turns))).max(),
                 (length * np.abs(np.sin(turns)) + width * np.abs(np.cos(turns))).max(),
             ]
         )
         to_w = np.array([[c, -s], [s, c]])
-        corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + room) * sign) for sign in _CORNERS]
+        corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
         for i in range(4):  # past one corner, or along one side
-            ways += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
+            swings += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
 
     def badness(corners: list[Array]) -> float:
         aside = 0.0 if body_line is None or not corners else max(_beside(corner, body_line) for corner in corners)
         return _length([a, *corners, b]) + _BODY_SIDE * aside
 
-    return sorted(ways, key=badness)
+    return sorted(swings, key=badness)
 
 
 def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:

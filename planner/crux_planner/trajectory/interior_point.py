@@ -51,7 +51,7 @@ def first_point(stages: StageProblem, body: Array, columns: Array, barrier: floa
     body[0] = stages.first
     columns = np.where(stages.fixed, stages.fixed_value, columns)
     values = stages.rows(body, columns)
-    slacks = np.maximum(stages.room(values), _LEAST_SLACK)
+    slacks = np.maximum(stages.slack(values), _LEAST_SLACK)
     return Point(body, columns, np.zeros((stages.knots, body.shape[1])), slacks, stages.bounded * barrier / slacks)
 
 
@@ -84,8 +84,8 @@ def minimise(
     iteration, cost = 0, np.inf
     while True:
         at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals))
-        room = stages.room(at.rows)
-        lacking = np.where(bounded, room - point.slacks, 0.0)
+        slack = stages.slack(at.rows)
+        lacking = np.where(bounded, slack - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
         gap = float((point.slacks * point.duals)[bounded].sum()) / count
         primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), stages.last_error(point.body))

@@ -18,7 +18,7 @@ from crux_planner.physics.cost import plan_cost, wrench_weights
 from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.balance import Balance
+from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
 from crux_planner.solvers.sparse_qp import SparseQp
 from crux_planner.trajectory.consensus import Eta, Scales
@@ -37,7 +37,7 @@ class KnotSolution:
 
 def solve_knots(
     problem: Problem,
-    balance: Balance,
+    equilibrium: StaticEquilibrium,
     schedule: Schedule,
     rho: float,
     target: Eta | None,
@@ -54,8 +54,8 @@ def solve_knots(
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         held = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
-        grips.append({limb: _grip(qp, problem, balance, c) for limb, c in held.items()})
-        _step(qp, problem, balance, body[k], body[k + 1], grips[k], held, path[k], moments)
+        grips.append({limb: _grip(qp, problem, equilibrium, c) for limb, c in held.items()})
+        _step(qp, problem, equilibrium, body[k], body[k + 1], grips[k], held, path[k], moments)
         if target is not None:
             for limb, c in held.items():
                 _pull(qp, problem, c, grips[k][limb], target, k, limb, rho, scales)
@@ -81,15 +81,17 @@ def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array] | None:
     return np.maximum(low, -_FREE), np.minimum(high, _FREE)
 
 
-def _grip(qp: SparseQp, problem: Problem, balance: Balance, contact: int) -> Indices:
+def _grip(qp: SparseQp, problem: Problem, equilibrium: StaticEquilibrium, contact: int) -> Indices:
     """A gripper's q within (2)-(4) at the margin."""
     low, high = wrench_bounds(problem, problem.contacts[contact])
-    free = np.array([_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, balance.max_normal_N, balance.max_normal_N])
+    free = np.array(
+        [_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, equilibrium.max_normal_N, equilibrium.max_normal_N]
+    )
     index = qp.variables(np.maximum(low, -free), np.minimum(high, free))
-    load = balance.margin * balance.reach * balance.friction[contact]
+    load = equilibrium.margin * equilibrium.reach * equilibrium.friction[contact]
     for normal in (3, 4):
-        rows = np.column_stack([balance.directions, -load])
-        qp.below(rows, index[[0, 1, 2, normal]], balance.spine[contact])
+        rows = np.column_stack([equilibrium.directions, -load])
+        qp.below(rows, index[[0, 1, 2, normal]], equilibrium.spine[contact])
     qp.squares(index[:, None], np.sqrt(wrench_weights(problem))[:, None], np.zeros(5), problem.weights.wrench)
     return index
 
@@ -97,7 +99,7 @@ def _grip(qp: SparseQp, problem: Problem, balance: Balance, contact: int) -> Ind
 def _step(
     qp: SparseQp,
     problem: Problem,
-    balance: Balance,
+    equilibrium: StaticEquilibrium,
     now: Indices,
     then: Indices,
     grips: dict[int, Indices],
@@ -111,7 +113,7 @@ def _step(
     pose, rate = slice(0, 6), slice(6, 12)
     columns = np.concatenate([then[pose], now[pose], now[rate]])
     qp.equal(np.hstack([one, -one, -dt * one]), columns, np.zeros(6))
-    maps = [np.insert(balance.maps[c], 4, -balance.maps[c][:, 3], axis=1) for c in held.values()]
+    maps = [np.insert(equilibrium.maps[c], 4, -equilibrium.maps[c][:, 3], axis=1) for c in held.values()]
     total = np.hstack(maps) if maps else np.zeros((6, 0))
     wrench = np.concatenate([[], *grips.values()]).astype(int)
     force = np.hstack([one[:3, :3], -one[:3, :3], -dt / problem.mass_kg * total[:3]])
@@ -122,7 +124,9 @@ def _step(
     # Moment about r: M - r x F, with r x F taken as r x (-M g) + reference x (F + M g).
     turn = np.linalg.inv(problem.inertia_b) * dt
     arm = skew(reference)
-    about = np.hstack([one[:3, :3], -one[:3, :3], -turn @ (total[3:] - arm @ total[:3]), turn @ balance.weight_moment])
+    about = np.hstack(
+        [one[:3, :3], -one[:3, :3], -turn @ (total[3:] - arm @ total[:3]), turn @ equilibrium.weight_moment]
+    )
     columns = np.concatenate([then[9:12], now[9:12], wrench, now[:3]])
     qp.equal(about, columns, -turn @ arm @ problem.weight_N)
 

@@ -1,6 +1,6 @@
 """ipopt on the stages of an exact P1: used where the own interior-point method does not converge.
 
-Bounds are those of `stage_problem`, equations those of `stage_functions`; here they become one programme of casadi's,
+Bounds are those of `stage_problem`, equations those of `stage_functions`; here they become one program of casadi's,
 mapped over the knots and over all columns in stance, a knot and a limb each.
 """
 
@@ -73,8 +73,8 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     rows.add(f.step.map(n)(x[:, :-1], _totals(stages, u)) - x[:, 1:], 0.0, 0.0)
     rows.add(f.reach.map(n)(x[:, 1:], stages.grippers.T), low[1], high[1])
     if rough := np.flatnonzero(stages.rough[stance]).tolist():
-        room = f.surface.map(len(rough))(u[:, rough], stages.friction[stages.rough][None])
-        rows.add(room, low[3][stages.rough], high[3][stages.rough])
+        slack = f.surface.map(len(rough))(u[:, rough], stages.friction[stages.rough][None])
+        rows.add(slack, low[3][stages.rough], high[3][stages.rough])
     for limb, at in enumerate(stages.limited):
         if len(at):
             here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k in at]

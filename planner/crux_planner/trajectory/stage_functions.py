@@ -18,7 +18,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
-from crux_planner.physics.limit_surface import surface_room
+from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.torque import interval_torques
 
@@ -133,10 +133,12 @@ class StageFunctions:
         p, scale = self.problem, self.scale
         u, friction = ca.SX.sym("u", COLUMN), ca.SX.sym("friction")
         loads = friction * u[3:5] * scale[3:]
-        room = surface_room(p.limit_surface, u[0:3] * scale[:3], u[5:8] * scale[:3], loads, p.patch.k_m) / FORCE_SCALE_N
-        multiplier = ca.SX.sym("z", room.size1())
-        hessian = ca.hessian(ca.dot(multiplier, room), u)[0]
-        return _function("surface", [u, friction, multiplier], [room, ca.jacobian(room, u), hessian])
+        slack = (
+            surface_slack(p.limit_surface, u[0:3] * scale[:3], u[5:8] * scale[:3], loads, p.patch.k_m) / FORCE_SCALE_N
+        )
+        multiplier = ca.SX.sym("z", slack.size1())
+        hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
+        return _function("surface", [u, friction, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
     def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:

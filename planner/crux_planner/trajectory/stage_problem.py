@@ -125,10 +125,10 @@ class StageProblem:
         """Rows that every problem of this schedule has."""
         return int(self._ends[3])
 
-    def room(self, values: Array) -> Array:
+    def slack(self, values: Array) -> Array:
         """(2, R): how far rows are inside their bounds; 1 where there is none."""
-        room: Array = np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
-        return room
+        slack: Array = np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
+        return slack
 
     def last_error(self, body: Array) -> float:
         """How far off the fixed part of the last state is."""

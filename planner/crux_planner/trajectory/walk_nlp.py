@@ -46,7 +46,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
     true_shares = _true_shares_function(problem)
-    pressed = holds @ ca.sparsify(ca.DM(problem.pressed(gait.blend.sum(axis=1)).T))
+    centre_of_pressure = holds @ ca.sparsify(ca.DM(problem.centre_of_pressure(gait.blend.sum(axis=1)).T))
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
     parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
@@ -61,8 +61,8 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
         parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
     for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
         rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], pressed[:, k], x[:, k], x[:, k + 1])
-        parts.append((shares, problem.care.true_share, np.inf))
+        shares = true_shares(f[2, rows], here[:2, rows], centre_of_pressure[:, k], x[:, k], x[:, k + 1])
+        parts.append((shares, problem.profile.true_share, np.inf))
     parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
     for front, rear in ((0, 2), (1, 3)):

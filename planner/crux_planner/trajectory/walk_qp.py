@@ -28,7 +28,7 @@ from crux_planner.physics.walk_bounds import (
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
-from crux_planner.solvers.blocks import Entries, skews
+from crux_planner.solvers.sparse_blocks import Entries, skews
 
 if TYPE_CHECKING:
     from crux_planner.trajectory.consensus import Eta, Scales
@@ -239,9 +239,9 @@ class ContactQp:
             known = np.einsum("kab,kb->ka", unturn, ground[:, limb]) - np.einsum(
                 "kab,kb->ka", tilted[:, limb], tilted_from
             )
-            room = problem.boxes.half_m
-            low.append((problem.boxes.centre_b_m[limb] - room - known).ravel())
-            high.append((problem.boxes.centre_b_m[limb] + room - known).ravel())
+            slack = problem.boxes.half_m
+            low.append((problem.boxes.centre_b_m[limb] - slack - known).ravel())
+            high.append((problem.boxes.centre_b_m[limb] + slack - known).ravel())
             start += 3 * n
             for cut in (each for each in problem.cuts if each.limb == limb):
                 across = cut.normal_b @ unturn
@@ -270,12 +270,12 @@ class ContactQp:
         inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
         rows.blocks(begin, 12 * three + 18, inertia)
         rows.blocks(begin, 12 * three + 6, -inertia)
-        all_feet = problem.pressed(blend.sum(axis=1))[three]
+        all_feet = problem.centre_of_pressure(blend.sum(axis=1))[three]
         for j in range(len(gait.steps)):
             rows.blocks(begin, np.full(len(three), at_h + 2 * j), pull * all_feet[:, j, None, None])
         neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        known = np.einsum("kab,kb->ka", pull, problem.pressed(fixed.sum(axis=1))[three] - neutral)
-        low.append((problem.care.true_share - known).ravel())
+        known = np.einsum("kab,kb->ka", pull, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
+        low.append((problem.profile.true_share - known).ravel())
         high.append(np.full(3 * len(three), np.inf))
         start += 3 * len(three)
         # between the knots: the cone of three feet that balance the body where it is, here and at the next knot

@@ -57,7 +57,7 @@ def projected(small: Scene) -> tuple[MotionBlock, Eta, Eta]:
     """A motion block, a target that it cannot meet, and its answer."""
     problem = small.problem
     body = np.tile([*problem.start.position_m, *[0.0] * 9], (11, 1))
-    target = Eta.of_contacts(problem, small.stages.schedule([]), body, [{} for _ in range(10)])
+    target = Eta.of_contacts(problem, small.windows.schedule([]), body, [{} for _ in range(10)])
     target.forces[:] = np.random.default_rng(3).normal(scale=4.0, size=target.forces.shape)
     block = MotionBlock(problem, scales=Scales())
     return block, target, block.project(target, 10.0)

@@ -1,4 +1,4 @@
-"""The least cost of a priced grasp against a general solver."""
+"""The least cost of a evaluated grasp against a general solver."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from crux_planner.model.arrays import Array
 from scenes import scene
 
 
-def by_general_solver(carriers: Carriers, contact: int, prices: Array, start: Array) -> float:
-    """min R |q|^2 + prices . wrench over (s1, s2, m / k, n1, n2) and the spines' shares."""
-    slope, weight = carriers.maps[contact].T @ prices, carriers.weight
+def by_general_solver(carriers: Carriers, contact: int, multipliers: Array, start: Array) -> float:
+    """min R |q|^2 + multipliers . wrench over (s1, s2, m / k, n1, n2) and the spines' shares."""
+    slope, weight = carriers.maps[contact].T @ multipliers, carriers.weight
 
     def cost(x: Array) -> float:
         effort = 2 * (x[:3] ** 2).sum() + (x[3:5] ** 2).sum()
@@ -32,8 +32,8 @@ def by_general_solver(carriers: Carriers, contact: int, prices: Array, start: Ar
 def test_the_closed_form_is_what_a_general_solver_finds(seed: int) -> None:
     random = np.random.default_rng(seed)
     carriers = Carriers.of(scene(20).problem)
-    prices = random.normal(size=6) * np.array([3e-3] * 3 + [12e-3] * 3)
+    multipliers = random.normal(size=6) * np.array([3e-3] * 3 + [12e-3] * 3)
     contact = int(random.integers(len(carriers.friction)))
     starts = [np.concatenate([random.normal(size=3), random.uniform(5, 20, 2), np.zeros(3)]) for _ in range(2)]
-    best = min(by_general_solver(carriers, contact, prices, start) for start in starts)
-    assert carriers.least(prices)[contact] == pytest.approx(best, abs=1e-6)
+    best = min(by_general_solver(carriers, contact, multipliers, start) for start in starts)
+    assert carriers.least(multipliers)[contact] == pytest.approx(best, abs=1e-6)

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.certificates.bound.beside import ClimbBeside
+from crux_planner.admm.windows import Swinging, Windows
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.certificates.bound.climb import lower_bound
+from crux_planner.certificates.bound.excursion import body_range, excursion, yaw_range
 from crux_planner.certificates.bound.gap import gap
 from crux_planner.certificates.bound.grasps import by_faces, grasps
 from crux_planner.certificates.bound.knot_qp import KnotQp
+from crux_planner.certificates.bound.multipliers import Multipliers
 from crux_planner.certificates.bound.places import body_boxes, orientations
-from crux_planner.certificates.bound.prices import Prices
-from crux_planner.certificates.bound.room import body_room, excursion, yaw_room
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
-from crux_planner.search.balance import Balance
-from crux_planner.search.stances import Reach
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet
 from crux_planner.solvers.worker import Worker
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Scales
 from crux_planner.trajectory.knot_qp import solve_knots
 from hypothesis import Phase, given, settings
@@ -40,11 +40,14 @@ def without_margin(problem: Problem) -> Problem:
 
 def staying_and_stepping(problem: Problem) -> list[float]:
     """J of plans without a step, and with each limb's first possible swing."""
-    balance, stages = Balance(problem, problem.friction_share), Stages(problem, Reach(problem), Ways(problem))
+    equilibrium, windows = (
+        StaticEquilibrium(problem, problem.friction_share),
+        Windows(problem, ReachableSet(problem), SwingCache(problem)),
+    )
     path = np.linspace(problem.start.position_m, problem.goal.body.position_m, problem.steps + 1)
-    first = [[stages.swinging(limb, stages.arcs[limb][0])] for limb in range(4)]
+    first = [[windows.swinging(limb, windows.arcs[limb][0])] for limb in range(4)]
     plans = [
-        solve_knots(problem, balance, stages.schedule(swings), 0.0, None, Scales(), path, True)
+        solve_knots(problem, equilibrium, windows.schedule(swings), 0.0, None, Scales(), path, True)
         for swings in ([], *first)
     ]
     return [plan.cost for plan in plans if plan is not None]
@@ -69,15 +72,18 @@ def test_it_meets_the_best_of_all_plans_with_one_swing() -> None:
     text = "\n".join(lines).replace("[0.29, 0.36]", "[0.22, 0.36]")
     text = text.replace("goal: {body", "goal: {grasps: {LF: {hold: LF-high, faces: x}}, body")
     problem = without_margin(build_problem(parse_scenario(text), load_robot("scaler")))
-    balance, stages = Balance(problem, problem.friction_share), Stages(problem, Reach(problem), Ways(problem))
+    equilibrium, windows = (
+        StaticEquilibrium(problem, problem.friction_share),
+        Windows(problem, ReachableSet(problem), SwingCache(problem)),
+    )
     before = problem.start_contacts[0]
-    after = next(c for c in stages.goals[0] if problem.contacts[c].pair == 0)
+    after = next(c for c in windows.goals[0] if problem.contacts[c].pair == 0)
     path = np.linspace(problem.start.position_m, problem.goal.body.position_m, problem.steps + 1)
     costs = []
     for first in range(1, problem.steps):
-        for end in range(first + stages.ways.intervals(before, after), problem.steps):
-            schedule = stages.schedule([Swinging(0, first, end, before, after)])
-            plan = solve_knots(problem, balance, schedule, 0.0, None, Scales(), path, True)
+        for end in range(first + windows.swings.intervals(before, after), problem.steps):
+            schedule = windows.schedule([Swinging(0, first, end, before, after)])
+            plan = solve_knots(problem, equilibrium, schedule, 0.0, None, Scales(), path, True)
             costs += [plan.cost] if plan is not None else []
     assert len(costs) > 5
     bound = lower_bound(problem, 1.2 * min(costs))
@@ -128,21 +134,21 @@ def test_it_is_tight_where_nothing_moves() -> None:
 
 
 def test_prices_never_ask_more_than_a_plan_pays() -> None:
-    """Weak duality with prices out of the blue: a knot of a plan costs no less."""
+    """Weak duality with multipliers out of the blue: a knot of a plan costs no less."""
     problem = scene(20, goal_m=0.0).problem
-    room = body_room(problem, 5.0)
-    about = orientations(problem, *yaw_room(problem, 5.0))
-    nodes = grasps(problem, about, *room, by_faces(problem))
+    slack = body_range(problem, 5.0)
+    about = orientations(problem, *yaw_range(problem, 5.0))
+    nodes = grasps(problem, about, *slack, by_faces(problem))
     assert nodes is not None
-    prices, start = Prices(problem, about, nodes), [0, 0, 0, 0]
+    multipliers, start = Multipliers(problem, about, nodes), [0, 0, 0, 0]
     node = np.flatnonzero((nodes.options == start).all(axis=1))
-    qp = KnotQp(problem, prices.carriers)
-    good = qp.prices(dict(enumerate(problem.start_contacts)), room)
-    best = prices.values(good, node)[0]
+    qp = KnotQp(problem, multipliers.carriers)
+    good = qp.multipliers(dict(enumerate(problem.start_contacts)), slack)
+    best = multipliers.values(good, node)[0]
     random = np.random.default_rng(0)
     for size in (0.01, 0.1, 1.0):
         other = good + size * np.abs(good).max() * random.normal(size=6)
-        assert prices.values(other, node)[0] <= best + 1e-3
+        assert multipliers.values(other, node)[0] <= best + 1e-3
     assert best > 0.1
 
 
@@ -187,7 +193,7 @@ def test_more_friction_never_raises_it() -> None:
 def test_beside_says_what_is_proven_so_far() -> None:
     problem = scene(20, goal_m=0.0).problem
     with Worker() as worker:
-        beside = ClimbBeside(worker, problem, 3.0)
+        beside = ClimbBoundWorker(worker, problem, 3.0)
         beside.start_with(20, 5.0)
         found = beside.gap(5.0)
         assert found is not None

@@ -1,4 +1,4 @@
-"""The dynamic programme against all timelines there are, on a case small enough to try them all."""
+"""The dynamic program against all timelines there are, on a case small enough to try them all."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ def test_the_cheapest_way_is_the_cheapest_of_all(kept: int, monkeypatch: pytest.
     options = np.array(list(np.ndindex(*shape)))
     stages = [random.uniform(0.0, 1.0, shape) for _ in range(KNOTS)]
     for stage in stages:
-        stage[0, 0, 1, 0] = stage[2, 1, 1, 0] = np.inf  # nodes that the programme is not told of
+        stage[0, 0, 1, 0] = stage[2, 1, 1, 0] = np.inf  # nodes that the program is not told of
     options = options[np.isfinite(stages[0][tuple(options.T)])]
     ends = [np.array([1]), np.array([0]), np.array([0, 1]), np.array([0])]
     best, on_node = np.inf, np.full((KNOTS, *shape), np.inf)
-    for ways in itertools.product(*[timelines(air) for air in LEAST_AIR]):
-        if any(way[-1] not in end for way, end in zip(ways, ends, strict=True)):
+    for swings in itertools.product(*[timelines(air) for air in LEAST_AIR]):
+        if any(way[-1] not in end for way, end in zip(swings, ends, strict=True)):
             continue
         changes = sum(
             (way[k] == len(air)) != (way[k + 1] == len(air))
-            for way, air in zip(ways, LEAST_AIR, strict=True)
+            for way, air in zip(swings, LEAST_AIR, strict=True)
             for k in range(KNOTS)
         )
-        nodes = [tuple(way[k] for way in ways) for k in range(KNOTS)]
+        nodes = [tuple(way[k] for way in swings) for k in range(KNOTS)]
         cost = CHANGE * changes + sum(stages[k][node] for k, node in enumerate(nodes))
         best = min(best, cost)
         for k, node in enumerate(nodes):

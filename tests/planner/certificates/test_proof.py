@@ -16,8 +16,8 @@ from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.search.balance import Balance
-from crux_planner.search.stances import Reach, goal_contacts
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, goal_contacts
 from crux_planner.solvers import clock
 from crux_tools.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
@@ -73,7 +73,7 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
         moved.append(replace(grip.contact, centre_w_m=centre))
     position = np.array([0.1 + 0.2 * x, 0.2 * y, 0.185 + 0.02 * z])
     if balanced(replace(proof.problem, contacts=moved), tuple(support), position, 1.0):
-        assert proof.balance.missing_force(tuple(support), position, position + 1e-4) <= 0.0
+        assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
 
 
 def proven(read: Scenario) -> InfeasibleError | None:
@@ -100,7 +100,7 @@ def tiny_wall(seed: int) -> dict[str, Any]:
 def brute_force_finds_a_way(read: Scenario) -> bool:
     """Every full stance of a level body, centred grasps and one limb at a time: is the goal connected to the start?"""
     problem = build_problem(read, ROBOT)
-    reach, balance = Reach(problem), Balance(problem, 1.0)
+    reach, equilibrium = ReachableSet(problem), StaticEquilibrium(problem, 1.0)
     nodes = [
         stance
         for stance in permutations(range(len(problem.contacts)), 4)
@@ -115,13 +115,13 @@ def brute_force_finds_a_way(read: Scenario) -> bool:
                 continue
             support = tuple(c for limb, c in enumerate(stance) if limb != moved[0])
             bounds = [reach.of(stance), reach.of(other)]
-            if all(b is not None and balance.position(support, *b, b[0]) is not None for b in bounds):
+            if all(b is not None and equilibrium.position(support, *b, b[0]) is not None for b in bounds):
                 seen.add(other)
                 queue.append(other)
-    ends, goal, room = goal_contacts(problem, reach), problem.goal.body.position_m, problem.goal.position_room_m
+    ends, goal, slack = goal_contacts(problem, reach), problem.goal.body.position_m, problem.goal.position_slack_m
     return any(
         all(c in ends[limb] for limb, c in enumerate(stance))
-        and balance.position(stance, goal - room, goal + room, goal) is not None
+        and equilibrium.position(stance, goal - slack, goal + slack, goal) is not None
         for stance in seen
     )
 

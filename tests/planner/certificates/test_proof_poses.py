@@ -138,6 +138,6 @@ def test_every_knot_of_a_plan_is_within_the_relaxation() -> None:
         assert (position <= bounds[1]).all()
     for k in range(0, plan.n_knots - 1, 5):
         support = tuple(sorted(g for g in stances[k] if g >= 0))
-        assert proof.balance.missing_force(support, plan.body_position[k], plan.body_position[k] + 1e-6) <= 0.0
+        assert proof.equilibrium.missing_force(support, plan.body_position[k], plan.body_position[k] + 1e-6) <= 0.0
     assert proof.quick() is None
     assert stances[-1] in proof.goals

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from crux_planner.physics.limit_surface import paper_directions, polytope_directions, surface_room
+from crux_planner.physics.limit_surface import paper_directions, polytope_directions, surface_slack
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,16 +24,16 @@ def equation_12(f: np.ndarray, m: float, load: float, gamma: int) -> bool:
 @given(coordinate, coordinate, coordinate, st.floats(0.01, 1.0))
 def test_rows_without_gamma_are_equation_12(f1: float, f2: float, m: float, load: float) -> None:
     directions, reach = paper_directions(K_M)
-    room = reach * load - directions @ np.array([f1, f2, m * K_M])
-    if np.abs(room).min() < 1e-9:
+    slack = reach * load - directions @ np.array([f1, f2, m * K_M])
+    if np.abs(slack).min() < 1e-9:
         return
     with_binary = any(equation_12(np.array([f1, f2]), m * K_M, load, gamma) for gamma in (0, 1))
-    assert bool((room >= 0).all()) == with_binary
+    assert bool((slack >= 0).all()) == with_binary
 
 
 def room_of(variant: str, wrench: np.ndarray, load: float) -> float:
     loads = ca.DM([load, load])
-    return float(ca.mmin(surface_room(variant, ca.DM(wrench), ca.DM.zeros(3), loads, K_M)))
+    return float(ca.mmin(surface_slack(variant, ca.DM(wrench), ca.DM.zeros(3), loads, K_M)))
 
 
 @given(coordinate, coordinate, coordinate)
@@ -53,8 +53,8 @@ def test_the_papers_rows_let_more_pass_than_the_cone() -> None:
 def test_spines_carry_their_share(variant: str) -> None:
     wrench = ca.DM([3.0, 0.0, 0.0])
     loads = ca.DM([0.0, 0.0])
-    assert float(ca.mmin(surface_room(variant, wrench, wrench, loads, K_M))) >= -0.06
-    assert float(ca.mmin(surface_room(variant, wrench, ca.DM.zeros(3), loads, K_M))) < -2.0
+    assert float(ca.mmin(surface_slack(variant, wrench, wrench, loads, K_M))) >= -0.06
+    assert float(ca.mmin(surface_slack(variant, wrench, ca.DM.zeros(3), loads, K_M))) < -2.0
 
 
 def test_the_inner_polytopes_rows_are_those_of_the_search() -> None:

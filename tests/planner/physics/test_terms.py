@@ -39,8 +39,8 @@ def test_the_polytope_lies_inside_the_limit_surface_and_fills_most_of_it(seed: i
     directions, reach, spine_rows = polytope_directions(K_M)
     friction_force, spines = random.uniform(0, 100), random.uniform(0, [10, 10, 0.1])
     load = random.normal(size=3) * [1, 1, K_M]
-    room = reach * friction_force + spine_rows @ spines
-    edge = load / (directions @ load / room).max()  # the load scaled to the polytope's surface
+    slack = reach * friction_force + spine_rows @ spines
+    edge = load / (directions @ load / slack).max()  # the load scaled to the polytope's surface
     assert beyond_limit_surface(edge, friction_force, spines) <= 1e-9
     assert beyond_limit_surface(edge / 0.79, friction_force, spines) >= -1e-9
 

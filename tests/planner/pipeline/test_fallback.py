@@ -12,8 +12,8 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.errors import HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
-from crux_planner.search.aim import aimed
-from crux_planner.search.stances import Reach
+from crux_planner.search.goal_pose import aimed
+from crux_planner.search.stances import ReachableSet
 from walls import hold, scenario, two_rows
 
 
@@ -49,10 +49,10 @@ def test_a_search_that_chooses_headings_sees_the_whole_boxes_at_the_start(robot:
     found = aimed(build_problem(scenario(turned_goal(20.0)), robot))
     assert found is not None
     problem, _ = found
-    room = Reach(problem).of(problem.start_contacts)
-    assert room is not None
+    slack = ReachableSet(problem).of(problem.start_contacts)
+    assert slack is not None
     grips = np.stack([problem.contacts[c].centre_w_m for c in problem.start_contacts])
-    for edge in room:  # a level body at either corner, by (9a) itself
+    for edge in slack:  # a level body at either corner, by (9a) itself
         beyond = np.abs(grips - edge - problem.boxes.centre_b_m) - problem.boxes.half_m
         assert beyond[:, :2].max() == pytest.approx(-problem.reach_reserve_m, abs=1e-9)
 

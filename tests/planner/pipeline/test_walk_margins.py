@@ -27,7 +27,7 @@ def test_masses_press_where_a_pendulum_has_its_foot() -> None:
     omega = 1.0 / np.sqrt(PROBLEM.pendulum_s2)
     places = 0.01 * np.cosh(omega * np.arange(8) * PROBLEM.dt_s)
     discrete = 2 * (np.cosh(omega * PROBLEM.dt_s) - 1) / (omega * PROBLEM.dt_s) ** 2  # of the second difference
-    assert PROBLEM.pressed(places)[1:-1] / places[1:-1] == pytest.approx(np.full(6, 1 - discrete))
+    assert PROBLEM.centre_of_pressure(places)[1:-1] / places[1:-1] == pytest.approx(np.full(6, 1 - discrete))
     assert PROBLEM.pendulum_s2 == pytest.approx(0.185 / 9.81, rel=1e-3)
 
 
@@ -47,7 +47,7 @@ def test_three_feet_keep_their_load_while_the_limbs_are_thrown() -> None:
         pressure = place - PROBLEM.pendulum_s2 * ((1 - 4 * s) * acceleration + s * thrown)
         shares = np.linalg.solve(np.vstack([feet[k, on].T, np.ones(3)]), np.append(pressure, 1.0))
         least = min(least, float(shares.min()))
-    assert PROBLEM.care.true_share - 0.01 < least < PROBLEM.care.true_share + 0.05
+    assert PROBLEM.profile.true_share - 0.01 < least < PROBLEM.profile.true_share + 0.05
 
 
 def _report(time_s: float) -> CheckReport:

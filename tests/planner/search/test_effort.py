@@ -11,10 +11,10 @@ from crux_planner.pipeline.solve_and_check import path_to_goal
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import ESTIMATES, improve
 from crux_planner.search.schedule import at_knots
-from crux_planner.search.stances import Reach, search
-from crux_planner.search.strength import Strength
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import start_from_path
 from walls import ladder, scenario
@@ -24,15 +24,19 @@ from walls import ladder, scenario
 def effort(rows: int, steps: int) -> dict[str, float]:
     """Moves, and what they took: stances expanded, balance queries, estimates of J, iterations of the exact P1."""
     problem = build_problem(scenario(ladder(rows, steps=steps)), load_robot("scaler"))
-    balance, reach, ways = Strength(problem, problem.friction_share), Reach(problem), Ways(problem)
+    equilibrium, reach, swings = (
+        TorqueLimits(problem, problem.friction_share),
+        ReachableSet(problem),
+        SwingCache(problem),
+    )
     later = clock.now() + 300
-    moves, seen = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=later)
+    moves, seen = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
-    queries, costs = balance.queries, EventCost(problem, balance, reach, ways)
+    queries, costs = equilibrium.queries, EventCost(problem, equilibrium, reach, swings)
     timed = improve(costs, moves, later)
     assert timed is not None
-    schedule = at_knots(problem, ways, timed.moves, timed.stances, timed.swings)
-    aimed, path = path_to_goal(problem, balance, schedule)
+    schedule = at_knots(problem, swings, timed.moves, timed.stances, timed.swings)
+    aimed, path = path_to_goal(problem, equilibrium, schedule)
     assert path is not None
     solution = solve_within_torques(aimed, schedule, start_from_path(aimed, path), later)
     return {

@@ -11,14 +11,14 @@ from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
-from crux_planner.search.balance import Balance
 from crux_planner.search.body_path import knot_path
+from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
-from crux_planner.search.stances import Reach, search
+from crux_planner.search.stances import ReachableSet, search
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import start_from_path
 from walls import scenario, two_rows
@@ -33,18 +33,18 @@ class Wall:
     @property
     def quickest(self) -> Timed:
         """The moves as quick as can be after waiting."""
-        problem, ways = self.problem, self.costs.ways
-        swings = np.array([ways.intervals(m.before[m.limbs[0]], m.after[m.limbs[0]]) for m in self.moves])
+        problem, swings = self.problem, self.costs.swings
+        in_air = np.array([swings.intervals(m.before[m.limbs[0]], m.after[m.limbs[0]]) for m in self.moves])
         stances = np.ones(len(self.moves) + 1, dtype=int)
         stances[-1] = 2
-        stances[0] += problem.steps - stances.sum() - swings.sum()
-        return Timed(self.moves, stances, swings)
+        stances[0] += problem.steps - stances.sum() - in_air.sum()
+        return Timed(self.moves, stances, in_air)
 
     def exact_cost(self, timed: Timed) -> float:
         """J of the exact NLP."""
         problem, costs = self.problem, self.costs
-        schedule = at_knots(problem, costs.ways, timed.moves, timed.stances, timed.swings)
-        path = knot_path(problem, costs.balance, schedule)
+        schedule = at_knots(problem, costs.swings, timed.moves, timed.stances, timed.swings)
+        path = knot_path(problem, costs.equilibrium, schedule)
         assert path is not None
         solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
         assert solution.solved
@@ -55,11 +55,15 @@ def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs:
     content = two_rows(all_limbs=all_limbs)
     content["planner"] = {"weights": weights or {}}
     problem = build_problem(scenario(content), robot)
-    balance, reach, ways = Balance(problem, problem.friction_share), Reach(problem), Ways(problem)
+    equilibrium, reach, swings = (
+        StaticEquilibrium(problem, problem.friction_share),
+        ReachableSet(problem),
+        SwingCache(problem),
+    )
     later = clock.now() + 30
-    moves, _ = search(problem, balance, reach, ways, at_once=1, greed=1.0, deadline=later)
+    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
-    return Wall(problem, moves, EventCost(problem, balance, reach, ways))
+    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +96,7 @@ def test_the_other_order_at_another_time_is_found(robot: Robot) -> None:
             after = (*stance[:limb], (left, right)[limb], *stance[limb + 1 :])
             moves.append(Move(stance, (after[0], after[1], after[2], after[3]), (limb,), nowhere, nowhere))
             stance = moves[-1].after
-        if not all(costs.ways.free([(m.before[m.limbs[0]], m.after[m.limbs[0]])], m.support) for m in moves):
+        if not all(costs.swings.free([(m.before[m.limbs[0]], m.after[m.limbs[0]])], m.support) for m in moves):
             continue
         late = replace(free, moves=moves).quickest
         spare = late.stances[0] - 1
@@ -127,7 +131,9 @@ def test_a_detour_is_left_out(wall: Wall) -> None:
     limb = last.limbs[0]
     others = [c for c in wall.problem.limb_contacts[limb] if wall.problem.contacts[c].hold not in held(wall, last)]
     stops = [
-        c for c in others if wall.costs.ways.swing(last.before[limb], c) and wall.costs.ways.swing(c, last.after[limb])
+        c
+        for c in others
+        if wall.costs.swings.swing(last.before[limb], c) and wall.costs.swings.swing(c, last.after[limb])
     ]
     for stop in stops:
         a, b, c, d = (stop if i == limb else c for i, c in enumerate(last.before))

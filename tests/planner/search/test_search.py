@@ -12,12 +12,12 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
-from crux_planner.search.balance import MOMENT_ARM_M, Balance
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
-from crux_planner.search.schedule import lay_out, least_durations
-from crux_planner.search.stances import Reach, search
+from crux_planner.search.equilibrium import MOMENT_ARM_M, StaticEquilibrium
+from crux_planner.search.schedule import least_durations, scheduled
+from crux_planner.search.stances import ReachableSet, search
 from crux_planner.solvers import clock
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -34,9 +34,11 @@ def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int
 
 
 def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
-    balance = Balance(problem, problem.friction_share)
-    ways = Ways(problem)
-    found, _ = search(problem, balance, Reach(problem), ways, at_once=at_once, greed=1.0, deadline=clock.now() + 60)
+    equilibrium = StaticEquilibrium(problem, problem.friction_share)
+    swings = SwingCache(problem)
+    found, _ = search(
+        problem, equilibrium, ReachableSet(problem), swings, at_once=at_once, greed=1.0, deadline=clock.now() + 60
+    )
     return found
 
 
@@ -90,7 +92,7 @@ def test_balance_is_found_where_a_linear_program_finds_it(lifted: int, x: float,
     problem = problem_of(max_normal_N=most_N) if most_N >= 30 else problem_of(slope_deg=0.0, max_normal_N=most_N)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.185])
-    found = Balance(problem, 0.9).position(support, position, position, position)
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
     assert (found is not None) == balanced(problem, support, position, 0.9)
 
 
@@ -103,15 +105,15 @@ def test_balance_of_grippers_that_hang_by_spines(lifted: int, x: float, y: float
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     assert [problem.contacts[c].spines_only for c in problem.start_contacts] == [finger, 0, 0, finger]
     position = np.array([x, y, 0.17])
-    found = Balance(problem, 0.9).position(support, position, position, position)
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
     assert (found is not None) == balanced(problem, support, position, 0.9)
 
 
 def test_a_lack_of_force_is_told_in_newtons() -> None:
     problem = problem_of()
-    balance, here = Balance(problem, 1.0), problem.start.position_m
-    assert balance.missing_force(problem.start_contacts, here, here) < 1e-3
-    weak = Balance(problem, 1e-4)  # grippers that carry nothing: all the weight is lacking, and its moment
+    equilibrium, here = StaticEquilibrium(problem, 1.0), problem.start.position_m
+    assert equilibrium.missing_force(problem.start_contacts, here, here) < 1e-3
+    weak = StaticEquilibrium(problem, 1e-4)  # grippers that carry nothing: all the weight is lacking, and its moment
     middle = np.mean([problem.contacts[c].centre_w_m for c in problem.start_contacts], axis=0)
     moment = np.cross(here - middle, problem.weight_N) / MOMENT_ARM_M
     expected = float(np.linalg.norm([*problem.weight_N, *moment]))
@@ -139,23 +141,31 @@ def test_two_limbs_at_once_take_no_more_moves_than_one() -> None:
 
 def test_grippers_never_share_a_hold_nor_stand_where_their_palms_would_touch() -> None:
     problem = problem_of()
-    ways, contacts = Ways(problem), problem.contacts
+    swings, contacts = SwingCache(problem), problem.contacts
     along_x = [
         next(i for i, c in enumerate(contacts) if (c.hold, c.pair) == (h, 0)) for h in range(len(problem.hold_names))
     ]
     lf_low, lr_low, lf_high, lr_high = along_x[0], along_x[2], along_x[4], along_x[6]
-    assert not ways.free([(lr_low, lf_low)], (lf_low,))
+    assert not swings.free([(lr_low, lf_low)], (lf_low,))
     assert contacts[lf_low].centre_w_m[0] - contacts[lr_high].centre_w_m[0] == pytest.approx(0.13)  # palms: 2 x 66 mm
-    assert not ways.free([(lr_low, lr_high)], (lf_low,))
-    assert ways.free([(lr_low, lr_high)], (lf_high,))
+    assert not swings.free([(lr_low, lr_high)], (lf_low,))
+    assert swings.free([(lr_low, lr_high)], (lf_high,))
 
 
-def laid_out(problem: Problem) -> tuple[Schedule, list[Move], Balance]:
-    balance, ways, reach = Balance(problem, problem.friction_share), Ways(problem), Reach(problem)
+def laid_out(problem: Problem) -> tuple[Schedule, list[Move], StaticEquilibrium]:
+    equilibrium, swings, reach = (
+        StaticEquilibrium(problem, problem.friction_share),
+        SwingCache(problem),
+        ReachableSet(problem),
+    )
     moves = moves_of(problem)
     assert moves is not None
-    moves = smooth_events(problem, balance, reach, ways, moves)
-    return lay_out(problem, ways, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s), moves, balance
+    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    return (
+        scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s),
+        moves,
+        equilibrium,
+    )
 
 
 def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_air() -> None:
@@ -174,25 +184,29 @@ def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_a
 
 def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None:
     problem = build_problem(scenario(ladder(6)), load_robot("scaler"))
-    balance, ways, reach = Balance(problem, problem.friction_share), Ways(problem), Reach(problem)
+    equilibrium, swings, reach = (
+        StaticEquilibrium(problem, problem.friction_share),
+        SwingCache(problem),
+        ReachableSet(problem),
+    )
     moves = moves_of(problem)
     assert moves is not None
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
 
     def knots(sequence: list[Move]) -> int:
-        return int(sum(part.sum() for part in least_durations(problem, ways, sequence, step)))
+        return int(sum(part.sum() for part in least_durations(problem, swings, sequence, step)))
 
-    smooth = smooth_events(problem, balance, reach, ways, moves)
-    swings = sum(ways.intervals(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs)
+    smooth = smooth_events(problem, equilibrium, reach, swings, moves)
+    in_air = sum(swings.intervals(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs)
     first_and_last = 1 + 2  # rest at the start; the body comes to rest before the last knot
     assert knots(smooth) < knots(moves)
-    assert knots(smooth) <= swings + len(moves) + 1 + first_and_last
+    assert knots(smooth) <= in_air + len(moves) + 1 + first_and_last
 
 
 def test_the_body_path_keeps_speed_reach_and_balance() -> None:
     problem = problem_of()
-    schedule, _, balance = laid_out(problem)
-    path = knot_path(problem, balance, schedule)
+    schedule, _, equilibrium = laid_out(problem)
+    path = knot_path(problem, equilibrium, schedule)
     assert path is not None
     np.testing.assert_allclose(path.positions[0], problem.start.position_m, atol=1e-6)
     np.testing.assert_allclose(path.positions[-1], problem.goal.body.position_m, atol=problem.goal.tolerance_m)
@@ -201,8 +215,8 @@ def test_the_body_path_keeps_speed_reach_and_balance() -> None:
     offsets = schedule.poses[..., :3] - path.positions[:, None] - problem.boxes.centre_b_m
     assert (np.abs(offsets) <= problem.boxes.half_m + 1e-6).all()
     for k, grips in enumerate(path.wrenches):
-        total = sum(balance.maps[schedule.contacts[k][limb]] @ w[:4] for limb, w in grips.items())
-        np.testing.assert_allclose(total, balance.right_side(path.positions[k]), atol=1e-3)
+        total = sum(equilibrium.maps[schedule.contacts[k][limb]] @ w[:4] for limb, w in grips.items())
+        np.testing.assert_allclose(total, equilibrium.right_side(path.positions[k]), atol=1e-3)
 
 
 def test_a_horizon_that_is_too_short_says_how_long_it_must_be(robot: Robot) -> None:
@@ -210,10 +224,10 @@ def test_a_horizon_that_is_too_short_says_how_long_it_must_be(robot: Robot) -> N
     moves = moves_of(problem)
     assert moves is not None
     with pytest.raises(InfeasibleError, match=r"needs (\d+) steps of 2 s, the horizon has 10") as error:
-        lay_out(problem, Ways(problem), moves, 0.04)
+        scheduled(problem, SwingCache(problem), moves, 0.04)
     needed = int(str(error.value).split("needs ")[1].split(" ")[0])
     longer = build_problem(scenario(two_rows(steps=needed)), robot)
-    lay_out(longer, Ways(longer), moves, 0.04)
+    scheduled(longer, SwingCache(longer), moves, 0.04)
 
 
 def test_holds_too_near_to_open_between_cannot_be_gripped(robot: Robot) -> None:

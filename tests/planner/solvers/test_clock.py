@@ -48,7 +48,7 @@ def test_what_workers_compute_counts_while_they_live_and_afterwards() -> None:
     worker = Worker()
     before, own = clock.now(), time.process_time()
     worker.begin(busy)
-    worker.hear()
+    worker.receive()
     assert clock.computed_s(worker.pid) >= BUSY_S
     assert clock.now() - before >= BUSY_S + time.process_time() - own - 0.05
     worker.stop()

@@ -52,10 +52,10 @@ def test_a_team_answers_as_one_process_does() -> None:
 def test_what_a_function_says_comes_before_what_it_returns_and_errors_come_whole() -> None:
     with Worker() as other:
         other.begin(map_and_say, "worker")
-        assert [other.hear(), other.waiting, other.hear(), other.waiting] == ["w", 1, "worker", 0]
+        assert [other.receive(), other.waiting, other.receive(), other.waiting] == ["w", 1, "worker", 0]
         other.begin(fail)
         with pytest.raises(InfeasibleError, match="no way") as caught:
-            other.hear()
+            other.receive()
         assert (caught.value.constraint, caught.value.proven) == ("reach", True)
 
 
@@ -78,7 +78,7 @@ def test_a_worker_that_dies_is_told_once_and_its_work_is_done_here() -> None:
         assert team.answers([(-1.0,), (-2.0,), (-3.0,)]) == [1.0, 2.0, 3.0]
         assert team.answers([(-1.0,), (-2.0,)]) == [1.0, 2.0]
         with pytest.raises(WorkerLostError, match="ended"):
-            other.hear()
+            other.receive()
     assert len(said) == 1
     assert "signal 9" in said[0]
 
@@ -90,7 +90,7 @@ def test_a_worker_ends_with_its_parent(busy: bool, tmp_path: Path) -> None:
     script.write_text(
         "import time\nfrom pathlib import Path\nfrom crux_planner.solvers.worker import Worker\n"
         "with Path('runs').open('a') as runs:\n    runs.write('run\\n')\n"
-        "other = Worker('json')\nother.start()\nother.begin(len, 'four')\nassert other.hear() == 4\n"
+        "other = Worker('json')\nother.start()\nother.begin(len, 'four')\nassert other.receive() == 4\n"
         f"if {busy}:\n    other.begin(time.sleep, 3600)\n"
         "print(other.process.pid, flush=True)\ntime.sleep(3600)\n"
     )

@@ -116,6 +116,6 @@ def test_knots_are_left_out_only_where_nothing_moves() -> None:
     kept = moving_knots(standing, body, LIMITS, 1.0)
     assert kept.tolist()[:4] == [0, 1, 2, 3]
     assert {9, 10, 11, 12, 13, 19, 20} <= set(kept.tolist())
-    ways = np.abs(np.diff(body[kept, 0]))
+    swings = np.abs(np.diff(body[kept, 0]))
     assert len(kept) < 17
-    assert all(way <= 0.25 * 0.02 + 1e-12 or b == a + 1 for way, a, b in zip(ways, kept, kept[1:], strict=False))
+    assert all(way <= 0.25 * 0.02 + 1e-12 or b == a + 1 for way, a, b in zip(swings, kept, kept[1:], strict=False))

@@ -1,6 +1,6 @@
-"""Prices that rise by a proximal bundle: where the crawls seen so far, mixed, are in balance with the body.
+"""Multipliers that rise by a proximal bundle: where the crawls seen so far, mixed, are in balance with the body.
 
-What it proposes need not be trusted: every price gives a bound.
+What it proposes need not be trusted: every multiplier gives a bound.
 """
 
 from __future__ import annotations
@@ -8,32 +8,32 @@ from __future__ import annotations
 import numpy as np
 import piqp
 
-from crux_planner.certificates.bound.pressed import Pressed
+from crux_planner.certificates.bound.centre_of_pressure import CentreOfPressure
 from crux_planner.model.arrays import Array
 
 _KEPT = 24  # columns
-_NEARNESS = 0.5  # weight on how far the next prices are from the best ones
+_NEARNESS = 0.5  # weight on how far the next multipliers are from the best ones
 
 
 class Bundle:
     """Crawls seen, as columns of their cost and outputs."""
 
-    def __init__(self, pressed: Pressed, prices: Array) -> None:
-        self.prices, self.bound, self.best = prices, -np.inf, prices
-        self._free = pressed.outputs
-        self._inverse = np.linalg.inv(pressed.yielding + _NEARNESS * np.eye(len(prices)))
+    def __init__(self, pressure: CentreOfPressure, multipliers: Array) -> None:
+        self.multipliers, self.bound, self.best = multipliers, -np.inf, multipliers
+        self._free = pressure.outputs
+        self._inverse = np.linalg.inv(pressure.yielding + _NEARNESS * np.eye(len(multipliers)))
         self._costs: list[float] = []
         self._outputs: list[Array] = []
 
     def add(self, bound: float, cost: float, outputs: Array) -> None:
-        """What the prices gave."""
+        """What the multipliers gave."""
         if bound > self.bound:
-            self.bound, self.best = bound, self.prices
+            self.bound, self.best = bound, self.multipliers
         self._costs.append(cost)
         self._outputs.append(outputs)
 
     def propose(self) -> None:
-        """Set the next prices."""
+        """Set the next multipliers."""
         columns, costs = np.array(self._outputs), np.array(self._costs)
         about = self._free + _NEARNESS * self.best
         weighed = columns @ self._inverse
@@ -53,7 +53,7 @@ class Bundle:
         )
         solver.solve()
         share = np.nan_to_num(np.array(solver.result.x))
-        self.prices = self._inverse @ (about - share @ columns)
+        self.multipliers = self._inverse @ (about - share @ columns)
         if m > _KEPT:
             kept = {*np.argsort(-share)[: _KEPT - 1].tolist(), m - 1}
             self._costs = [self._costs[i] for i in kept]

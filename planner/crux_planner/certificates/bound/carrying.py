@@ -1,10 +1,10 @@
-"""The least a grasp costs for given prices of force and moment: |u|^2_R against (2)-(4) and (7), in closed form.
+"""The least a grasp costs for given multipliers of force and moment: |u|^2_R against (2)-(4) and (7), in closed form.
 
-With prices pi = (pi_F, pi_M) of the six rows of balance, what a gripper adds to the Lagrangian is
+With multipliers pi = (pi_F, pi_M) of the six rows of balance, what a gripper adds to the Lagrangian is
     min over q of  R |q|^2 + g . q,   q = (s1, s2, m / k, n1, n2),   g = map' pi,
 subject to |s - a| <= mu n_i, |a| <= spines, 0 <= n_i <= most. The cheapest s for normal forces of at least `n` is a
 projection onto a box with rounded edges, so that one number is left, the smaller normal force: a convex function made
-of parabolas. Every number returned is exact, whatever the prices are.
+of parabolas. Every number returned is exact, whatever the multipliers are.
 """
 
 from __future__ import annotations
@@ -43,27 +43,27 @@ class Carriers:
             problem.weights.wrench,
         )
 
-    def least(self, prices: Array, contacts: Indices | None = None) -> Array:
-        """The least of R |q|^2 + prices . map q for prices about the origin.
+    def least(self, multipliers: Array, contacts: Indices | None = None) -> Array:
+        """The least of R |q|^2 + multipliers . map q for multipliers about the origin.
 
-        (..., C) for prices (..., 6) and every contact, or (n,) for prices (n, 6) of one contact each.
+        (..., C) for multipliers (..., 6) and every contact, or (n,) for multipliers (n, 6) of one contact each.
         """
         w, high = self.weight, self.most_N
         if contacts is None:
             mu, spines = self.friction, self.spines
-            g = np.einsum("cij,...i->...cj", self.maps, prices)
+            g = np.einsum("cij,...i->...cj", self.maps, multipliers)
         else:
             mu, spines = self.friction[contacts], self.spines[contacts]
-            g = np.einsum("cij,ci->cj", self.maps[contacts], prices)
+            g = np.einsum("cij,ci->cj", self.maps[contacts], multipliers)
         wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
         over = np.linalg.norm(np.maximum(np.abs(wanted) - spines, 0.0), axis=-1)
         pull = np.abs(g[..., 3])
-        pressed = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
-        # n: smaller normal force. Below `pressed`, the other finger has `pressed`; above, both have n.
-        one = np.clip((4 * w * mu * over - pull) / (2 * w + 4 * w * mu**2), 0.0, pressed)
-        both = np.clip(mu * over / (1 + mu**2), pressed, high)
+        pressure = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
+        # n: smaller normal force. Below `pressure`, the other finger has `pressure`; above, both have n.
+        one = np.clip((4 * w * mu * over - pull) / (2 * w + 4 * w * mu**2), 0.0, pressure)
+        both = np.clip(mu * over / (1 + mu**2), pressure, high)
         best = np.minimum(
-            w * one**2 + pull * one + w * pressed**2 - pull * pressed + 2 * w * np.maximum(over - mu * one, 0.0) ** 2,
+            w * one**2 + pull * one + w * pressure**2 - pull * pressure + 2 * w * np.maximum(over - mu * one, 0.0) ** 2,
             2 * w * both**2 + 2 * w * np.maximum(over - mu * both, 0.0) ** 2,
         )
         least: Array = best - 2 * w * (wanted**2).sum(axis=-1)

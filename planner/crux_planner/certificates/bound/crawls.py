@@ -42,8 +42,8 @@ class Crawls:
         weights = problem.weights
         self.air_cost = float((weights.lift * problem.step_height_m * heights / airs).min())  # of a knot, at least
         self.step_cost = 2 * weights.switching
-        ways = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
-        self._lengths = np.linalg.norm(ways, axis=1)
+        swings = np.maximum(np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M, 0.0)
+        self._lengths = np.linalg.norm(swings, axis=1)
         self._airs, self._longest = airs, longest
         self._between = between
         self._near_m = [float(longest[airs <= most].max(initial=0.0)) for most in between or ()]

@@ -1,4 +1,4 @@
-"""Prices of force and moment for a set of grasps: the multipliers of a small convex QP of one knot."""
+"""Multipliers of force and moment for a set of grasps: the multipliers of a small convex QP of one knot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from crux_planner.physics.limit_surface import polytope_directions
 
 _BODY = 6  # r, roll, pitch, yaw
 _GRIP = 5  # s1, s2, m / k, n1, n2
-_MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: prices stay finite where there is no balance
+_MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
 _FORCE_N = 300.0
 
 
@@ -25,7 +25,7 @@ class KnotQp:
         directions, _, spine = polytope_directions(1.0)
         self._directions, self._spine = directions / np.linalg.norm(directions, axis=1)[:, None], spine
 
-    def prices(self, held: dict[int, int], room: tuple[Array, Array]) -> Array:
+    def multipliers(self, held: dict[int, int], box: tuple[Array, Array]) -> Array:
         """(6,) for contacts held by limbs, about the origin."""
         problem, carriers, many = self.problem, self.carriers, len(held)
         n = _BODY + _GRIP * many + 6
@@ -37,8 +37,8 @@ class KnotQp:
         linear = np.zeros(n)
         linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
         tilt = problem.body.max_tilt_rad
-        low = np.concatenate([room[0], [-tilt, -tilt, -1.0], np.full(n - 6, -_FORCE_N)])
-        high = np.concatenate([room[1], [tilt, tilt, 1.0], np.full(n - 6, _FORCE_N)])
+        low = np.concatenate([box[0], [-tilt, -tilt, -1.0], np.full(n - 6, -_FORCE_N)])
+        high = np.concatenate([box[1], [tilt, tilt, 1.0], np.full(n - 6, _FORCE_N)])
         equal = np.zeros((6, n))
         equal[:, -6:] = np.eye(6)
         equal[3:, :3] = -skew(problem.weight_N)

@@ -1,4 +1,4 @@
-"""The cheapest way through sets of grasps and time: a dynamic programme over knots, limbs free to move at any knot.
+"""The cheapest way through sets of grasps and time: a dynamic program over knots, limbs free to move at any knot.
 
 A limb is on a contact, or in the air for at least so many knots; it may land on a contact once its swing there has
 lasted as long as the shortest swing that ends there. The state is all four limbs at once, so that limbs in the air
@@ -6,7 +6,7 @@ together are seen as such. What is relaxed: a limb may start a swing from anywhe
 knots need not fit together.
 
 Between two knots first every limb that leaves its contact does so, then those land that do; what lies between, a set of
-grasps less some of its limbs, is a node of the programme too, where no knot may be spent.
+grasps less some of its limbs, is a node of the program too, where no knot may be spent.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Landings:
 class _Limb:
     """What one limb does between two knots, as lists of states."""
 
-    standing: Indices  # states with the limb on a contact, in the order of what they become when it lets go
+    standing: Indices  # states with the limb on a contact, in the order of what they become when it releases
     lifted: Indices  # that
     groups: Indices  # first of those that become the same
     lifted_once: Indices  # what they become
@@ -58,7 +58,7 @@ class Forward:
 
 
 class Timeline:
-    """The programme over nodes (n, 4) of options, the last option of a limb being the air.
+    """The program over nodes (n, 4) of options, the last option of a limb being the air.
 
     `least_air` (C,) of each limb are the least knots in the air before each contact, `change` is the cost of a lift-off
     or a touch-down.

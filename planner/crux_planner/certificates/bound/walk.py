@@ -1,7 +1,7 @@
 """A proven lower bound of J (6) of a walk: the better one of two.
 
 The first is of crawls, one foot in the air at a time as the planner has them, and knows that the feet balance the body
-(bound.balance). What the heading costs is added.
+(bound.equilibrium_dual). What the heading costs is added.
 
 The second is of any number of feet in the air, each part of J at its own best:
 1. Forces. A walk begins and ends at rest, so that by (8a) the forces of all knots sum to -N M g. Shared by the feet in
@@ -12,7 +12,7 @@ The second is of any number of feet in the air, each part of J at its own best:
 3. The body's way from start to goal at bounded speed, axis by axis, by weak duality.
 
 Both hold for the planner's steps (walk.gait.Step): their shape, the least knots in the air, the places of the last
-ones; the first also for the accelerations that the walk's care allows.
+ones; the first also for the accelerations that the walk's margins allow.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 import piqp
 
-from crux_planner.certificates.bound.balance import crawl_bound
-from crux_planner.certificates.bound.pressed import heading_share
+from crux_planner.certificates.bound.centre_of_pressure import heading_share
+from crux_planner.certificates.bound.equilibrium_dual import crawl_bound
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE, Step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
@@ -39,8 +39,8 @@ def _forces_and_steps(problem: WalkProblem) -> float:
     """The best of the tangents at each number of knots in the air."""
     weights, n = problem.weights, problem.steps
     whole = FORCE_SHARE * weights.wrench * float(problem.mass_kg**2 * problem.gravity_w @ problem.gravity_w) * n**2
-    ways = np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M
-    lengths = np.linalg.norm(np.maximum(ways, 0.0), axis=1)
+    swings = np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M
+    lengths = np.linalg.norm(np.maximum(swings, 0.0), axis=1)
     air = np.arange(LEAST_AIR, n)
     longest, height = np.array([_longest(problem, int(k)) for k in air]), np.array([_height(int(k)) for k in air])
     best = -np.inf
@@ -64,8 +64,8 @@ def _cheapest(length: float, step: Array, longest: Array) -> float:
 def _longest(problem: WalkProblem, air: int) -> float:
     """How far a step of so many knots may lead, by the foot's mean speed over every interval."""
     way, lift = (np.abs(np.diff(shares)) for shares in Step(0, 0, air).shares())
-    room = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
-    return float(np.sqrt((np.maximum(room, 0.0) / way**2).min()))
+    slack = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
+    return float(np.sqrt((np.maximum(slack, 0.0) / way**2).min()))
 
 
 def _height(air: int) -> float:
@@ -80,20 +80,20 @@ def _body(problem: WalkProblem) -> float:
     for axis in range(3):
         way = float(start.position_m[axis] - goal.body.position_m[axis])
         pulls = (weights.position, weights.velocity)
-        total += _way(way, goal.position_room_m, pulls, body.max_speed_m_s * problem.dt_s, problem)
+        total += _way(way, goal.position_slack_m, pulls, body.max_speed_m_s * problem.dt_s, problem)
     return total + _heading(problem, float(np.cos(body.max_tilt_rad) ** 2))  # yaw' <= |omega| / cos(pitch)
 
 
 def _heading(problem: WalkProblem, share: float) -> float:
     """Q on the heading, and on its rate with a share of the weight."""
-    weights, room = problem.weights, problem.goal.rotation_room_rad
+    weights, slack = problem.weights, problem.goal.rotation_slack_rad
     turn = float(problem.start.rpy_rad[2] - problem.goal.body.rpy_rad[2])
     pulls = (weights.orientation, share * weights.velocity)
-    return _way(turn, room, pulls, problem.body.fastest_yaw_rad_s * problem.dt_s, problem)
+    return _way(turn, slack, pulls, problem.body.fastest_yaw_rad_s * problem.dt_s, problem)
 
 
-def _way(start: float, room: float, pulls: tuple[float, float], step: float, problem: WalkProblem) -> float:
-    """Least of sum_k a x_k^2 + b (d_k / dt)^2 for x_{k+1} = x_k + d_k from `start` to within `room`, |d_k| <= `step`.
+def _way(start: float, slack: float, pulls: tuple[float, float], step: float, problem: WalkProblem) -> float:
+    """Least of sum_k a x_k^2 + b (d_k / dt)^2 for x_{k+1} = x_k + d_k from `start` to within `slack`, |d_k| <= `step`.
 
     d_0 = d_N = 0: at rest at the beginning and the end. The QP proposes multipliers, the dual function is what counts.
     """
@@ -101,7 +101,7 @@ def _way(start: float, room: float, pulls: tuple[float, float], step: float, pro
     far = abs(start) + step * n
     low, high = np.full(2 * n + 1, -far), np.full(2 * n + 1, far)  # x_0..x_N, d_0..d_{N-1}
     low[0] = high[0] = start
-    low[n], high[n] = max(-room, -far), min(room, far)
+    low[n], high[n] = max(-slack, -far), min(slack, far)
     low[n + 1 :], high[n + 1 :] = -step, step
     low[n + 1] = high[n + 1] = 0.0
     square = np.concatenate([np.full(n + 1, pulls[0]), np.full(n, pulls[1] / problem.dt_s**2)])
@@ -112,7 +112,7 @@ def _way(start: float, room: float, pulls: tuple[float, float], step: float, pro
     solver.settings.verbose = False
     solver.setup(np.diag(2 * square + 1e-9), np.zeros(2 * n + 1), rows, np.zeros(n), None, None, None, low, high)
     solver.solve()
-    prices = np.nan_to_num(np.array(solver.result.y))
-    slope = rows.T @ prices
+    multipliers = np.nan_to_num(np.array(solver.result.y))
+    slope = rows.T @ multipliers
     x = np.clip(np.where(square > 0, -slope / np.maximum(2 * square, 1e-12), -np.sign(slope) * far), low, high)
     return max(float((square * x**2 + slope * x).sum()), 0.0)

@@ -1,10 +1,11 @@
 """Whether the start's set of grips is connected to one at the goal, in the graph of all that the relaxed P1 allows.
 
 A node is a set of grips (one for every limb, or none) with the headings at which the body may have come to be there.
-Edges are single limbs that let go or take hold; limbs that do so together do it one after the other here, with nothing
-lost, since the smaller set bears the load alone. A limb that lets go is still at its hold at the first knot in the air,
-so the body reaches its grip there and is borne by the others; when it has taken hold, the body is one step further.
-A part of the graph that holds the start but not the goal, or the goal but not the start, and has no way out is a proof.
+Edges are single limbs that release or take hold; limbs that do so together do it one after the other here, with nothing
+lost, since the smaller set bears the load alone. A limb that releases is still at its hold at the first knot in the
+air, so the body reaches its grip there and is borne by the others; when it has taken hold, the body is one step
+further. A part of the graph that holds the start but not the goal, or the goal but not the start, and has no way out is
+a proof.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ class Part:
 class Connection:
     """The graph of one problem; `apart` (G, G): grips that two limbs may have at once."""
 
-    def __init__(self, reach: RelaxedReach, balance: RelaxedBalance, apart: Flags, step_m: float) -> None:
-        self.reach, self.balance, self.apart, self.step_m = reach, balance, apart, step_m
+    def __init__(self, reach: RelaxedReach, equilibrium: RelaxedBalance, apart: Flags, step_m: float) -> None:
+        self.reach, self.equilibrium, self.apart, self.step_m = reach, equilibrium, apart, step_m
         self._supports: dict[Grips, _Support] = {}
         self._window = max(1, round(WINDOW_RAD / reach.bin_rad))
 
@@ -141,7 +142,7 @@ class Connection:
             return True
         if any((box[0] <= low).all() and (high <= box[1]).all() for box in known.lacking):
             return False
-        place = self.balance.place(support, low, high)
+        place = self.equilibrium.place(support, low, high)
         if place is None:
             known.lacking.append((low, high))
             return False

@@ -37,14 +37,14 @@ class Proof:
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]
         self.goal_poses = GoalPoses(problem)
-        self.reach, self.balance = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
+        self.reach, self.equilibrium = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
         self.step_m = problem.body.max_speed_m_s * problem.dt_s
         hold, self.palm = np.array(self.hold), palm_shape(robot)
         self.grips = grips
         self.apart = ~clashes(grips, self.palm) & (hold[:, None] != hold)
-        self.connection = Connection(self.reach, self.balance, self.apart, self.step_m)
+        self.connection = Connection(self.reach, self.equilibrium, self.apart, self.step_m)
 
     def quick(self) -> InfeasibleError | None:
         """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
@@ -80,15 +80,15 @@ class Proof:
     def goal_equilibrium(self, deadline: float) -> InfeasibleError | None:
         """No stance at the goal in equilibrium; only the ones that may be remain in `goals`."""
         goal, least = self.problem.goal.body.position_m, np.inf
-        room = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
+        slack = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
         held = []
         for stance in self.goals:
             if clock.now() > deadline:
                 return None
-            if self.balance.possible(stance, goal - room, goal + room):
+            if self.equilibrium.possible(stance, goal - slack, goal + slack):
                 held.append(stance)
                 break
-            lacking = self.balance.missing_force(stance, goal - room, goal + room)
+            lacking = self.equilibrium.missing_force(stance, goal - slack, goal + slack)
             if lacking < least:
                 least, nearest = lacking, stance
         if held:
@@ -147,7 +147,7 @@ class Proof:
                 continue
             for limb in range(4):
                 support = tuple(g for i, g in enumerate(stance) if i != limb)
-                lacking = self.balance.missing_force(support, region[0] - self.step_m, region[1] + self.step_m)
+                lacking = self.equilibrium.missing_force(support, region[0] - self.step_m, region[1] + self.step_m)
                 if lacking < best[1]:
                     best = (stance, lacking, limb)
         return best

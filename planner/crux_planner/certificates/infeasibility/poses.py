@@ -121,8 +121,8 @@ class GoalPoses:
     def _angles(self) -> tuple[Array, Array]:
         """Bounds of roll, pitch and yaw at the goal."""
         tilt, goal = self.problem.body.max_tilt_rad + TOLERANCE_RAD, self.goal.body.rpy_rad
-        room, most = (1.0 + tilt) * self._angle_rad(), np.array([tilt, tilt, np.inf])
-        return np.maximum(goal - room, -most), np.minimum(goal + room, most)
+        slack, most = (1.0 + tilt) * self._angle_rad(), np.array([tilt, tilt, np.inf])
+        return np.maximum(goal - slack, -most), np.minimum(goal + slack, most)
 
     def _place_m(self) -> float:
         return self.goal.tolerance_m + TOLERANCE_M
@@ -191,12 +191,12 @@ def reach_program(problem: Problem, grips: dict[int, Grip], low: Array, high: Ar
         part[:, _ANGLES] = _slopes(middle, away)
         part[:, at], part[:, at + 1] = to_body @ grip.contact.tangent, to_body[:, 2]
         moved = np.array([*np.abs(grip.contact.tangent[:2]) * grip.aside_m, grip.height_m[1] - height])
-        room = boxes.half_m + TOLERANCE_M
-        room += _second_order(_largest(away, middle[2], half[2]), half, tilt)
-        room += _first_order(_largest(moved, None, half[2]), half, tilt)
+        slack = boxes.half_m + TOLERANCE_M
+        slack += _second_order(_largest(away, middle[2], half[2]), half, tilt)
+        slack += _first_order(_largest(moved, None, half[2]), half, tilt)
         off = to_body @ away - part[:, _ANGLES] @ middle - height * to_body[:, 2] - boxes.centre_b_m[limb]
         rows += [part, -part]
-        right += [room - off, room + off]
+        right += [slack - off, slack + off]
     return PoseProgram(6 * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
 
 

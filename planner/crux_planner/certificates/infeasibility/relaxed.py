@@ -19,7 +19,7 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import polytope_directions
-from crux_planner.search.balance import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, Balance
+from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
 
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
@@ -65,10 +65,10 @@ class RelaxedReach:
         most = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * problem.steps * problem.dt_s) / 2
         self.all = self._headings(-most, most, BIN_RAD)
         self.hop = int(np.ceil(_EULER_SHARE * body.max_rate_rad_s * problem.dt_s / self.bin_rad)) + 1
-        room = _EULER_SHARE * goal.tolerance_rad + 1e-3
-        self.goal = self._headings(yaw - room, yaw + room, GOAL_BIN_RAD)
-        self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= room + self.bin_rad
-        self._goal_low, self._goal_high = self._goal_soles(room)
+        slack = _EULER_SHARE * goal.tolerance_rad + 1e-3
+        self.goal = self._headings(yaw - slack, yaw + slack, GOAL_BIN_RAD)
+        self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= slack + self.bin_rad
+        self._goal_low, self._goal_high = self._goal_soles(slack)
 
     @property
     def bin_rad(self) -> float:
@@ -91,10 +91,10 @@ class RelaxedReach:
         middle = centres[:, None, :, :2] - boxes.centre_b_m[:, None, :2]  # (B, 4, G, 2)
         return Headings(yaws, to_w, middle - reach, middle + reach)
 
-    def _goal_soles(self, room_rad: float) -> tuple[Array, Array]:
+    def _goal_soles(self, slack_rad: float) -> tuple[Array, Array]:
         """Bounds (B, 2) of the sole at the goal's bins of yaw."""
         goal, most = self.problem.goal, self.problem.body.max_tilt_rad + 1e-3
-        tilt = np.clip(goal.body.rpy_rad[:2, None] + [-room_rad, room_rad], -most, most)  # (2, 2)
+        tilt = np.clip(goal.body.rpy_rad[:2, None] + [-slack_rad, slack_rad], -most, most)  # (2, 2)
         roll, pitch = (np.sort(np.outer(np.sin(t), self._over_m).ravel())[[0, -1]] for t in tilt)
         # q moves by (sin pitch, -sin roll) h against the boxes: the sole goes the other way
         low, high = np.array([-pitch[1], roll[0]]), np.array([-pitch[0], roll[1]])
@@ -156,7 +156,7 @@ class RelaxedBalance:
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
-        self.centred = Balance(replace(problem, contacts=[g.contact for g in grips]), 1.0)
+        self.centred = StaticEquilibrium(replace(problem, contacts=[g.contact for g in grips]), 1.0)
         k = problem.patch.k_m
         self.directions, _, spine = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball

@@ -1,8 +1,8 @@
-"""Sets of grasps that are alike: what one teaches about the price of force and moment holds nearly for the others.
+"""Sets of grasps that are alike: what one teaches about the multiplier of force and moment holds nearly for the others.
 
-Prices about a point of the body's frame say the same of a set of grasps and of its copy elsewhere on the wall. So the
-prices of a few sets, each taken to where the others are, bound the cost of all: whether they are good prices for a set
-decides how tight the bound is, not whether it holds.
+Multipliers about a point of the body's frame say the same of a set of grasps and of its copy elsewhere on the wall. So
+the multipliers of a few sets, each taken to where the others are, bound the cost of all: whether they are good
+multipliers for a set decides how tight the bound is, not whether it holds.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _AIR = 3.0  # a limb in the air instead of on a contact, times this
 _ASKED = 4000  # nodes among which those to learn from are chosen
 
 
-class Likeness:
+class Similarity:
     """How nodes look from where the body would stand."""
 
     def __init__(self, problem: Problem, nodes: Grasps) -> None:
@@ -56,8 +56,8 @@ class Likeness:
         mine, theirs = self._looks[nodes], self._looks[to]
         return np.asarray(((theirs**2).sum(axis=1) - 2 * mine @ theirs.T).argmin(axis=1))
 
-    def taken_to(self, prices: Array, source: Indices | int, target: Indices) -> Array:
-        """Prices (6,) or (n, 6) of nodes `source` about the origin, as they are at the nodes `target` (n, 6)."""
-        prices = np.broadcast_to(prices, (len(target), 6))
-        moved = prices[:, :3] + np.cross(prices[:, 3:], self.middle_m[source] - self.middle_m[target])
-        return np.hstack([moved, prices[:, 3:]])
+    def taken_to(self, multipliers: Array, source: Indices | int, target: Indices) -> Array:
+        """Multipliers (6,) or (n, 6) of nodes `source` about the origin, as they are at the nodes `target` (n, 6)."""
+        multipliers = np.broadcast_to(multipliers, (len(target), 6))
+        moved = multipliers[:, :3] + np.cross(multipliers[:, 3:], self.middle_m[source] - self.middle_m[target])
+        return np.hstack([moved, multipliers[:, 3:]])

@@ -8,7 +8,7 @@ import crux_planner
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
-from crux_planner.search.stances import Reach
+from crux_planner.search.stances import ReachableSet
 from walls import scenario, two_rows
 
 
@@ -29,7 +29,7 @@ def test_a_goal_whose_middle_is_out_of_reach_is_reached_at_its_edge(robot: Robot
     content = two_rows()
     problem = build_problem(scenario(content), robot)
     wanted = [next(i for i, c in enumerate(problem.contacts) if (c.hold, c.pair) == g) for g in goal_grasps(problem)]
-    bounds = Reach(problem).of((wanted[0], wanted[1], wanted[2], wanted[3]))
+    bounds = ReachableSet(problem).of((wanted[0], wanted[1], wanted[2], wanted[3]))
     assert bounds is not None
     beyond = float(bounds[1][0]) + 0.007  # the level body's reach ends here; tilted it gets some millimetres further
     content["goal"]["body"].update(position_m=[beyond, 0.0, 0.185], tolerance_m=0.015)

@@ -11,7 +11,7 @@ from crux_planner.swing.swing import Swing, contact_pose, footprint, gripper_gap
 _CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
 
 
-class Ways:
+class SwingCache:
     """The swings of one problem; contacts are indices into `problem.contacts`."""
 
     def __init__(self, problem: Problem) -> None:

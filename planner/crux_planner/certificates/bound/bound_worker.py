@@ -21,7 +21,7 @@ PATIENCE_S = 10.0  # of computing, for what is left when the plan is there
 _LOOK_S = 0.2  # how often a worker that says nothing is asked how long it has computed
 
 
-class Beside:
+class BoundWorker:
     """Bounds of one scenario, the best so far at hand at any time, waited for up to `patience_s`."""
 
     def __init__(self, worker: Worker, patience_s: float) -> None:
@@ -42,8 +42,8 @@ class Beside:
         until = clock.computed_s(self._worker.pid) + self._patience_s
         try:
             while self._worker.waiting and clock.computed_s(self._worker.pid) < until:
-                if self._worker.heard(_LOOK_S):
-                    self._best = self._worker.hear()
+                if self._worker.ready(_LOOK_S):
+                    self._best = self._worker.receive()
         except WorkerLostError:  # what it has said until then is true
             pass
         best = self._best
@@ -57,7 +57,7 @@ class Beside:
         self._about = self._best = None
 
 
-class ClimbBeside(Beside):
+class ClimbBoundWorker(BoundWorker):
     """Bounds of a climb. With `prove_s` they take as long as they need, up to that; else so much work."""
 
     def __init__(self, worker: Worker, problem: Problem, prove_s: float | None = None) -> None:

@@ -23,7 +23,7 @@ MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
 _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
 
 
-class Balance:
+class StaticEquilibrium:
     """Balance queries of one problem; contacts are indices into `problem.contacts`."""
 
     def __init__(self, problem: Problem, margin: float) -> None:
@@ -134,7 +134,7 @@ class Balance:
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
-        balance = self._balance_matrix(support)
+        equilibrium = self._balance_matrix(support)
         cost = np.concatenate(
             [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
         )
@@ -146,7 +146,7 @@ class Balance:
         result = _dense_qp(
             np.diag(cost),
             linear,
-            balance,
+            equilibrium,
             right,
             rows,
             bounds,

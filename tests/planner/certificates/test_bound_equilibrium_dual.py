@@ -1,4 +1,6 @@
-"""The bound of crawls from prices on balance: each relaxation against motions, loads and gaits found in other ways."""
+"""The bound of crawls from multipliers on balance: each relaxation against motions, loads and gaits found in other
+ways.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,15 @@ import scipy.optimize as so
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.walk_contact_block import WalkContacts
-from crux_planner.certificates.bound import balance
+from crux_planner.certificates.bound.centre_of_pressure import (
+    _TILTING_SHARE,
+    _TURNING_SHARE,
+    MOST_MULTIPLIER,
+    CentreOfPressure,
+)
 from crux_planner.certificates.bound.crawls import BETWEEN, Crawls
+from crux_planner.certificates.bound.equilibrium_dual import EquilibriumDual
 from crux_planner.certificates.bound.loads import least_loads
-from crux_planner.certificates.bound.pressed import _TILTING_SHARE, _TURNING_SHARE, MOST_PRICE, Pressed
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait
 from crux_planner.model.kinematics import rotation_from_rpy
@@ -51,16 +58,16 @@ def _prices(problem: WalkProblem, rng: np.random.Generator) -> Array:
     """Smooth ones, as large as they may be here and there."""
     n, k = problem.steps, np.arange(problem.steps)
     waves = [rng.uniform(-1, 1) * np.sin(k / rng.uniform(2, 9) + rng.uniform(0, 6)) for _ in range(3)]
-    prices = np.array([0.7 * MOST_PRICE, 0.7 * MOST_PRICE, 0.001])[:, None] * waves
-    prices[2] += 2 * FORCE_SHARE * problem.weights.wrench * problem.mass_kg**2 * 9.8 * 0.29
-    return np.asarray(prices.reshape(3 * n))
+    multipliers = np.array([0.7 * MOST_MULTIPLIER, 0.7 * MOST_MULTIPLIER, 0.001])[:, None] * waves
+    multipliers[2] += 2 * FORCE_SHARE * problem.weights.wrench * problem.mass_kg**2 * 9.8 * 0.29
+    return np.asarray(multipliers.reshape(3 * n))
 
 
 def test_a_walk_costs_more_than_any_prices_say_of_its_own_motion(
     problem: WalkProblem, rng: np.random.Generator
 ) -> None:
     """An exact walk's body with all that is kept back, and its feet's centre of pressure as (8b) has it."""
-    pressed = Pressed(problem)
+    pressure = CentreOfPressure(problem)
     knots = next(WalkContacts(problem, many=0).search(np.inf))
     walk = solve(problem, knots, np.inf)
     n, body = problem.steps, walk.body
@@ -72,11 +79,11 @@ def test_a_walk_costs_more_than_any_prices_say_of_its_own_motion(
     own = walk_cost(problem, knots.gait, body, 0 * walk.forces) - gait_cost(problem, knots.gait) + lateral
     sharpest = np.inf
     for _ in range(20):
-        prices = _prices(problem, rng)
-        linear, square = pressed.remainder(prices[: 2 * n].reshape(2, n).T)
+        multipliers = _prices(problem, rng)
+        linear, square = pressure.remainder(multipliers[: 2 * n].reshape(2, n).T)
         spent = float(linear @ np.abs(rising) + square @ rising**2)
-        agreed = prices @ np.concatenate([q[:, 0], q[:, 1], rising])
-        left = own + agreed + spent - pressed.least(prices)
+        agreed = multipliers @ np.concatenate([q[:, 0], q[:, 1], rising])
+        left = own + agreed + spent - pressure.least(multipliers)
         assert left >= 0.0
         sharpest = min(sharpest, left)
     assert sharpest < 0.5  # of some 6: what is proven is about the walk, not far below it
@@ -87,69 +94,71 @@ def test_no_motion_of_the_body_is_better_than_the_least_for_prices(rng: np.rando
     turn: nothing is linear there.
     """
     problem = build_walk(parse_scenario(SCENE.replace("steps: 40", "steps: 9")), ROBOT)
-    pressed, n, dt = Pressed(problem), problem.steps, problem.dt_s
+    pressure, n, dt = CentreOfPressure(problem), problem.steps, problem.dt_s
     weights, gravity, goal = problem.weights, problem.gravity_w, problem.goal.body.position_m
     effort = FORCE_SHARE * weights.wrench * problem.mass_kg**2 / 4  # of all four feet
-    assert pressed.paid is not None
+    assert pressure.paid is not None
 
-    def cost(a: Array, prices: Array) -> float:
+    def cost(a: Array, multipliers: Array) -> float:
         a = a.reshape(n, 3)
         v = np.vstack([np.zeros(3), dt * np.cumsum(a, axis=0)])
         r = problem.start.position_m + np.vstack([np.zeros(3), dt * np.cumsum(v[:-1], axis=0)])
         q = r[:n, :2] - r[:n, 2:] * (a - gravity)[:, :2] / (a - gravity)[:, 2:]
-        linear, square = pressed.remainder(prices[: 2 * n].reshape(2, n).T)
+        linear, square = pressure.remainder(multipliers[: 2 * n].reshape(2, n).T)
         own = weights.position * ((r - goal) ** 2).sum() + weights.velocity * (v**2).sum()
         own += effort * ((a - gravity)[:, :2] ** 2).sum() + linear @ np.abs(a[:, 2]) + square @ a[:, 2] ** 2
-        return float(own + prices @ np.concatenate([q[:, 0], q[:, 1], a[:, 2]]))
+        return float(own + multipliers @ np.concatenate([q[:, 0], q[:, 1], a[:, 2]]))
 
     rest = {"type": "eq", "fun": lambda a: a.reshape(n, 3).sum(axis=0)}
     bounds = [(None, None), (None, None), (-1.0, 1.0)] * n
     for _ in range(3):
-        prices = _prices(problem, rng)
-        prices[2 * n :] = 0.0
-        found = so.minimize(cost, np.zeros(3 * n), args=(prices,), bounds=bounds, constraints=[rest])
-        least, price = pressed.least(prices), prices[: 2 * n].reshape(2, n)
-        squares = float(np.trace(price @ pressed.paid @ price.T))
+        multipliers = _prices(problem, rng)
+        multipliers[2 * n :] = 0.0
+        found = so.minimize(cost, np.zeros(3 * n), args=(multipliers,), bounds=bounds, constraints=[rest])
+        least, multiplier = pressure.least(multipliers), multipliers[: 2 * n].reshape(2, n)
+        squares = float(np.trace(multiplier @ pressure.paid @ multiplier.T))
         assert least <= found.fun < least + 3 * squares + 0.005
 
 
 def test_what_is_kept_back_pays_for_tilting(problem: WalkProblem) -> None:
-    """price . moment / (M gamma) of turning as it helps most, by (8b) in explicit Euler, against what pays for it."""
-    pressed, n, dt = Pressed(problem), problem.steps, problem.dt_s
-    assert pressed.paid is not None
+    """multiplier . moment / (M gamma) of turning as it helps most, by (8b) in explicit Euler, against what pays."""
+    pressure, n, dt = CentreOfPressure(problem), problem.steps, problem.dt_s
+    assert pressure.paid is not None
     inertia, shares = problem.inertia_b, np.array([_TILTING_SHARE, _TILTING_SHARE, _TURNING_SHARE])
     paid = problem.weights.velocity * shares
-    of_changes = pressed.paid - pressed.paid.sum() / n * np.eye(n)  # less what is for prices that stay as they are
+    of_changes = pressure.paid - pressure.paid.sum() / n * np.eye(
+        n
+    )  # less what is for multipliers that stay as they are
     for along, share in itertools.product((0.0, 0.9, 1.5), (0.5, 1.0)):
-        price = 0.6 * MOST_PRICE * np.sign(np.sin(np.arange(n)[:, None] / 2 + np.array([along, 0.0])))
-        mu = np.column_stack([price[:, 1], -price[:, 0], np.zeros(n)]) / (problem.mass_kg * pressed.gamma)
+        multiplier = 0.6 * MOST_MULTIPLIER * np.sign(np.sin(np.arange(n)[:, None] / 2 + np.array([along, 0.0])))
+        mu = np.column_stack([multiplier[:, 1], -multiplier[:, 0], np.zeros(n)]) / (problem.mass_kg * pressure.gamma)
         omega = np.zeros((n + 1, 3))
         omega[1:n] = share * (mu[:-1] - mu[1:]) @ inertia / (2 * dt * paid)
         theta = np.vstack([np.zeros(3), dt * np.cumsum(omega[:-1], axis=0)])
         rate = (omega[1:] - omega[:-1]) @ inertia.T / dt + np.cross(omega[:-1], omega[:-1] @ inertia.T)
         moment = np.einsum("kab,kb->ka", rotation_from_rpy(theta[:n]), rate)
-        squares = float(np.trace(price.T @ of_changes @ price))
+        squares = float(np.trace(multiplier.T @ of_changes @ multiplier))
         spent = float((omega**2 @ paid).sum())
         assert 0.3 * spent < float((mu * moment).sum()) <= spent + squares
 
 
 def test_loads_of_any_kind_cost_no_less(problem: WalkProblem, rng: np.random.Generator) -> None:
-    pressed, n = Pressed(problem), problem.steps
+    pressure, n = CentreOfPressure(problem), problem.steps
     low, high = rng.uniform(-0.3, 0.3, (2, 6, 4, 2))
     low, high = np.minimum(low, high), np.maximum(low, high)
     on = np.array([[limb != aloft for limb in range(4)] for aloft in (0, 1, 2, 3, 4, 4)])
-    prices = np.repeat(_prices(problem, rng).reshape(3, n).T[:, None], 6, axis=1)
-    least, outputs = least_loads(pressed, prices, low, high, on)
-    linear, square = pressed.remainder(prices[..., :2])
+    multipliers = np.repeat(_prices(problem, rng).reshape(3, n).T[:, None], 6, axis=1)
+    least, outputs = least_loads(pressure, multipliers, low, high, on)
+    linear, square = pressure.remainder(multipliers[..., :2])
     nearest = np.full(least.shape, np.inf)
     for _ in range(3000):
         shares = rng.dirichlet([1.5] * 4, least.shape) * on
         shares /= shares.sum(axis=-1, keepdims=True)
-        rise = rng.uniform(-pressed.most_rising, pressed.most_rising, least.shape)
+        rise = rng.uniform(-pressure.most_rising, pressure.most_rising, least.shape)
         places = low + rng.integers(0, 2, low.shape) * (high - low)
         q = np.einsum("kpi,pia->kpa", shares, places)
-        cost = pressed.effort * (pressed.gamma + rise) ** 2 * (shares**2).sum(axis=-1) - prices[..., 2] * rise
-        cost -= square * rise**2 + linear * np.abs(rise) + (prices[..., :2] * q).sum(axis=-1)
+        cost = pressure.effort * (pressure.gamma + rise) ** 2 * (shares**2).sum(axis=-1) - multipliers[..., 2] * rise
+        cost -= square * rise**2 + linear * np.abs(rise) + (multipliers[..., :2] * q).sum(axis=-1)
         assert (cost >= least - 1e-12).all()
         nearest = np.minimum(nearest, cost - least)
     assert np.median(nearest) < 0.02  # random loads come near: of some 0.1 a knot
@@ -198,17 +207,19 @@ def test_no_prices_are_above_a_walk(problem: WalkProblem, twice: tuple[int, ...]
     gait = Slots(tuple(tuple(own) for own in slots)).gait(problem.steps + 1)
     walk = solve(problem, _near(problem, gait), np.inf)
     assert walk.solved
-    pressed, n = Pressed(problem), problem.steps
-    every = balance.Balance(pressed, Crawls(problem, BETWEEN))
-    prices = np.zeros(3 * n)
-    prices[2 * n :] = 2 * pressed.effort * pressed.gamma * 0.29
+    pressure, n = CentreOfPressure(problem), problem.steps
+    every = EquilibriumDual(pressure, Crawls(problem, BETWEEN))
+    multipliers = np.zeros(3 * n)
+    multipliers[2 * n :] = 2 * pressure.effort * pressure.gamma * 0.29
     for _ in range(4):
-        bound, _, agreed = every.at(prices)
+        bound, _, agreed = every.at(multipliers)
         assert bound <= walk.cost
-        prices = prices + np.repeat([0.5, 0.5, 3e-5], n) * (pressed.outputs - pressed.yielding @ prices - agreed)
+        multipliers = multipliers + np.repeat([0.5, 0.5, 3e-5], n) * (
+            pressure.outputs - pressure.yielding @ multipliers - agreed
+        )
 
 
 def test_the_quadratic_over_all_phases_is_over_the_bodys(problem: WalkProblem) -> None:
-    pressed = Pressed(problem)
-    over = balance.Balance(pressed, Crawls(problem, None))._over
-    assert np.linalg.eigvalsh(np.diag(over[:, 0].T.ravel()) - pressed.yielding)[0] > 0.0
+    pressure = CentreOfPressure(problem)
+    over = EquilibriumDual(pressure, Crawls(problem, None))._over
+    assert np.linalg.eigvalsh(np.diag(over[:, 0].T.ravel()) - pressure.yielding)[0] > 0.0

@@ -7,8 +7,8 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import forward, inverse, rotation_z
-from crux_planner.search.balance import Balance
-from crux_planner.search.strength import Strength
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.torque_limits import TorqueLimits
 from walls import scenario, two_rows
 
 
@@ -16,7 +16,7 @@ from walls import scenario, two_rows
 def test_torques_do_the_work_of_the_gripper_wrench(limb: int, robot: Robot) -> None:
     """tau . dq = -(F . dp + M . dphi) for every small dq: finite differences of the forward kinematics."""
     problem = build_problem(scenario(two_rows()), robot)
-    strength, place = Strength(problem, 1.0), np.array([0.02, -0.01, 0.18])
+    strength, place = TorqueLimits(problem, 1.0), np.array([0.02, -0.01, 0.18])
     contact = problem.contacts[problem.start_contacts[limb]]
     rows, _, _ = strength._torques((problem.start_contacts[limb],), place)[0]
     model = robot.limbs[limb]
@@ -40,11 +40,11 @@ def test_a_stance_that_friction_holds_and_motors_do_not(robot: Robot) -> None:
     """Three limbs on a slope while the body hangs out to the side of the missing one: a matter of tens of newtons."""
     problem = build_problem(scenario(two_rows()), robot)
     support, place = problem.start_contacts[:3], np.array([-0.12, -0.05, 0.165])
-    assert Balance(problem, 0.9).position(support, place, place, place) is not None
-    assert Strength(problem, 0.9).position(support, place, place, place) is None
+    assert StaticEquilibrium(problem, 0.9).position(support, place, place, place) is not None
+    assert TorqueLimits(problem, 0.9).position(support, place, place, place) is None
     uphill = np.array([0.1, 0.03, 0.165])
-    assert Strength(problem, 0.9).position(support, uphill, uphill, uphill) is not None
+    assert TorqueLimits(problem, 0.9).position(support, uphill, uphill, uphill) is not None
     low, high = np.array([-0.12, -0.05, 0.165]), np.array([0.1, 0.05, 0.2])
-    found = Strength(problem, 0.9).position(support, low, high, place)
+    found = TorqueLimits(problem, 0.9).position(support, low, high, place)
     assert found is not None
     assert (found > place + 0.01).any()

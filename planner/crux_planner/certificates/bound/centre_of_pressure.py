@@ -1,15 +1,15 @@
-"""The body of a walk for prices of where it presses on the ground, and of how it rises and falls.
+"""The body of a walk for multipliers of where it presses on the ground, and of how it rises and falls.
 
 The centre of pressure of feet on z = 0 is, by (8a) and (8b) about the centre of mass,
     q = r - s (a - g) - (the moment, turned) / (M (gamma + a_z)),    s = z / (gamma + a_z),
 with a = dv/dt, g the gravity along the ground and gamma that into it; with h the mean height, to first order
     q ~ r - h/gamma (a - g) + g/gamma (z - h) - g h/gamma^2 a_z :
 linear in the body's motion. With |a_z| <= A it is |s - h/gamma| <= (|z - h| + h/gamma |a_z|) / (gamma - A), so that
-what is left of price . q costs no more than some part of J that is kept back here for it:
-- price (s - h/gamma) a: a square of the price from |z - h|, a square of a_z from the rest, by a share of what
+what is left of multiplier . q costs no more than some part of J that is kept back here for it:
+- multiplier (s - h/gamma) a: a square of the multiplier from |z - h|, a square of a_z from the rest, by a share of what
   accelerations along the ground cost;
-- the moment, over M gamma: summed by parts over the knots it is the angular momentum, zero at both ends, by the price's
-  change from knot to knot, and by the body's turning: squares of the rates;
+- the moment, over M gamma: summed by parts over the knots it is the angular momentum, zero at both ends, by the
+  multiplier's change from knot to knot, and by the body's turning: squares of the rates;
 - a_z with slopes or with the moment: linear in |a_z|.
 """
 
@@ -23,7 +23,7 @@ from crux_planner.physics.walk_cost import FORCE_SHARE
 
 _TILTING_SHARE, _TURNING_SHARE = 0.8, 0.3  # of the cost of rates about the body's x and y, and about its z, kept back
 _LATERAL_SHARE = 0.4  # of the cost of accelerations along the ground, kept back
-MOST_PRICE = 0.7  # of the centre of pressure [1/m]
+MOST_MULTIPLIER = 0.7  # of the centre of pressure [1/m]
 
 
 def heading_share(problem: WalkProblem) -> float:
@@ -33,10 +33,11 @@ def heading_share(problem: WalkProblem) -> float:
     return float(np.cos(tilt) ** 2 / spread)
 
 
-class Pressed:
-    """Least of the body's part of J with prices on its outputs at N knots: q along, q across, vertical acceleration.
+class CentreOfPressure:
+    """Least of the body's part of J with multipliers on its outputs at N knots: q along, q across, vertical
+    acceleration.
 
-    For prices p (3 N) it is free + p . outputs - p . yielding p / 2.
+    For multipliers p (3 N) it is free + p . outputs - p . yielding p / 2.
     """
 
     def __init__(self, problem: WalkProblem) -> None:
@@ -45,7 +46,7 @@ class Pressed:
         self.gamma, self.along = -float(problem.gravity_w[2]), problem.gravity_w[:2]
         self.kappa = problem.pendulum_s2
         self.effort = FORCE_SHARE * weights.wrench * problem.mass_kg**2  # of an acceleration by one foot
-        self.most_rising, self._most_turning = problem.care.acceleration
+        self.most_rising, self._most_turning = problem.profile.acceleration
         self.least_weight = self.gamma - self.most_rising  # per mass
         speeds = np.vstack([np.zeros(n), dt * np.tri(n)])
         places = dt * np.vstack([np.zeros(n), np.cumsum(speeds, axis=0)[:-1]])
@@ -77,13 +78,15 @@ class Pressed:
         self.free -= float(leanings @ gains @ leanings) / 2
         self.outputs = still.ravel() - outputs @ gains @ leanings
         self.yielding = outputs @ gains @ outputs.T
-        self.paid = self._paid() if self.least_weight > 0.0 else None  # (N, N), of prices along and of prices across
+        self.paid = (
+            self._paid() if self.least_weight > 0.0 else None
+        )  # (N, N), of multipliers along and of multipliers across
         if self.paid is not None:
             for own in (slice(0, n), slice(n, 2 * n)):
                 self.yielding[own, own] += 2 * self.paid
 
     def _paid(self) -> Array | None:
-        """The squares of prices in the remainder; None where rates cost too little to pay for it."""
+        """The squares of multipliers in the remainder; None where rates cost too little to pay for it."""
         problem, n = self.problem, self.steps
         height = self.kappa * self.gamma
         self._room = max(problem.body.height_m[1] - height, height - problem.body.height_m[0])
@@ -92,7 +95,7 @@ class Pressed:
         inertia, tilt = problem.inertia_b, problem.body.max_tilt_rad
         largest, weight_N = float(np.linalg.norm(inertia, 2)), problem.mass_kg * self.gamma
         turned = 3**0.5 * (1 / np.cos(tilt) + np.tan(tilt))  # of R from knot to knot, for each rad/s and second
-        shaken = (1 + turned) * largest * MOST_PRICE / weight_N  # on the squares of rates
+        shaken = (1 + turned) * largest * MOST_MULTIPLIER / weight_N  # on the squares of rates
         change = np.diff(np.eye(n), axis=0) / (weight_N * problem.dt_s)
         for rows, share in ((inertia[:2], _TILTING_SHARE), (inertia[2:], _TURNING_SHARE)):
             spin = share * problem.weights.velocity - shaken
@@ -104,13 +107,13 @@ class Pressed:
         self._moment = moment / (problem.mass_kg * self.gamma * self.least_weight)
         return square
 
-    def least(self, prices: Array) -> float:
-        """For prices (3 N)."""
-        return self.free + float(prices @ (self.outputs - self.yielding @ prices / 2))
+    def least(self, multipliers: Array) -> float:
+        """For multipliers (3 N)."""
+        return self.free + float(multipliers @ (self.outputs - self.yielding @ multipliers / 2))
 
-    def remainder(self, price: Array) -> tuple[Array, Array]:
-        """What prices (..., 2) of q may save at a knot: `linear` |a_z| + `square` a_z^2 at most."""
-        square = (price**2).sum(axis=-1) * (self.kappa / self.least_weight) ** 2 / (2 * self._kept)
-        slope = np.abs(price @ self.along)
+    def remainder(self, multiplier: Array) -> tuple[Array, Array]:
+        """What multipliers (..., 2) of q may save at a knot: `linear` |a_z| + `square` a_z^2 at most."""
+        square = (multiplier**2).sum(axis=-1) * (self.kappa / self.least_weight) ** 2 / (2 * self._kept)
+        slope = np.abs(multiplier @ self.along)
         linear = slope * (self._room + self.kappa * self.most_rising) / (self.gamma * self.least_weight)
-        return linear + np.linalg.norm(price, axis=-1) * self._moment, square
+        return linear + np.linalg.norm(multiplier, axis=-1) * self._moment, square

@@ -16,14 +16,14 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import JOINTS, joint_torques
-from crux_planner.search.balance import WRENCH, Balance
+from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
 _MOVED_M = 0.005  # torques are taken as exact so near to where they were linearised
 
 
-class Strength(Balance):
+class TorqueLimits(StaticEquilibrium):
     """Balance queries that count joint torques."""
 
     def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
@@ -35,15 +35,15 @@ class Strength(Balance):
         self._functions = [_torque_map(problem, limb) for limb in range(len(problem.limb_masses))]
         self._strong: dict[tuple[Any, ...], Array | None] = {}
 
-    def turned(self, problem: Problem) -> Strength:
+    def turned(self, problem: Problem) -> TorqueLimits:
         """The same for `problem`, which is this one's in turned axes: limbs and motors are the same."""
         other = copy.copy(self)
-        Balance.__init__(other, problem, self.margin)
+        StaticEquilibrium.__init__(other, problem, self.margin)
         other.gravity_w, other._strong = problem.gravity_w, {}
         return other
 
     def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
-        """As `Balance.position`, by wrenches that no motor is too weak for."""
+        """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
         support = tuple(sorted(support))
         key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._strong:
@@ -51,7 +51,7 @@ class Strength(Balance):
         return self._strong[key]
 
     def by_friction(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
-        """As `Balance.position`, however strong the motors would have to be: much quicker."""
+        """As `StaticEquilibrium.position`, however strong the motors would have to be: much quicker."""
         return super().position(support, low, high, wanted)
 
     def _held(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:

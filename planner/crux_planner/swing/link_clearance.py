@@ -15,7 +15,7 @@ from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.swing.swing import Swing, contact_pose
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 
 Stance = tuple[int, int, int, int]
 
@@ -25,11 +25,11 @@ _ALONG = np.linspace(0.0, 1.0, 9)  # samples of a link
 _OTHER_WAYS = 3  # tried where a swing's best way brings the limb against something
 
 
-class Sight:
+class LinkClearance:
     """Sees the limbs of one problem among its tall cuboids."""
 
-    def __init__(self, problem: Problem, ways: Ways) -> None:
-        self.problem, self.ways = problem, ways
+    def __init__(self, problem: Problem, swings: SwingCache) -> None:
+        self.problem, self.swings = problem, swings
         cuboids, shape = problem.cuboids, problem.shape
         tall = cuboids.top_m > shape.finger_height + min((c.centre_w_m[2] for c in problem.contacts), default=0.0)
         self.tall = Cuboids(cuboids.foot_w_m[tall], cuboids.half_m[tall], cuboids.yaw_rad[tall])
@@ -68,16 +68,16 @@ class Sight:
         return all(self._swing_clear(limb, bodies, before[limb], after[limb]) for limb in limbs)
 
     def _swing_clear(self, limb: int, bodies: Array, start: int, end: int) -> bool:
-        best = self.ways.passed_over(start, end)
+        best = self.swings.passed_over(start, end)
         for further in range(_OTHER_WAYS):
             if further:
-                self.ways.pass_over(start, end, best + further)
-            swing = self.ways.swing(start, end)
+                self.swings.pass_over(start, end, best + further)
+            swing = self.swings.swing(start, end)
             if swing is None:
                 break
             if self._limb_clear(limb, bodies, _along(swing)):
                 return True
-        self.ways.pass_over(start, end, best)
+        self.swings.pass_over(start, end, best)
         return False
 
     def _standing(self, contact: int, moments: int) -> Array:

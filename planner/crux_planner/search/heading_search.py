@@ -1,8 +1,8 @@
 """Where a level body with one heading finds no way: contacts and the body's heading are searched together.
 
-The heading is a grid of yaws; at each of them (9a) is a set of boxes again (`Reach.turned`). A limb may go to any hold
-that the three others let it reach: the body moves on while it swings. A* with a lazy oracle: a move is looked at (its
-swing, its balance) only when it is next in line.
+The heading is a grid of yaws; at each of them (9a) is a set of boxes again (`ReachableSet.turned`). A limb may go to
+any hold that the three others let it reach: the body moves on while it swings. A* with a lazy oracle: a move is looked
+at (its swing, its balance) only when it is next in line.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Move, Stance
 from crux_planner.physics.speed_limits import steady_speed
 from crux_planner.search.schedule import TURN_SHARE
-from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, Reach, SearchReport
-from crux_planner.search.strength import Strength
+from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, ReachableSet, SearchReport
+from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.swing.swing import STEP_SHARE
-from crux_planner.swing.ways import Ways
+from crux_planner.swing.swing_cache import SwingCache
 
 HEADING_STEP_RAD = 0.07
 YAW_RESERVE_RAD = 0.01  # kept of the grippers' range of yaw
@@ -41,8 +41,8 @@ class View:
     """The problem as a body of one heading sees it: axes turned by `yaw_rad`."""
 
     yaw_rad: float
-    reach: Reach
-    balance: Strength
+    reach: ReachableSet
+    equilibrium: TorqueLimits
     usable: Flags  # (4, C) contacts that a limb may use and that are within its gripper's range of yaw
 
     def to_w(self, position: Array) -> Array:
@@ -56,18 +56,18 @@ class View:
         return turned
 
 
-class Turning:
+class HeadingSearch:
     """Search over (stance, heading) of one problem."""
 
-    def __init__(self, problem: Problem, reach: Reach, ways: Ways, ends: Flags) -> None:
+    def __init__(self, problem: Problem, reach: ReachableSet, swings: SwingCache, ends: Flags) -> None:
         """`ends` (4, C): contacts in reach at the goal's pose."""
-        self.problem, self.ways, self.ends = problem, ways, ends
+        self.problem, self.swings, self.ends = problem, swings, ends
         goal_yaw = float(problem.goal.body.rpy_rad[2])
         count = int(np.ceil(abs(goal_yaw) / HEADING_STEP_RAD))
         step = goal_yaw / count if count else HEADING_STEP_RAD
         numbers = range(-SPARE_HEADINGS, count + SPARE_HEADINGS + 1)
-        strength = Strength(problem, problem.friction_share, problem.last_torques_Nm)
-        self.views = [_view(problem, reach, strength, number * step) for number in numbers]
+        torque_limits = TorqueLimits(problem, problem.friction_share, problem.last_torques_Nm)
+        self.views = [_view(problem, reach, torque_limits, number * step) for number in numbers]
         self.begin, self.end = SPARE_HEADINGS, SPARE_HEADINGS + count
         self._speeds: dict[Contacts, float] = {}
         self.turn_knots = abs(step) / (TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s)
@@ -175,7 +175,7 @@ class Turning:
             return steps
         for limb in range(4):
             support = tuple(c for other, c in enumerate(stance) if other != limb)
-            if view.balance.by_friction(support, *bounds, view.from_w(body)) is None:
+            if view.equilibrium.by_friction(support, *bounds, view.from_w(body)) is None:
                 continue
             others = [other for other in range(4) if other != limb]
             low = view.reach.low[others, list(support)].max(axis=0)
@@ -199,23 +199,25 @@ class Turning:
             return None
         wanted = np.clip(view.from_w(self.problem.goal.body.position_m), *landing)
         if step.limb is None:
-            return None if view.balance.by_friction(stance, *landing, wanted) is None else (None, cost)
+            return None if view.equilibrium.by_friction(stance, *landing, wanted) is None else (None, cost)
         before, limb = step.before[0], step.limb
         support = tuple(c for other, c in enumerate(stance) if other != limb)
-        if not self.ways.free([(before[limb], stance[limb])], support):
+        if not self.swings.free([(before[limb], stance[limb])], support):
             return None
         bounds = view.reach.of(before)
         assert bounds is not None
         body = view.from_w(step.body)
-        lift_off = view.balance.position(support, *bounds, body)
+        lift_off = view.equilibrium.position(support, *bounds, body)
         if lift_off is None:
             return None
         held = tuple(None if other == limb else c for other, c in enumerate(before))
         slow = self._speed_m_s(held)
-        touch_down = view.balance.position(support, *landing, wanted if np.isinf(slow) else np.clip(lift_off, *landing))
+        touch_down = view.equilibrium.position(
+            support, *landing, wanted if np.isinf(slow) else np.clip(lift_off, *landing)
+        )
         if touch_down is None:
             return None
-        extra = self.ways.intervals(before[limb], stance[limb]) + STANCE_KNOTS + MOVE_COST
+        extra = self.swings.intervals(before[limb], stance[limb]) + STANCE_KNOTS + MOVE_COST
         cost += max(0.0, extra - float(self.least_cost[before[limb], stance[limb]]))
         for way, speed in ((lift_off - body, self._speed_m_s(before)), (touch_down - lift_off, slow)):
             cost += float(np.abs(way).max()) / (speed * self.problem.dt_s)  # knots, where the body must be slow
@@ -235,8 +237,8 @@ class Turning:
         view, goal = self.views[heading], self.problem.goal
         if heading != self.end or not self.ends[range(4), stance].all():
             return False
-        place, room = view.from_w(goal.body.position_m), goal.position_room_m
-        return view.balance.position(stance, place - room, place + room, place) is not None
+        place, slack = view.from_w(goal.body.position_m), goal.position_slack_m
+        return view.equilibrium.position(stance, place - slack, place + slack, place) is not None
 
     def _trace(self, parent: dict[State, tuple[State, Move | None]], state: State) -> list[Move]:
         moves = []
@@ -257,11 +259,11 @@ class _Step:
     body: Array
 
 
-def _view(problem: Problem, reach: Reach, strength: Strength, yaw_rad: float) -> View:
+def _view(problem: Problem, reach: ReachableSet, torque_limits: TorqueLimits, yaw_rad: float) -> View:
     turned = reach.turned(yaw_rad)
     low, high = problem.gripper_yaw_rad
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - yaw_rad
     fingers = np.array([c.spines_only for c in problem.contacts])
     usable = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
     usable &= (yaws >= low + YAW_RESERVE_RAD) & (yaws <= high - YAW_RESERVE_RAD)
-    return View(yaw_rad, turned, strength.turned(turned.problem), usable)
+    return View(yaw_rad, turned, torque_limits.turned(turned.problem), usable)

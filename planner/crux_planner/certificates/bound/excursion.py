@@ -36,7 +36,7 @@ def excursion(far: Array, step: float, start: float) -> Array:
     return total
 
 
-def body_room(problem: Problem, spare: float) -> tuple[Array, Array]:
+def body_range(problem: Problem, spare: float) -> tuple[Array, Array]:
     """Bounds (3,) of the body's position at any knot of a plan that has `spare` of J to pay for it."""
     start, goal = problem.start.position_m, problem.goal.body.position_m
     step = problem.body.max_speed_m_s * problem.dt_s
@@ -50,7 +50,7 @@ def body_room(problem: Problem, spare: float) -> tuple[Array, Array]:
     return low, high
 
 
-def yaw_room(problem: Problem, spare: float) -> tuple[float, float]:
+def yaw_range(problem: Problem, spare: float) -> tuple[float, float]:
     """The same for its yaw."""
     start, goal = float(problem.start.rpy_rad[2]), float(problem.goal.body.rpy_rad[2])
     step = problem.body.fastest_yaw_rad_s * problem.dt_s

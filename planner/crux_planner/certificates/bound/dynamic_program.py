@@ -1,4 +1,4 @@
-"""The dynamic programme over the nodes of a wall; on larger walls over the sets of holds, each at its cheapest faces.
+"""The dynamic program over the nodes of a wall; on larger walls over the sets of holds, each at its cheapest faces.
 
 There what a limb does on a hold, which faces it grips and whether it changes them, is free: a relaxation that leaves a
 sixteenth of the states. What a way through a node costs is then the way through its holds with the node's own knot.
@@ -21,7 +21,7 @@ _LARGE = 60_000  # states, about, beyond which faces are merged
 Stage = Callable[[int], Array]
 
 
-class Programme:
+class DynamicProgram:
     """Ways from the start's grasps to the goal's, `stage` gives the cost (n,) of a knot on each node."""
 
     def __init__(self, problem: Problem, nodes: Grasps) -> None:
@@ -53,7 +53,7 @@ class Programme:
 
     @property
     def states(self) -> int:
-        """Size of the programme, a knot."""
+        """Size of the program, a knot."""
         return self._timeline.states
 
     def forward(self, stage: Stage) -> Forward | None:
