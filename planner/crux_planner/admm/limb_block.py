@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import piqp
 from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.agreement import ContactCosts
@@ -21,6 +20,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.physics.bounds import wrench_bounds
 from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
+from crux_planner.solvers.qp import Qp
 from crux_planner.trajectory.consensus import Eta, Scales
 
 
@@ -78,13 +78,9 @@ class LimbBlock:
             )
             right = np.tile(equilibrium.spine[c], 2)
             linear = -near * forces @ to_force - turn * moments @ to_moment
-            solver = piqp.DenseSolver()
-            solver.settings.verbose = False
-            solver.setup(hessian, linear[0], None, None, rows, None, right, low, high)
+            qp = Qp(hessian, linear[0], None, (rows, None, right), low, high)
             for k in range(problem.steps):
-                solver.update(c=linear[k])
-                solver.solve()
-                q = np.array(solver.result.x)
+                q = qp.solve(linear[k]).x
                 answers[k, c] = q
                 costs[k, c] = 0.5 * q @ hessian @ q + linear[k] @ q
         return answers, costs

@@ -6,12 +6,9 @@ by its dynamics.
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from crux_planner.admm.motion_block import IPOPT
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
@@ -19,6 +16,7 @@ from crux_planner.physics.cost import body_cost
 from crux_planner.physics.dynamics import euler_step
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.walk_bounds import body_bounds, rate_steps
+from crux_planner.solvers.ipopt import AGAIN, Nlp
 from crux_planner.trajectory.consensus import Eta, Scales
 
 _FEET = 4
@@ -46,7 +44,6 @@ class WalkMotion:
         rates = x[6:12, 1:] - x[6:12, :-1]
         parameters = ca.veccat(rho, to_x, to_p, to_u)
         nlp = {"x": ca.veccat(x, p, u), "p": parameters, "f": cost, "g": ca.veccat(steps, reach, rates)}
-        self._solver = ca.nlpsol("p2b", "ipopt", nlp, IPOPT)
         low, high = body_bounds(problem, None)
         foot_low, foot_high = [-np.inf, -np.inf, 0.0] * _FEET, [np.inf, np.inf, problem.step_height_m] * _FEET
         force = np.full(3 * _FEET * n, _FORCE_BOUND_N / FORCE_UNIT_N)
@@ -56,28 +53,19 @@ class WalkMotion:
         )
         middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, _FEET)
         equal = np.zeros(BODY_STATES * n)
-        self._row_bounds = (
+        row_bounds = (
             np.concatenate([equal, np.tile(middle - half, n), np.tile(-rate_steps(problem), n)]),
             np.concatenate([equal, np.tile(middle + half, n), np.tile(rate_steps(problem), n)]),
         )
-        self._warm: dict[str, Any] = {}
+        self._nlp = Nlp(nlp, self._bounds, row_bounds, AGAIN)
 
     def project(self, target: Eta, rho: float) -> Eta:
         """argmin rho / 2 |delta - target|^2; starts from the last answer, the first time from the target."""
         wanted = np.concatenate([target.body.ravel(), target.fingers.ravel(), target.forces.ravel() / FORCE_UNIT_N])
         low, high = self._bounds
-        result = self._solver(
-            **{"x0": np.clip(wanted, low, high), **self._warm},
-            p=np.concatenate([[rho], wanted]),
-            lbx=low,
-            ubx=high,
-            lbg=self._row_bounds[0],
-            ubg=self._row_bounds[1],
-        )
-        stats = self._solver.stats()
-        self.solved, self.iterations = bool(stats["success"]), int(stats["iter_count"])
-        self._warm = {"x0": result["x"], "lam_x0": result["lam_x"], "lam_g0": result["lam_g"]}
-        return self._eta(np.array(result["x"]).ravel())
+        found = self._nlp.solve(np.clip(wanted, low, high), np.concatenate([[rho], wanted]), again=True)
+        self.solved, self.iterations = found.solved, found.iterations
+        return self._eta(found.x)
 
     def _eta(self, values: Array) -> Eta:
         n = self.problem.steps

@@ -20,7 +20,7 @@ from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
 from crux_planner.search.stances import ReachableSet
-from crux_planner.solvers.sparse_qp import SparseQp
+from crux_planner.solvers.qp import SparseQp
 from crux_planner.swing.swing_cache import SwingCache
 
 SPEED_SHARE = 0.95  # of the body's largest speed

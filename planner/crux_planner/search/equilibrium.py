@@ -10,13 +10,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import piqp
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
 
+_SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and the smaller normal force n of its two fingers
 FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact
 MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
@@ -80,10 +81,9 @@ class StaticEquilibrium:
         about_middle[3:] /= MOMENT_ARM_M
         weighted = about_middle @ self._balance_matrix(support)
         target = about_middle @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
-        result = _dense_qp(
-            weighted.T @ weighted + 1e-9 * np.eye(n), -weighted.T @ target, None, None, rows, bounds, low, high
-        )
-        return float("inf") if result is None else float(np.linalg.norm(weighted @ result - target))
+        cost = weighted.T @ weighted + 1e-9 * np.eye(n)
+        found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()
+        return float(np.linalg.norm(weighted @ found.x - target)) if found.solved else float("inf")
 
     def _least_norm_fits(self, support: tuple[int, ...], position: Array) -> bool:
         if support not in self._least_norm:
@@ -143,33 +143,7 @@ class StaticEquilibrium:
         if further is not None:
             rows, bounds = np.vstack([rows, further[0]]), np.concatenate([bounds, further[1]])
         right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
-        result = _dense_qp(
-            np.diag(cost),
-            linear,
-            equilibrium,
-            right,
-            rows,
-            bounds,
-            np.concatenate([low, wrench_low]),
-            np.concatenate([high, wrench_high]),
-        )
-        return None if result is None else np.clip(result[:3], low, high)
-
-
-def _dense_qp(
-    cost: Array,
-    linear: Array,
-    equal: Array | None,
-    right: Array | None,
-    rows: Array,
-    bounds: Array,
-    low: Array,
-    high: Array,
-) -> Array | None:
-    """min x' cost x / 2 + linear' x, equal x = right, rows x <= bounds, low <= x <= high; None where infeasible."""
-    solver = piqp.DenseSolver()
-    solver.settings.verbose = False
-    solver.settings.eps_abs = 1e-6
-    solver.settings.max_iter = 60
-    solver.setup(cost, linear, equal, right, rows, None, bounds, low, high)
-    return np.array(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else None
+        lows, highs = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        qp = Qp(np.diag(cost), linear, (equilibrium, right), (rows, None, bounds), lows, highs, **_SETTINGS)
+        found = qp.solve()
+        return np.clip(found.x[:3], low, high) if found.solved else None

@@ -22,7 +22,7 @@ from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M, ReachableSet
-from crux_planner.solvers.sparse_qp import SparseQp
+from crux_planner.solvers.qp import SparseQp
 from crux_planner.swing.swing_cache import SwingCache
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import piqp
 import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Flags, Indices
@@ -25,12 +24,14 @@ from crux_planner.physics.walk_bounds import (
     step_polygon,
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
+from crux_planner.solvers.qp import Qp
 
 _BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
 _MOVED_SHARE = 0.5  # of a foot's least load that is left when the body has moved on
 _FREE = 1e3  # a bound beyond what matters
 _INFINITE = 1e30  # as PIQP has it
 _ITERATIONS = 30  # gaits that need more have no solution
+_ACCURACY = dict.fromkeys(("eps_abs", "eps_rel", "eps_duality_gap_abs", "eps_duality_gap_rel"), 1e-4)
 
 
 @dataclass(frozen=True)
@@ -133,30 +134,24 @@ class FlatQp:
         linear = np.concatenate([self._linear, np.zeros(count), -2 * FOOTHOLD_WEIGHT * nominal.ravel()])
         least = least_load_N(problem) / self.weight_N
         most = problem.max_normal_N / self.weight_N
-        solver = piqp.SparseSolver()
-        settings = solver.settings
-        settings.verbose, settings.max_iter = False, _ITERATIONS
-        settings.eps_abs = settings.eps_rel = 1e-4
-        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-4
-        solver.setup(
+        found = Qp(
             hessian,
             linear,
-            equal,
-            right,
-            below,
-            low_g,
-            high_g,
+            (equal, right),
+            (below, low_g, high_g),
             np.concatenate([np.maximum(low, -_FREE).ravel(), np.full(count, least), spots[0].ravel()]),
             np.concatenate([np.minimum(high, _FREE).ravel(), np.full(count, most), spots[1].ravel()]),
-        )
-        if solver.solve() != piqp.PIQP_SOLVED:
+            max_iter=_ITERATIONS,
+            **_ACCURACY,
+        ).solve()
+        if not found.solved:
             return None
-        values_x = np.array(solver.result.x)
+        values_x = found.x
         body = values_x[:at_l].reshape(n + 1, 5)
         loads = np.zeros((n, 4))
         loads[k, i] = values_x[at_l:at_h]
         footholds = np.vstack([problem.start_feet_w_m, values_x[at_h:].reshape(-1, 2)])
-        dual = np.array(solver.result.y)
+        dual = found.multipliers
         pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
         worth = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
         cost = self._cost(gait, body, loads, stance)

@@ -16,14 +16,11 @@ import numpy as np
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
+from crux_planner.solvers.ipopt import Nlp
 
 RELAXATIONS = (0.25, 0.05, 0.01, 2e-3, 4e-4)
 DECIDED = 0.05  # so near 0 or 1 a contact counts as decided
 _IPOPT: dict[str, Any] = {
-    "print_time": 0,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.linear_solver": "mumps",
     "ipopt.tol": 1e-3,
     "ipopt.constr_viol_tol": 1e-4,
     "ipopt.max_iter": 400,
@@ -87,23 +84,17 @@ class Relaxed:
         """The answer to the last relaxation and ipopt's iterations for each. Raises InfeasibleError where one fails."""
         low, high = self.bounds
         watch = Watch(len(values), len(self.row_bounds[0]), 1, deadline)
-        solver = ca.nlpsol("benchmark", "ipopt", self.nlp, {**_IPOPT, **self.options, "iteration_callback": watch})
+        options = {**_IPOPT, **self.options, "iteration_callback": watch}
+        solver = Nlp(self.nlp, self.bounds, self.row_bounds, options)
         iterations: list[int] = []
         for i, relaxation in enumerate(RELAXATIONS, 1):
-            result = solver(
-                x0=np.clip(values, low, high),
-                p=relaxation,
-                lbx=low,
-                ubx=high,
-                lbg=self.row_bounds[0],
-                ubg=self.row_bounds[1],
-            )
-            values, stats = np.array(result["x"]).ravel(), solver.stats()
-            iterations.append(int(stats["iter_count"]))
-            progress = self.progress(values, np.array(result["g"]).ravel())
-            if not stats["success"]:
+            found = solver.solve(np.clip(values, low, high), relaxation)
+            values = found.x
+            iterations.append(found.iterations)
+            progress = self.progress(values, found.rows)
+            if not found.solved:
                 late = watch.late or clock.now() > deadline
-                why = "runs out of time" if late else f"stops ({stats['return_status']})"
+                why = "runs out of time" if late else f"stops ({found.status})"
                 raise InfeasibleError(
                     "time limit" if late else "benchmark",
                     f"the benchmark NLP {why} at relaxation {relaxation:g}, {i} of {len(RELAXATIONS)}, after "

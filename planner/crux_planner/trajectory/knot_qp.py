@@ -20,7 +20,7 @@ from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
-from crux_planner.solvers.sparse_qp import SparseQp
+from crux_planner.solvers.qp import SparseQp
 from crux_planner.trajectory.consensus import Eta, Scales
 
 _FORCE_BOUND_N, _TWIST_BOUND_NM, _FREE = 300.0, 10.0, 1e3  # beyond what matters: they keep the QP compact

@@ -16,21 +16,9 @@ from scipy.sparse import bsr_array
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.physics.dynamics import WRENCH_INPUTS
+from crux_planner.solvers.ipopt import ONCE, Nlp
 from crux_planner.trajectory.stage_functions import COLUMN, SPINE_WEIGHT
 from crux_planner.trajectory.stage_problem import StageProblem
-
-IPOPT: dict[str, Any] = {
-    "print_time": 0,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.linear_solver": "mumps",
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.tol": 1e-4,
-    "ipopt.constr_viol_tol": 1e-7,
-    "ipopt.compl_inf_tol": 1e-3,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.max_iter": 300,
-}
 
 
 @dataclass(frozen=True)
@@ -91,25 +79,13 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
         for b, end in zip((low, high), last, strict=True)
     ]
     nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
-    solver = ca.nlpsol("p1", "ipopt", nlp, {**IPOPT, "ipopt.max_cpu_time": time_limit_s})
-    result = solver(
-        x0=np.concatenate([body.ravel(), columns[stance].ravel()]),
-        lbx=bounds[0],
-        ubx=bounds[1],
-        lbg=np.concatenate(rows.low),
-        ubg=np.concatenate(rows.high),
-    )
-    values, stats = np.array(result["x"]).ravel(), solver.stats()
+    row_bounds = np.concatenate(rows.low), np.concatenate(rows.high)
+    solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, {**ONCE, "ipopt.max_cpu_time": time_limit_s})
+    found = solver.solve(np.concatenate([body.ravel(), columns[stance].ravel()]))
     columns = stages.empty_columns()
-    columns[stance] = values[body.size :].reshape(-1, COLUMN)
-    return Optimum(
-        body=values[: body.size].reshape(body.shape),
-        columns=columns,
-        cost=float(result["f"]),
-        iterations=int(stats["iter_count"]),
-        status=str(stats["return_status"]),
-        solved=bool(stats["success"]),
-    )
+    columns[stance] = found.x[body.size :].reshape(-1, COLUMN)
+    ended = found.x[: body.size].reshape(body.shape)
+    return Optimum(ended, columns, found.cost, found.iterations, found.status, found.solved)
 
 
 def _totals(stages: StageProblem, u: Any) -> Any:

@@ -24,7 +24,7 @@ from crux_planner.physics.walk_bounds import (
     rate_steps,
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
-from crux_planner.trajectory.nlp import IPOPT
+from crux_planner.solvers.ipopt import ONCE, Nlp, NlpSolution
 from crux_planner.trajectory.solution import WalkSolution
 from crux_planner.trajectory.stage_functions import FORCE_SCALE_N
 from crux_planner.trajectory.walk_qp import WalkKnots
@@ -79,24 +79,24 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     least_N = least_load_N(problem)
     force_low = np.tile([-np.inf, -np.inf, least_N / FORCE_SCALE_N], len(places))
     force_high = np.tile([np.inf, np.inf, problem.max_normal_N / FORCE_SCALE_N], len(places))
-    solver = ca.nlpsol(
-        "walk",
-        "ipopt",
+    solver = Nlp(
         {
             "x": ca.vertcat(ca.vec(x), ca.vec(f), ca.vec(h)),
             "f": objective,
             "g": ca.vertcat(*[ca.vec(expression) for expression, _, _ in parts]),
         },
-        {**IPOPT, "ipopt.max_cpu_time": time_limit_s},
+        (
+            np.concatenate([body_low.ravel(), force_low, spots[0].ravel()]),
+            np.concatenate([body_high.ravel(), force_high, spots[1].ravel()]),
+        ),
+        (
+            np.concatenate([np.tile(np.broadcast_to(low, e.shape[0]), e.shape[1]) for e, low, _ in parts]),
+            np.concatenate([np.tile(np.broadcast_to(high, e.shape[0]), e.shape[1]) for e, _, high in parts]),
+        ),
+        {**ONCE, "ipopt.max_cpu_time": time_limit_s},
     )
-    result = solver(
-        x0=np.concatenate([knots.body.ravel(), knots.forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]),
-        lbx=np.concatenate([body_low.ravel(), force_low, spots[0].ravel()]),
-        ubx=np.concatenate([body_high.ravel(), force_high, spots[1].ravel()]),
-        lbg=np.concatenate([np.tile(np.broadcast_to(low, e.shape[0]), e.shape[1]) for e, low, _ in parts]),
-        ubg=np.concatenate([np.tile(np.broadcast_to(high, e.shape[0]), e.shape[1]) for e, _, high in parts]),
-    )
-    return _solution(problem, knots, solver.stats(), result, places)
+    start = [knots.body.ravel(), knots.forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]
+    return _solution(problem, knots, solver.solve(np.concatenate(start)), places)
 
 
 def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tuple[Any, Any, Any]]:
@@ -109,22 +109,22 @@ def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tu
     return rows
 
 
-def _solution(problem: WalkProblem, knots: WalkKnots, stats: Any, result: Any, places: Indices) -> WalkSolution:
-    n, values = problem.steps, np.array(result["x"]).ravel()
+def _solution(problem: WalkProblem, knots: WalkKnots, found: NlpSolution, places: Indices) -> WalkSolution:
+    n, values = problem.steps, found.x
     size, count = BODY_STATES * (n + 1), 3 * len(places)
     forces = np.zeros((n, 4, 3))
     forces[places[:, 0], places[:, 1]] = FORCE_SCALE_N * values[size : size + count].reshape(-1, 3)
     footholds = np.vstack([problem.start_feet_w_m, values[size + count :].reshape(-1, 2)])
     body = values[:size].reshape(n + 1, BODY_STATES)
-    defects = np.abs(np.array(result["g"]).ravel()[: BODY_STATES * n].reshape(n, BODY_STATES))
+    defects = np.abs(found.rows[: BODY_STATES * n].reshape(n, BODY_STATES))
     return WalkSolution(
         body=body,
         forces=forces,
         footholds=footholds,
         cost=walk_cost(problem, knots.gait, body, forces),
-        iterations=int(stats["iter_count"]),
-        status=str(stats["return_status"]),
-        solved=bool(stats["success"]),
+        iterations=found.iterations,
+        status=found.status,
+        solved=found.solved,
         position_residual_m=float(defects[:, :3].max()),
         force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
     )

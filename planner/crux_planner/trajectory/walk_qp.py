@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import piqp
 import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Indices
@@ -28,6 +27,7 @@ from crux_planner.physics.walk_bounds import (
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
+from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Entries, skews
 
 if TYPE_CHECKING:
@@ -156,29 +156,26 @@ class ContactQp:
         least = least_load_N(problem)
         low_f = np.tile([-_FREE, -_FREE, least], len(places))
         high_f = np.tile([_FREE, _FREE, problem.max_normal_N], len(places))
-        solver = piqp.SparseSolver()
-        settings = solver.settings
-        settings.verbose, settings.eps_abs, settings.eps_rel, settings.max_iter = False, accuracy, accuracy / 10, 60
-        solver.setup(
+        found = Qp(
             hessian,
             linear,
-            equal[keep].tocsc(),
-            right.ravel()[keep],
-            below,
-            low_g,
-            high_g,
+            (equal[keep].tocsc(), right.ravel()[keep]),
+            (below, low_g, high_g),
             np.concatenate([np.maximum(bounds[0], -_FREE).ravel(), low_f, spots[0].ravel()]),
             np.concatenate([np.minimum(bounds[1], _FREE).ravel(), high_f, spots[1].ravel()]),
-        )
-        if solver.solve() != piqp.PIQP_SOLVED:
+            eps_abs=accuracy,
+            eps_rel=accuracy / 10,
+            max_iter=60,
+        ).solve()
+        if not found.solved:
             return None
-        values = np.array(solver.result.x)
+        values = found.x
         body = values[:at_f].reshape(n + 1, BODY_STATES)
         forces = np.zeros((n, 4, 3))
         forces[k, i] = values[at_f:at_h].reshape(-1, 3)
         footholds = np.vstack([problem.start_feet_w_m, values[at_h:].reshape(-1, 2)])
         dual = np.zeros((n, BODY_STATES))
-        dual.ravel()[keep] = np.array(solver.result.y)
+        dual.ravel()[keep] = found.multipliers
         pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
         cost = walk_cost(problem, gait, body, forces)
         near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost

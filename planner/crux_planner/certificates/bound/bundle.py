@@ -6,10 +6,10 @@ What it proposes need not be trusted: every multiplier gives a bound.
 from __future__ import annotations
 
 import numpy as np
-import piqp
 
 from crux_planner.certificates.bound.centre_of_pressure import CentreOfPressure
 from crux_planner.model.arrays import Array
+from crux_planner.solvers.qp import Qp
 
 _KEPT = 24  # columns
 _NEARNESS = 0.5  # weight on how far the next multipliers are from the best ones
@@ -38,21 +38,9 @@ class Bundle:
         about = self._free + _NEARNESS * self.best
         weighed = columns @ self._inverse
         m = len(costs)
-        solver = piqp.DenseSolver()
-        solver.settings.verbose = False
-        solver.setup(
-            weighed @ columns.T + 1e-12 * np.eye(m),
-            costs - weighed @ about,
-            np.ones((1, m)),
-            np.ones(1),
-            None,
-            None,
-            None,
-            np.zeros(m),
-            np.ones(m),
-        )
-        solver.solve()
-        share = np.nan_to_num(np.array(solver.result.x))
+        hessian, mixed = weighed @ columns.T + 1e-12 * np.eye(m), (np.ones((1, m)), np.ones(1))
+        qp = Qp(hessian, costs - weighed @ about, mixed, None, np.zeros(m), np.ones(m))
+        share = np.nan_to_num(qp.solve().x)
         self.multipliers = self._inverse @ (about - share @ columns)
         if m > _KEPT:
             kept = {*np.argsort(-share)[: _KEPT - 1].tolist(), m - 1}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import piqp
 
 from crux_planner.certificates.bound.carrying import Carriers
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
 
 _BODY = 6  # r, roll, pitch, yaw
 _GRIP = 5  # s1, s2, m / k, n1, n2
@@ -61,11 +61,6 @@ class KnotQp:
             place = problem.contacts[c].centre_w_m - a
             rows += [turn, -turn]
             bounds += [place + half, half - place]
-        solver = piqp.DenseSolver()
-        solver.settings.verbose = False
-        solver.settings.eps_abs, solver.settings.eps_rel = 1e-6, 1e-7
-        solver.setup(
-            np.diag(2 * square), linear, equal, right, np.vstack(rows), None, np.concatenate(bounds), low, high
-        )
-        solver.solve()
-        return np.array(solver.result.y)
+        below = np.vstack(rows), None, np.concatenate(bounds)
+        qp = Qp(np.diag(2 * square), linear, (equal, right), below, low, high, eps_abs=1e-6, eps_rel=1e-7)
+        return qp.solve().multipliers

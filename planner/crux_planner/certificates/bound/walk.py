@@ -18,7 +18,6 @@ ones; the first also for the accelerations that the walk's margins allow.
 from __future__ import annotations
 
 import numpy as np
-import piqp
 
 from crux_planner.certificates.bound.centre_of_pressure import heading_share
 from crux_planner.certificates.bound.equilibrium_dual import crawl_bound
@@ -26,6 +25,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE, Step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.solvers.qp import Qp
 
 
 def lower_bound(problem: WalkProblem) -> float:
@@ -108,11 +108,8 @@ def _way(start: float, slack: float, pulls: tuple[float, float], step: float, pr
     rows = np.zeros((n, 2 * n + 1))
     k = np.arange(n)
     rows[k, k + 1], rows[k, k], rows[k, n + 1 + k] = 1.0, -1.0, -1.0
-    solver = piqp.DenseSolver()
-    solver.settings.verbose = False
-    solver.setup(np.diag(2 * square + 1e-9), np.zeros(2 * n + 1), rows, np.zeros(n), None, None, None, low, high)
-    solver.solve()
-    multipliers = np.nan_to_num(np.array(solver.result.y))
+    qp = Qp(np.diag(2 * square + 1e-9), np.zeros(2 * n + 1), (rows, np.zeros(n)), None, low, high)
+    multipliers = np.nan_to_num(qp.solve().multipliers)
     slope = rows.T @ multipliers
     x = np.clip(np.where(square > 0, -slope / np.maximum(2 * square, 1e-12), -np.sign(slope) * far), low, high)
     return max(float((square * x**2 + slope * x).sum()), 0.0)

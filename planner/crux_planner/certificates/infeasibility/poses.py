@@ -13,13 +13,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import piqp
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.grips import Grip
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
 from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
 
 TOLERANCE_M, TOLERANCE_RAD = 3e-4, 1.2e-3  # more than the check forgives, and than the solvers' rounding
 BOXES = 60  # of angles looked at for one question
@@ -49,15 +49,12 @@ class PoseProgram:
         n = len(self.low) + 1
         cost, linear = _REGULAR * np.eye(n), np.zeros(n)
         linear[-1] = 1.0
-        solver = piqp.DenseSolver()
-        solver.settings.verbose = False
-        solver.settings.eps_abs, solver.settings.max_iter = 1e-7, 100
         rows = np.column_stack([self.rows, -(np.arange(len(self.rows)) < self.reach).astype(float)])
         low, high = np.append(self.low, -1.0), np.append(self.high, 10.0)
-        solver.setup(cost, linear, None, None, rows, None, self.right, low, high)
-        if solver.solve() != piqp.PIQP_SOLVED:
+        found = Qp(cost, linear, None, (rows, None, self.right), low, high, eps_abs=1e-7, max_iter=100).solve()
+        if not found.solved:
             return 0.0, (self.low + self.high) / 2  # nothing shown
-        return float(solver.result.x[-1]), np.array(solver.result.x[:-1])
+        return float(found.x[-1]), found.x[:-1]
 
 
 class GoalPoses:

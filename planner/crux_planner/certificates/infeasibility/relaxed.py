@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import piqp
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.grips import Grip
@@ -20,6 +19,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import polytope_directions
 from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
+from crux_planner.solvers.qp import Qp
 
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
@@ -213,14 +213,11 @@ class RelaxedBalance:
         target = about @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
         for _ in range(_ROUNDS):
-            solver = piqp.DenseSolver()
-            solver.settings.verbose = False
-            solver.settings.eps_abs, solver.settings.max_iter = 1e-6, 200
-            bounds = np.zeros(len(rows))
-            solver.setup(cost, -weighted.T @ target, shares, np.ones(len(support)), rows, None, bounds, lower, upper)
-            if solver.solve() != piqp.PIQP_SOLVED:
+            mixed, below = (shares, np.ones(len(support))), (rows, None, np.zeros(len(rows)))
+            qp = Qp(cost, -weighted.T @ target, mixed, below, lower, upper, eps_abs=1e-6, max_iter=200).solve()
+            if not qp.solved:
                 return 0.0, (low + high) / 2  # nothing shown
-            found = np.array(solver.result.x)
+            found = qp.x
             missing = float(np.linalg.norm(weighted @ found - target)) - self.slack_N
             cuts = [] if missing > 0.0 else self._cuts(support, [i for i, _ in places], found)
             if not cuts:

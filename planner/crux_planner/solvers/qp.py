@@ -1,6 +1,9 @@
-"""A sparse quadratic program put together piece by piece, solved by PIQP."""
+"""Quadratic programs, solved by PIQP."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import piqp
@@ -11,8 +14,49 @@ from crux_planner.model.arrays import Array, Indices
 _REGULARISATION = 1e-8
 
 
+@dataclass(frozen=True)
+class QpSolution:
+    """Where the solver ended, the multipliers of the equations there, and whether it met its tolerances."""
+
+    x: Array
+    multipliers: Array
+    solved: bool
+
+
+class Qp:
+    """min x' cost x / 2 + linear' x with equal = (A, b): A x = b; rows = (G, l, u): l <= G x <= u; low <= x <= high.
+
+    Matrices are sparse if `cost` is; `settings` are those of PIQP's that are not as usual.
+    """
+
+    def __init__(
+        self,
+        cost: Any,
+        linear: Array,
+        equal: tuple[Any, Array] | None,
+        rows: tuple[Any, Array | None, Array] | None,
+        low: Array,
+        high: Array,
+        **settings: float,
+    ) -> None:
+        self._solver = piqp.SparseSolver() if sp.issparse(cost) else piqp.DenseSolver()
+        for name, value in {"verbose": False, **settings}.items():
+            setattr(self._solver.settings, name, value)
+        self._solver.setup(cost, linear, *(equal or (None, None)), *(rows or (None, None, None)), low, high)
+
+    def solve(self, linear: Array | None = None) -> QpSolution:
+        """The solution, with another linear term if one is given."""
+        if linear is not None:
+            self._solver.update(c=linear)
+        solved = self._solver.solve() == piqp.PIQP_SOLVED
+        return QpSolution(np.array(self._solver.result.x), np.array(self._solver.result.y), solved)
+
+
 class SparseQp:
-    """min sum of weighted squares, subject to bounds and linear rows; variables are numbered as they are added."""
+    """A sparse QP put together piece by piece: min sum of weighted squares, subject to bounds and linear rows.
+
+    Variables are numbered as they are added.
+    """
 
     def __init__(self) -> None:
         self._low: list[Array] = []
@@ -66,22 +110,12 @@ class SparseQp:
         )
         hessian = (2 * factor.T @ factor + _REGULARISATION * sp.eye(self.size)).tocsc()
         linear = -2 * factor.T @ np.concatenate(targets)
-        solver = piqp.SparseSolver()
-        solver.settings.verbose = False
-        solver.settings.eps_abs = 1e-6
-        solver.settings.eps_rel = 1e-7
-        solver.settings.max_iter = 80
-        solver.setup(
-            hessian,
-            linear,
-            *self._equal.matrix(self.size),
-            self._below.matrix(self.size)[0],
-            None,
-            self._below.matrix(self.size)[1],
-            np.concatenate(self._low),
-            np.concatenate(self._high),
-        )
-        return np.array(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else None
+        (equal, right), (below, most) = self._equal.matrix(self.size), self._below.matrix(self.size)
+        low, high = np.concatenate(self._low), np.concatenate(self._high)
+        rows = below, None, most
+        qp = Qp(hessian, linear, (equal, right), rows, low, high, eps_abs=1e-6, eps_rel=1e-7, max_iter=80)
+        found = qp.solve()
+        return found.x if found.solved else None
 
 
 class _Rows:
