@@ -29,7 +29,7 @@ def add_plan_parser(subparsers: Any) -> None:
     from crux_contracts.scenario import METHODS
 
     from crux_planner.method_report import METHODS_HERE
-    from crux_planner.pipeline.work import TIME_LIMIT_S
+    from crux_planner.pipeline.session import TIME_LIMIT_S
 
     parser = subparsers.add_parser(
         "plan",

@@ -15,19 +15,15 @@ from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
-from crux_planner.physics.speed_limits import foreseen
+from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.explanation import check_start, explain
-from crux_planner.pipeline.fallback import plan_turning, plan_wider
+from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.solve_and_check import Failure, evenly, finish, gait, longest, path_to_goal
-from crux_planner.pipeline.too_fast import TooFast
-from crux_planner.pipeline.work import Progress, Work, begin
+from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.session import Climb, Progress, Work, begin
+from crux_planner.pipeline.solve_and_check import finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.event_cost import EventCost
-from crux_planner.search.improve import improve
-from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
@@ -35,14 +31,12 @@ from crux_planner.solvers.worker import Worker
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.solution import start_from_path
 
-IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
 QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
-SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
 LONGER = 2  # times as long a horizon is tried where nothing is found
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
@@ -68,42 +62,35 @@ def plan(
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, robot)
-        check_start(scenario, problem, StaticEquilibrium(problem, problem.friction_share))
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
+        check_start(scenario, problem, equilibrium)
         reach, swings = ReachableSet(problem), SwingCache(problem)
+    climb = Climb(scenario, robot, work, deadline, method, problem, equilibrium, reach, swings)
     worker = worker or Worker(log=work.log)
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
         if method != "auto":
-            return _plan_by_method(scenario, robot, problem, reach, swings, work, deadline, method)
-        result = _plan_anyhow(scenario, robot, problem, reach, swings, work, deadline)
+            return _plan_by_method(climb)
+        result = _plan_anyhow(climb)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
         reason, late = none, work.cut_short
         if method == "auto":
-            reason = _cause(scenario, robot, problem, reach, swings, work, deadline, none)
-        raise reason.out_of_time() if reason is none and (late or clock.now() > deadline) else reason from None
+            reason = _cause(climb, none)
+        raise reason.out_of_time() if reason is none and (late or climb.late) else reason from None
     finally:
         worker.stop()
     result.method, result.seconds = method, time.monotonic() - work.began
     return result
 
 
-def _plan_anyhow(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    reach: ReachableSet,
-    swings: SwingCache,
-    work: Work,
-    deadline: float,
-) -> PlanResult:
+def _plan_anyhow(climb: Climb) -> PlanResult:
     """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+    work = climb.work
 
     def level(quick: bool) -> PlanResult:
-        now = clock.now()
-        until = now + LEVEL_SHARE * (deadline - now)
-        return _plan_level(scenario, robot, problem, reach, swings, work, until, quick)
+        return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
 
     try:
         return level(quick=True)
@@ -113,11 +100,11 @@ def _plan_anyhow(
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(scenario, robot, problem, none_level, solve_and_check, work, deadline)
+        return plan_wider(climb, none_level, solve_and_check)
     try:
-        return plan_wider(scenario, robot, problem, none_level, solve_and_check, work, deadline, share=WIDER_SHARE)
+        return plan_wider(climb, none_level, solve_and_check, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
-        if none_wider.proven or clock.now() > deadline:
+        if none_wider.proven or climb.late:
             raise
         work.bound = bound
         return level(quick=False)
@@ -126,128 +113,112 @@ def _plan_anyhow(
             bound.stop()
 
 
-def _cause(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    reach: ReachableSet,
-    swings: SwingCache,
-    work: Work,
-    deadline: float,
-    none: InfeasibleError,
-) -> InfeasibleError:
+def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
     """Why there is no plan: before another cause is blamed, whether a longer horizon has one."""
     if none.proven or none.constraint == TIME_LIMIT or isinstance(none, HorizonError):
         return none
-    given = problem.steps
-    steps = min(max([LONGER * given, *(short.needed for short in work.too_short)]), MAX_STEPS)
-    if steps > given and clock.now() < deadline:
-        from crux_planner.pipeline.restart import rewritten  # which needs this module
-
-        scenario, problem = rewritten(scenario, steps=steps), replace(problem, steps=steps)
+    given = climb.problem.steps
+    steps = min(max([LONGER * given, *(short.needed for short in climb.work.too_short)]), MAX_STEPS)
+    if steps > given and not climb.late:
+        longer = replace(
+            climb, scenario=rewritten(climb.scenario, steps=steps), problem=replace(climb.problem, steps=steps)
+        )
         try:
-            _plan_level(scenario, robot, problem, reach, swings, work, deadline, quick=True)
+            _plan_level(longer, quick=True)
             found = True
         except InfeasibleError:
-            until = clock.now() + WIDER_SHARE * (deadline - clock.now())
-            found = plan_turning(scenario, robot, problem, solve_and_check, work, until, deadline) is not None
+            found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE)) is not None
         if found:
-            text = f"no plan found in {given} steps of {problem.dt_s:g} s, but one in {steps}"
+            text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
             return HorizonError(f"{text}; allow as many", steps)
     return none
 
 
-def _plan_level(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    reach: ReachableSet,
-    swings: SwingCache,
-    work: Work,
-    deadline: float,
-    quick: bool,
-) -> PlanResult:
+def _plan_level(climb: Climb, quick: bool) -> PlanResult:
     """The body level, with one heading, and grasps in the middle of their faces.
 
     `quick`: only by the quickest sequences of contacts, and only while these are found soon.
     """
     failures: list[InfeasibleError] = []
-    tight = TIGHTER * problem.friction_share
+    tighter = _tighter(climb)
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
             break
-        equilibrium = TorqueLimits(problem, problem.friction_share)
-        for _ in range(ATTEMPTS):
-            with work.part("contacts", 0.1):
-                moves, seen = _search(problem, equilibrium, reach, swings, at_once, deadline, quick)
-            if moves is None:
-                failures.append(explain(problem, equilibrium, reach, swings, seen, at_once))
-                break
-            attempt = solve_and_check(scenario, robot, problem, equilibrium, reach, swings, moves, work, deadline)
-            if isinstance(attempt, PlanResult):
-                attempt.gap = _proven_gap(work, attempt.cost)
-                return attempt
-            failure, blamed = attempt
-            failures.append(failure)
-            if clock.now() > deadline:
-                break
-            if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
-                problem = replace(problem, friction_share=tight)  # more space for what moves between the knots
-                equilibrium = TorqueLimits(problem, tight)
-            elif blamed is None:
-                break
-            else:
-                swings.forbid(*blamed)
-        swings.allow_all()
+
+        def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
+            with climb.work.part("contacts", 0.1):
+                moves, seen = _search(climb, at_once, quick)
+            if moves is not None:
+                return solve_and_check(climb, moves)
+            failures.append(explain(climb.problem, climb.equilibrium, climb.reach, climb.swings, seen, at_once))
+            return None
+
+        climb = _within_torques(climb, climb.problem.friction_share)
+        result, climb = attempts(
+            climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=climb.deadline
+        )
+        if result is not None:
+            result.gap = _proven_gap(climb.work, result.cost)
+            return result
+        climb.swings.allow_all()
     raise failures[0]
 
 
-def _plan_by_method(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    reach: ReachableSet,
-    swings: SwingCache,
-    work: Work,
-    deadline: float,
-    method: str,
-) -> PlanResult:
+def _tighter(given: Climb) -> Callable[[Climb, InfeasibleError], Climb | None]:
+    """A remedy where the check refuses what grips carry: more is left for what moves between the knots, once."""
+    tight = TIGHTER * given.problem.friction_share
+
+    def tighter(climb: Climb, failure: InfeasibleError) -> Climb | None:
+        if not failure.constraint.startswith("limit_surface") or climb.problem.friction_share <= tight:
+            return None
+        return _within_torques(climb, tight)
+
+    return tighter
+
+
+def _within_torques(climb: Climb, friction_share: float) -> Climb:
+    """The climb with a share of the limit surface, and balance within joint torques."""
+    problem = replace(climb.problem, friction_share=friction_share)
+    return replace(climb, problem=problem, equilibrium=TorqueLimits(problem, friction_share))
+
+
+def _plan_by_method(climb: Climb) -> PlanResult:
     """One of the paper's methods decides the contacts; the exact NLP and the check are the same for all."""
-    from crux_planner.admm.methods import METHODS as DECIDE
-    from crux_planner.admm.methods import Task
+    from crux_planner.admm.methods import METHODS, Task
 
+    work, options = climb.work, climb.scenario.planner
     failures: list[InfeasibleError] = []
-    tight = TIGHTER * problem.friction_share
-    aimed = problem.aimed()
-    if all(goal_contacts(problem, reach, aimed.goal.aim_m)):
-        problem = aimed
-    for _ in range(ATTEMPTS):
-        equilibrium, options = StaticEquilibrium(problem, problem.friction_share), scenario.planner
+    aimed = climb.problem.aimed()
+    if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
+        climb = replace(climb, problem=aimed)
+
+    def attempt(climb: Climb) -> PlanResult | InfeasibleError:
+        problem = climb.problem
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
-            task = Task(problem, equilibrium, reach, swings, deadline, options.rho, options.iterations, report=work.log)
-            decided = DECIDE[method](task)
-        alone = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
+            settings = options.rho, options.iterations
+            task = Task(problem, equilibrium, climb.reach, climb.swings, climb.deadline, *settings, report=work.log)
+            decided = METHODS[climb.method](task)
+        alone = plan_message(climb.scenario, climb.robot, problem, decided.schedule, decided.solution, climb.method)
         with work.part("check", 0.4):
-            alone_report = check_plan(alone, robot)
-        start = start_from_path(problem, decided.path, decided.schedule.yaw_rad)
-        attempt = finish(scenario, robot, problem, decided.schedule, start, work, deadline, method)
-        if isinstance(attempt, PlanResult):
-            attempt.gap = _proven_gap(work, attempt.cost)
-            attempt.method, attempt.seconds = method, time.monotonic() - work.began
-            attempt.iterations, attempt.history = decided.iterations, decided.residuals
+            alone_report = check_plan(alone, climb.robot)
+        found = finish(climb, decided.schedule, start_from_path(problem, decided.path, decided.schedule.yaw_rad))
+        if isinstance(found, PlanResult):
+            found.gap = _proven_gap(work, found.cost)
+            found.method, found.seconds = climb.method, time.monotonic() - work.began
+            found.iterations, found.history = decided.iterations, decided.residuals
             worst = alone_report.to_json()["worst"][:1]
-            attempt.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
-            return attempt
-        failure, blamed = attempt
-        failures.append(failure)
-        if blamed is None or clock.now() > deadline:
-            break
-        work.log(f"refused: {failure}")
-        if failure.constraint.startswith("limit_surface") and problem.friction_share > tight:
-            problem = replace(problem, friction_share=tight)
+            found.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
         else:
-            swings.forbid(*blamed)
-    raise failures[0]
+            work.log(f"refused: {found}")
+        return found
+
+    result, _ = attempts(
+        climb, attempt, (_tighter(climb), without_blamed), failures, most=ATTEMPTS, until=climb.deadline
+    )
+    if result is None:
+        raise failures[0]
+    return result
 
 
 def _proven_gap(work: Work, cost: float) -> float | None:
@@ -258,78 +229,10 @@ def _proven_gap(work: Work, cost: float) -> float | None:
         return work.bound.gap(cost)
 
 
-def _search(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    at_once: int,
-    deadline: float,
-    quick: bool,
-) -> tuple[list[Move] | None, SearchReport]:
+def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
     """The quickest moves if they are found with so much work, else any that are quick enough."""
-    greed, busy_until = (1.0, _busy_until(QUICKEST_SHARE, deadline)) if quick else (GREED, np.inf)
-    return search(
-        problem, equilibrium, reach, swings, at_once=at_once, greed=greed, deadline=deadline, busy_until=busy_until
-    )
-
-
-def _busy_until(share: float, deadline: float) -> float:
-    """When (of time.process_time) this process has worked for a share of the time left."""
-    return time.process_time() + share * (deadline - clock.now())
-
-
-def solve_and_check(
-    scenario: Scenario,
-    robot: Robot,
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    moves: list[Move],
-    work: Work,
-    deadline: float,
-) -> PlanResult | Failure:
-    """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
-    with work.part("improve", 0.3):
-        costs = EventCost(problem, equilibrium, reach, swings)
-        level = moves and not problem.turns  # its estimates are of a level body that takes steps
-        busy_until = _busy_until(IMPROVING_SHARE, deadline)
-        timed = improve(costs, moves, deadline, busy_until=busy_until) if level else None
-    first: Failure | None = None
-    attempt: PlanResult | Failure
-    as_given = problem
-    stances = [held for move in moves for held in (move.before, move.held, move.after)]
-    slow = foreseen(problem.contacts, problem.weight_N, problem.dt_s, stances)
-    problem = replace(problem, speed_limits={**slow, **problem.speed_limits})
-    choices = [*([timed] if timed is not None else []), *[None] * SLOWINGS]
-    for choice in choices:
-        if first is not None and clock.now() > deadline:
-            break
-        with work.part("body", 0.4):
-            try:
-                schedule = (
-                    at_knots(problem, swings, choice.moves, choice.stances, choice.swings)
-                    if choice is not None
-                    else evenly(problem, equilibrium, reach, swings, moves)
-                )
-            except InfeasibleError as too_short:
-                if problem.speed_limits == as_given.speed_limits or first is not None:
-                    return first or (too_short, None)
-                problem = as_given  # the check may forgive what was foreseen
-                continue
-            aimed, path = path_to_goal(problem, equilibrium, schedule)
-        if path is not None:
-            start = start_from_path(aimed, path, schedule.yaw_rad)
-            attempt = finish(scenario, robot, aimed, schedule, start, work, deadline)
-            if isinstance(attempt, PlanResult):
-                return attempt
-        else:
-            text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
-            attempt = InfeasibleError("body", text), longest(problem, schedule.moves)
-        first = first or attempt
-        if isinstance(attempt[0], TooFast):
-            problem = replace(problem, speed_limits=attempt[0].speed_limits)
-        elif choice is None:
-            break
-    return first or attempt
+    greed, busy_until = GREED, np.inf
+    if quick:
+        greed, busy_until = 1.0, time.process_time() + QUICKEST_SHARE * (climb.deadline - clock.now())
+    oracles = climb.problem, climb.equilibrium, climb.reach, climb.swings
+    return search(*oracles, at_once=at_once, greed=greed, deadline=climb.deadline, busy_until=busy_until)

@@ -16,20 +16,20 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
+from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem, start_contacts, start_inertia
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Move, Schedule
-from crux_planner.pipeline.climb import plan, solve_and_check
+from crux_planner.pipeline.climb import plan
 from crux_planner.pipeline.fallback import plan_turning
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
-from crux_planner.pipeline.solve_and_check import Failure, finish, in_time
-from crux_planner.pipeline.work import Work
+from crux_planner.pipeline.session import Climb, Work
+from crux_planner.pipeline.solve_and_check import finish, in_time, solve_and_check
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
@@ -75,32 +75,27 @@ class Planner:
         Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
         """
         began = time.monotonic()
-        deadline = clock.now() + time_limit_s
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
+            deadline = clock.now() + time_limit_s
             first = stance_knot(running, at_s)
             scenario = scenario_at(self.scenario, running, first, body, without)
             problem = self._from(scenario, without)
             if body is not None:
                 check_body(scenario, problem.body, problem.start, problem.goal.body)
             remaining = read_remaining(problem, running, first)
+        given = scenario, self.robot, work, deadline, "auto"
+        climb = Climb(*given, problem, self.equilibrium, self.reach, self.swings)
         result = None
         if remaining is not None and remaining.open_to(problem):
-            result = self._along(scenario, problem, remaining, work, deadline)
+            result = self._along(climb, remaining)
         most = max(problem.steps, self.scenario.horizon.steps - first)
         if result is None:
-            result = self._anew(scenario, problem, most, remaining, work, deadline)
+            result = self._anew(climb, most, remaining)
         if result is None:
             scenario = rewritten(scenario, steps=most)
-            found = plan_turning(
-                scenario,
-                self.robot,
-                self.problem,
-                self._solve_and_check,
-                work,
-                min(deadline, clock.now() + TURNING_S),
-                deadline,
-            )
+            turning = replace(climb, scenario=scenario, problem=self.problem)
+            found = plan_turning(turning, self._solve_and_check, min(deadline, clock.now() + TURNING_S))
             result = None if found is None else found[0]
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
@@ -110,71 +105,41 @@ class Planner:
         result.seconds = time.monotonic() - began
         return result
 
-    def _along(
-        self, scenario: Scenario, problem: Problem, remaining: RemainingPlan, work: Work, deadline: float
-    ) -> PlanResult | None:
+    def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:
         """The running plan's own moves, from the problem's start."""
-        begun = remaining.begun_at_rest(problem)
-        return self._finish(scenario, replace(problem, steps=begun.steps), begun.schedule, begun.start, work, deadline)
+        begun = remaining.begun_at_rest(climb.problem)
+        timed = replace(climb, problem=replace(climb.problem, steps=begun.steps))
+        return self._finish(timed, begun.schedule, begun.start)
 
-    def _anew(
-        self,
-        scenario: Scenario,
-        problem: Problem,
-        most: int,
-        remaining: RemainingPlan | None,
-        work: Work,
-        deadline: float,
-    ) -> PlanResult | None:
+    def _anew(self, climb: Climb, most: int, remaining: RemainingPlan | None) -> PlanResult | None:
         """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
-        wide = replace(problem, steps=most)
-        known = None if remaining is None else remaining.known(problem)
-        with work.part("contacts", 0.1):
-            moves, _ = search(
-                wide, self.equilibrium, self.reach, self.swings, at_once=1, greed=1.0, deadline=deadline, known=known
-            )
+        known = None if remaining is None else remaining.known(climb.problem)
+        with climb.work.part("contacts", 0.1):
+            oracles = replace(climb.problem, steps=most), self.equilibrium, self.reach, self.swings
+            moves, _ = search(*oracles, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
         for spare in SPARE_KNOTS if moves is not None else ():
-            with work.part("body", 0.3):
-                timed = self._scheduled(problem, moves or [], spare)
-            if timed is not None:
-                result = self._finish(scenario, *timed, work, deadline)
+            with climb.work.part("body", 0.3):
+                timed, schedule = in_time(climb, moves or [], spare)
+                path = knot_path(self._as_level(timed.problem), self.equilibrium, schedule)
+            if path is not None:
+                result = self._finish(timed, schedule, start_from_path(timed.problem, path))
                 if result is not None:
                     return result
         return None
 
-    def _scheduled(self, problem: Problem, moves: list[Move], spare: int) -> tuple[Problem, Schedule, Start] | None:
-        """Moves with knots to spare beyond what they need, None where the body has no path."""
-        problem, schedule = in_time(problem, self.equilibrium, self.reach, self.swings, moves, spare)
-        path = knot_path(self._as_level(problem), self.equilibrium, schedule)
-        return None if path is None else (problem, schedule, start_from_path(problem, path))
-
-    def _solve_and_check(
-        self,
-        scenario: Scenario,
-        robot: Robot,
-        problem: Problem,
-        equilibrium: StaticEquilibrium,
-        reach: ReachableSet,
-        swings: SwingCache,
-        moves: list[Move],
-        work: Work,
-        deadline: float,
-    ) -> PlanResult | Failure:
+    def _solve_and_check(self, climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
         """A checked plan for moves of a problem of its own, with the steps they need."""
-        problem, _ = in_time(problem, equilibrium, reach, swings, moves)
-        scenario = rewritten(scenario, steps=problem.steps)
-        return solve_and_check(scenario, robot, problem, equilibrium, reach, swings, moves, work, deadline)
+        climb, _ = in_time(climb, moves)
+        return solve_and_check(replace(climb, scenario=rewritten(climb.scenario, steps=climb.problem.steps)), moves)
 
-    def _finish(
-        self, scenario: Scenario, problem: Problem, schedule: Schedule, start: Start, work: Work, deadline: float
-    ) -> PlanResult | None:
-        scenario = rewritten(scenario, steps=problem.steps)
-        problem = self._as_numbered_in(scenario, problem)
+    def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
+        scenario = rewritten(climb.scenario, steps=climb.problem.steps)
+        problem = self._as_numbered_in(scenario, climb.problem)
         functions = self.functions.started_elsewhere(problem)
-        found = finish(scenario, self.robot, problem, schedule, start, work, deadline, functions=functions)
+        found = finish(replace(climb, scenario=scenario, problem=problem), schedule, start, functions)
         if isinstance(found, PlanResult):
             return found
-        work.log(f"refused: {found[0]}")
+        climb.work.log(f"refused: {found}")
         return None
 
     def _from(self, scenario: Scenario, without: Collection[str]) -> Problem:

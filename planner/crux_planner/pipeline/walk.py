@@ -19,9 +19,9 @@ from crux_planner.checker.report import CheckReport
 from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Progress, Work, begin
 from crux_planner.pipeline.stretch import CUTS, bent
 from crux_planner.pipeline.walk_message import walk_message
-from crux_planner.pipeline.work import Progress, Work, begin
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting

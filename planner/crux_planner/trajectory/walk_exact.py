@@ -40,9 +40,9 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
         away = float(np.abs(knots.body - about.body).max())
         nearer = away < _NEARER * before
         about, before = Reference(knots.body, knots.forces, knots.footholds) if nearer else about.halfway(knots), away
-    from crux_planner.trajectory import walk_nlp as nlp
+    from crux_planner.trajectory import walk_nlp
 
-    return nlp.solve(problem, knots, max(deadline - clock.now(), 1.0))
+    return walk_nlp.solve(problem, knots, max(deadline - clock.now(), 1.0))
 
 
 def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:

@@ -13,7 +13,7 @@ from crux_contracts.scenario import ScenarioError, load_scenario
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.walk_problem import build_walk
-from crux_planner.pipeline import climb as planning
+from crux_planner.pipeline import climb
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.solvers import clock
 from walls import scenario, two_rows
@@ -24,7 +24,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
     content = two_rows(slope_deg=slope_deg)
     content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
-    result = planning.plan(scenario(content), robot)
+    result = climb.plan(scenario(content), robot)
     assert result.check.ok
     return result
 
@@ -91,19 +91,19 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
     deadlines: list[float] = []
 
     def level(*given: Any) -> PlanResult:
-        deadlines.append(given[6])
+        deadlines.append(given[0].deadline)
         raise InfeasibleError("time limit", "as made up")
 
     def wider(*_given: Any, **_share: Any) -> PlanResult:
         raise InfeasibleError("time limit", "as made up")
 
-    monkeypatch.setattr(planning, "_plan_level", level)
-    monkeypatch.setattr(planning, "plan_wider", wider)
+    monkeypatch.setattr(climb, "_plan_level", level)
+    monkeypatch.setattr(climb, "plan_wider", wider)
     content = two_rows()
     content["planner"] = {"time_limit_s": 4.0}
     began = clock.now()
     with pytest.raises(InfeasibleError, match="as made up"):
-        planning.plan(scenario(content), robot)
+        climb.plan(scenario(content), robot)
     assert len(deadlines) == 2  # the quickest sequence, and after other headings any
     assert max(deadlines) - began < 4.0 - 0.8 + 0.1
 

@@ -1,4 +1,4 @@
-"""What a planner tells while it works, and how an attempt may fail."""
+"""What planning one scenario carries along: its numbers, oracles and time, and what it reports."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
 
 from crux_planner.errors import HorizonError, wrong
@@ -15,15 +16,16 @@ from crux_planner.solvers import clock
 
 if TYPE_CHECKING:
     from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
+    from crux_planner.model.problem import Problem
+    from crux_planner.search.equilibrium import StaticEquilibrium
+    from crux_planner.search.stances import ReachableSet
+    from crux_planner.swing.swing_cache import SwingCache
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 
 Progress = Callable[[str, float], None]
 """Called with what begins now and the share of the work behind, 0..1."""
-
-BlamedMove = tuple[int, int] | None
-"""The move (contact to contact) that a failed attempt should do without; None where no other sequence would help."""
 
 
 @dataclass
@@ -46,6 +48,37 @@ class Work:
             yield
         finally:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
+
+
+@dataclass(frozen=True)
+class Session:
+    """One scenario being planned; `deadline` is of clock.now."""
+
+    scenario: Scenario
+    robot: Robot
+    work: Work
+    deadline: float
+    method: str
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is over."""
+        return clock.now() > self.deadline
+
+    def share_of_time(self, share: float) -> float:
+        """When (of clock.now) a share of the time left is over."""
+        now = clock.now()
+        return now + share * (self.deadline - now)
+
+
+@dataclass(frozen=True)
+class Climb(Session):
+    """A climb, with the oracles of its problem."""
+
+    problem: Problem
+    equilibrium: StaticEquilibrium
+    reach: ReachableSet
+    swings: SwingCache
 
 
 def begin(
