@@ -25,6 +25,7 @@ from crux_contracts.scenario import load_scenario
 
 from crux_planner.admm.paper_scene import PaperScene, paper_scene
 from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.solvers.milp import highs_model
 
 _BESIDE_M = 0.6  # how far beyond the outermost face a finger or the body may be
 _TANGENTS = np.array([-0.9, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9])  # shares of a variable's bound
@@ -77,19 +78,10 @@ class Model:
     def highs(self) -> highspy.HighsLp:
         """What HiGHS takes."""
         rows, columns, values = (np.concatenate([entry[i] for entry in self._entries]) for i in range(3))
-        matrix = sp.coo_matrix((values, (rows, columns)), (self.rows, self.size)).tocsc()
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = self.size, self.rows
-        model.col_cost_ = np.concatenate(self.cost)
-        model.col_lower_, model.col_upper_ = np.concatenate(self.low), np.concatenate(self.high)
-        model.row_lower_ = np.concatenate([low for low, _ in self._bounds])
-        model.row_upper_ = np.concatenate([high for _, high in self._bounds])
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
-        model.a_matrix_.value_ = matrix.data
-        kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
-        model.integrality_ = [kinds[int(flag)] for flag in np.concatenate(self.integer)]
-        return model
+        matrix = sp.coo_matrix((values, (rows, columns)), (self.rows, self.size))
+        low, high = (np.concatenate([bounds[i] for bounds in self._bounds]) for i in range(2))
+        bounds = np.concatenate(self.low), np.concatenate(self.high)
+        return highs_model(matrix, np.concatenate(self.cost), bounds, (low, high), np.concatenate(self.integer))
 
 
 def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:

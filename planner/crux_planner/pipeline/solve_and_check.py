@@ -161,17 +161,7 @@ def _finish_as_it_is(
         speed_limits = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
         refused = _refused(report) if speed_limits is None else TooFast(_refused(report), speed_limits)
         return refused.blaming(_blamed(report, schedule, problem))
-    return PlanResult(
-        ok=True,
-        plan=message,
-        check=report,
-        cost=solution.cost,
-        iterations=solution.iterations,
-        gait=schedule.gait,
-        position_residual_m=solution.position_residual_m,
-        force_residual_N=solution.force_residual_N,
-        timing=work.seconds,
-    )
+    return PlanResult.of(message, report, solution, schedule.gait, work)
 
 
 def gait(schedule: Schedule) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -18,10 +18,10 @@ from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
 from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
-from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import Progress, Work, begin
+from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.message import PlanResult, walk_message
+from crux_planner.pipeline.session import Progress, Session, begin
 from crux_planner.pipeline.stretch import CUTS, bent
-from crux_planner.pipeline.walk_message import walk_message
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
@@ -34,6 +34,15 @@ GENTLER = 3  # times
 ATTEMPTS = 3  # gaits of a search that get an exact solution
 _SPEEDS = ("swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
 _FRICTION = ("limit_surface", "limit_surface_between_knots")
+
+
+@dataclass(frozen=True)
+class Walk(Session):
+    """A walk with the margins it is planned with, and as it was asked for; what its worker has to spare."""
+
+    problem: WalkProblem
+    asked: WalkProblem
+    worker: Worker
 
 
 class RefusedError(InfeasibleError):
@@ -66,7 +75,9 @@ def plan(
     work, deadline = begin(scenario, method, time_limit_s, progress, log)
     worker = worker or Worker(log=work.log)
     try:
-        result = _plan(scenario, robot, work, worker, deadline, method)
+        with work.part("problem", 0.0):
+            problem = build_walk(scenario, robot)
+        result = _plan(Walk(scenario, robot, work, deadline, method, problem, problem, worker))
     except InfeasibleError as none:
         raise none.out_of_time() if clock.now() > deadline else none from None
     finally:
@@ -75,38 +86,35 @@ def plan(
     return result
 
 
-def _plan(scenario: Scenario, robot: Robot, work: Work, worker: Worker, deadline: float, method: str) -> PlanResult:
-    with work.part("problem", 0.0):
-        problem = build_walk(scenario, robot)
-    if method != "auto":
-        return _plan_by_method(scenario, robot, problem, work, worker, deadline, method)
+def _plan(walk: Walk) -> PlanResult:
+    """With the usual margins, then bolder where nothing was found; gentler where the check refused what was found."""
+    attempt = _by_search if walk.method == "auto" else _by_method
     failures: list[InfeasibleError] = []
-    for walk in _walks(problem, failures):
-        found = WalkContacts(walk, workers=_team(worker)).search(deadline)
-        result = _first_good(scenario, robot, walk, problem, found, work, worker, deadline, method)
-        if isinstance(result, PlanResult):
+    for profile in (USUAL, BOLD, BOLDEST):
+        given = replace(walk, problem=replace(walk.asked, profile=profile))
+        remedies = (_slower_feet, _slower, _less_friction)
+        result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.deadline)
+        if result is not None:
             return result
-        failures.append(result)
-        if result.constraint == "horizon" or clock.now() > deadline:
+        if failures[-1].constraint == "horizon" or walk.late:
             break
     raise failures[0]
 
 
-def _walks(problem: WalkProblem, failures: list[InfeasibleError]) -> Iterator[WalkProblem]:
-    """The walk with the usual margins, gentler where the check refused what was found, bolder where nothing was."""
-    for profile in (USUAL, BOLD, BOLDEST):
-        walk = replace(problem, profile=profile)
-        for _ in range(1 + GENTLER):
-            yield walk
-            refused = failures[-1]
-            if isinstance(refused, RefusedError) and min(refused.paces) < 1.0:
-                walk = slower(walk, refused.paces)
-            elif refused.constraint in _SPEEDS:
-                walk = gentler(walk, 1.0, SPEED_SHARE)
-            elif refused.constraint in _FRICTION:
-                walk = gentler(walk, FRICTION_SHARE, 1.0)
-            else:
-                break
+def _slower_feet(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    if not isinstance(refused, RefusedError) or min(refused.paces) >= 1.0:
+        return None
+    return replace(walk, problem=slower(walk.problem, refused.paces))
+
+
+def _slower(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    too_fast = refused.constraint in _SPEEDS
+    return replace(walk, problem=gentler(walk.problem, 1.0, SPEED_SHARE)) if too_fast else None
+
+
+def _less_friction(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    slips = refused.constraint in _FRICTION
+    return replace(walk, problem=gentler(walk.problem, FRICTION_SHARE, 1.0)) if slips else None
 
 
 def slower(problem: WalkProblem, paces: Sequence[float]) -> WalkProblem:
@@ -127,39 +135,36 @@ def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
     )
 
 
-def _plan_by_method(
-    scenario: Scenario, robot: Robot, problem: WalkProblem, work: Work, worker: Worker, deadline: float, method: str
-) -> PlanResult:
+def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
+    return _first_good(walk, WalkContacts(walk.problem, workers=_team(walk.worker)).search(walk.deadline))
+
+
+def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
     from crux_planner.admm.walk_methods import METHODS, WalkTask
 
+    scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
-    options, failures = scenario.planner, list[InfeasibleError]()
-    for walk in _walks(problem, failures):
-        contacts = WalkContacts(walk, workers=_team(worker))
-        try:
-            with work.part("contacts", 0.1):
-                contacts.begin(deadline)
-                task = WalkTask(walk, deadline, options.rho, options.iterations, report=work.log, workers=_team(worker))
-                decided = METHODS[method](task)
-        except InfeasibleError as none:
-            failures.append(none)
-            continue
-        alone = walk_message(scenario, robot, problem, decided.knots.gait, of_knots(walk, decided.knots, 0), method)
-        with work.part("check", 0.4):
-            alone_report = check_plan(alone, robot)
-        near = contacts.near(decided.knots.gait, deadline)
-        result = _first_good(scenario, robot, walk, problem, near, work, worker, deadline, method)
-        if isinstance(result, PlanResult):
-            result.iterations, result.history = decided.iterations, decided.residuals
-            worst = alone_report.to_json()["worst"][:1]
-            result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
-            return result
-        failures.append(result)
-        if clock.now() > deadline:
-            break
-    raise failures[0]
+    workers = _team(walk.worker)
+    contacts = WalkContacts(problem, workers=workers)
+    settings = scenario.planner.rho, scenario.planner.iterations
+    try:
+        with work.part("contacts", 0.1):
+            contacts.begin(walk.deadline)
+            decided = METHODS[method](WalkTask(problem, walk.deadline, *settings, report=work.log, workers=workers))
+    except InfeasibleError as none:
+        return none
+    gait = decided.knots.gait
+    alone = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
+    with work.part("check", 0.4):
+        alone_report = check_plan(alone, walk.robot)
+    result = _first_good(walk, contacts.near(gait, walk.deadline))
+    if isinstance(result, PlanResult):
+        result.iterations, result.history = decided.iterations, decided.residuals
+        worst = alone_report.to_json()["worst"][:1]
+        result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+    return result
 
 
 def _team(worker: Worker) -> list[Worker]:
@@ -167,31 +172,21 @@ def _team(worker: Worker) -> list[Worker]:
     return [worker] if spare_cores() else []
 
 
-def _first_good(
-    scenario: Scenario,
-    robot: Robot,
-    problem: WalkProblem,
-    asked: WalkProblem,
-    found: Iterator[WalkKnots],
-    work: Work,
-    worker: Worker,
-    deadline: float,
-    method: str,
-) -> PlanResult | InfeasibleError:
+def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | InfeasibleError:
     """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
     fails or the scenario keeps them.
     """
     failure: InfeasibleError | None = None
-    bound = BoundWorker(worker, np.inf)
+    bound = BoundWorker(walk.worker, np.inf)
     for _ in range(ATTEMPTS):
         try:
-            with work.part("contacts", 0.1):
+            with walk.work.part("contacts", 0.1):
                 knots = next(found, None)
         except InfeasibleError as none:
             return failure or none
         if knots is None:
             break
-        attempt = _finish(scenario, robot, problem, asked, bound, knots, work, deadline, method)
+        attempt = _finish(walk, bound, knots)
         if isinstance(attempt, PlanResult):
             return attempt
         failure = failure or attempt
@@ -200,69 +195,39 @@ def _first_good(
     return failure
 
 
-def _finish(
-    scenario: Scenario,
-    robot: Robot,
-    problem: WalkProblem,
-    asked: WalkProblem,
-    bound: BoundWorker,
-    knots: WalkKnots,
-    work: Work,
-    deadline: float,
-    method: str,
-) -> PlanResult | InfeasibleError:
+def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
     """The exact problem and the check for a gait, whatever found it: without its waits, unless that fails or the
     scenario keeps them.
     """
-    if scenario.planner.idle != "keep":
-        shorter, moving = walk_without_waiting(problem, knots)
-        if shorter.steps < problem.steps:
-            attempt = _finish_as_it_is(scenario, robot, shorter, asked, bound, moving, work, deadline, method)
+    if walk.scenario.planner.idle != "keep":
+        shorter, moving = walk_without_waiting(walk.problem, knots)
+        if shorter.steps < walk.problem.steps:
+            attempt = _finish_as_it_is(replace(walk, problem=shorter), bound, moving)
             if isinstance(attempt, PlanResult):
                 return attempt
-            work.log(f"refused without its waits: {attempt}")
-    return _finish_as_it_is(scenario, robot, problem, asked, bound, knots, work, deadline, method)
+            walk.work.log(f"refused without its waits: {attempt}")
+    return _finish_as_it_is(walk, bound, knots)
 
 
-def _finish_as_it_is(
-    scenario: Scenario,
-    robot: Robot,
-    problem: WalkProblem,
-    asked: WalkProblem,
-    bound: BoundWorker,
-    knots: WalkKnots,
-    work: Work,
-    deadline: float,
-    method: str,
-) -> PlanResult | InfeasibleError:
-    bounded = replace(asked, profile=problem.profile, steps=problem.steps)
+def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
+    problem, work, gait = walk.problem, walk.work, knots.gait
+    bounded = replace(walk.asked, profile=problem.profile, steps=problem.steps)
     bound.start((bounded.steps, bounded.profile), lower_bound, bounded)
-    gait = knots.gait
     for _ in range(1 + CUTS):
         with work.part("nlp", 0.5):
-            solution = solve(problem, knots, deadline)
+            solution = solve(problem, knots, walk.deadline)
         if not solution.solved:
             return unsolved(", ".join(gait.names), solution.status)
         with work.part("check", 0.8):
-            message = walk_message(scenario, robot, problem, gait, solution, method)
-            report = check_plan(message, robot)
+            message = walk_message(walk.scenario, walk.robot, problem, gait, solution, walk.method)
+            report = check_plan(message, walk.robot)
         less = None if report.ok else bent(problem, gait, solution, report)
         if less is None:
             break
         problem = less
-    if report.ok:
-        with work.part("bound", 0.95):
-            proven = bound.gap(solution.cost)
-        return PlanResult(
-            ok=True,
-            plan=message,
-            check=report,
-            cost=solution.cost,
-            gap=proven,
-            iterations=solution.iterations,
-            gait=gait.names,
-            position_residual_m=solution.position_residual_m,
-            force_residual_N=solution.force_residual_N,
-            timing=work.seconds,
-        )
-    return RefusedError(report)
+    if not report.ok:
+        return RefusedError(report)
+    result = PlanResult.of(message, report, solution, gait.names, work)
+    with work.part("bound", 0.95):
+        result.gap = bound.gap(result.cost)
+    return result

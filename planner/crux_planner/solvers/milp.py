@@ -116,18 +116,27 @@ class Milp:
         event.interrupt(clock.now() > self._until)
 
     def _model(self) -> highspy.HighsLp:
-        model = highspy.HighsLp()
         starts = np.concatenate([[0], np.cumsum(self._lengths)])
         matrix = sp.csr_matrix(
             (np.concatenate(self._values), np.concatenate(self._columns), starts), (self.rows, self.size)
-        ).tocsc()
-        model.num_col_, model.num_row_ = self.size, self.rows
-        model.col_cost_ = np.zeros(self.size)
-        model.col_lower_, model.col_upper_ = np.concatenate(self._low), np.concatenate(self._high)
-        model.row_lower_, model.row_upper_ = np.array(self._row_low), np.array(self._row_high)
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
-        model.a_matrix_.value_ = matrix.data
-        kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
-        model.integrality_ = [kinds[int(flag)] for flag in np.concatenate(self._integer)]
-        return model
+        )
+        columns = np.concatenate(self._low), np.concatenate(self._high)
+        rows = np.array(self._row_low), np.array(self._row_high)
+        return highs_model(matrix, np.zeros(self.size), columns, rows, np.concatenate(self._integer))
+
+
+def highs_model(
+    matrix: Any, cost: Array, columns: tuple[Array, Array], rows: tuple[Array, Array], integer: Flags
+) -> highspy.HighsLp:
+    """min cost . x with bounds of the columns x and the rows matrix @ x, as HiGHS takes it."""
+    model, by_column = highspy.HighsLp(), matrix.tocsc()
+    model.num_row_, model.num_col_ = matrix.shape
+    model.col_cost_ = cost
+    model.col_lower_, model.col_upper_ = columns
+    model.row_lower_, model.row_upper_ = rows
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_, model.a_matrix_.index_ = by_column.indptr, by_column.indices
+    model.a_matrix_.value_ = by_column.data
+    kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
+    model.integrality_ = [kinds[int(flag)] for flag in integer]
+    return model

@@ -112,9 +112,8 @@ class SparseQp:
         linear = -2 * factor.T @ np.concatenate(targets)
         (equal, right), (below, most) = self._equal.matrix(self.size), self._below.matrix(self.size)
         low, high = np.concatenate(self._low), np.concatenate(self._high)
-        rows = below, None, most
-        qp = Qp(hessian, linear, (equal, right), rows, low, high, eps_abs=1e-6, eps_rel=1e-7, max_iter=80)
-        found = qp.solve()
+        settings = {"eps_abs": 1e-6, "eps_rel": 1e-7, "max_iter": 80}
+        found = Qp(hessian, linear, (equal, right), (below, None, most), low, high, **settings).solve()
         return found.x if found.solved else None
 
 
