@@ -7,6 +7,7 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait, Step, longest_step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
+from crux_planner.solvers.sparse_blocks import Rows
 
 FEET_APART_M = 0.16  # along the body, of a front foot from the rear one of its side: palms and fingers keep clear
 _CORNERS = 8  # of that polygon
@@ -81,3 +82,27 @@ def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> 
 def longest_steps(problem: WalkProblem, gait: Gait) -> list[float]:
     """How long each step may be [m]."""
     return [longest_step(problem, step) for step in gait.steps]
+
+
+def step_rows(rows: Rows, problem: WalkProblem, gait: Gait, footholds: Array, at_h: int) -> None:
+    """Lengths of steps, about `footholds` (4 + S, 2); those of steps are variables from `at_h` on."""
+    last = list(range(4))
+    for j, step in enumerate(gait.steps):
+        before = last[step.limb]
+        normals, most = step_polygon(problem, step, footholds[before], footholds[4 + j])
+        rows.dense(0, at_h + 2 * j + np.arange(2), normals)
+        if before < 4:
+            most = most + normals @ problem.start_feet_w_m[before]
+        else:
+            rows.dense(0, at_h + 2 * (before - 4) + np.arange(2), -normals)
+        last[step.limb] = 4 + j
+        rows.close(-np.inf, most)
+
+
+def apart_rows(rows: Rows, blend: Array, fixed: Array, at_h: int) -> None:
+    """Feet of a side apart: they are at `blend` (N + 1, 4, S) times the footholds and `fixed` (N + 1, 4, 2)."""
+    for front, rear in ((0, 2), (1, 3)):
+        difference = blend[:, front] - blend[:, rear]
+        knots, of_step = np.nonzero(difference)
+        rows.entries(knots, at_h + 2 * of_step, difference[knots, of_step])
+        rows.close(FEET_APART_M - (fixed[:, front, 0] - fixed[:, rear, 0]), np.inf, len(blend))

@@ -16,20 +16,20 @@ from crux_planner.model.gait import Gait, nominal_footholds, progress
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.walk_bounds import (
-    FEET_APART_M,
+    apart_rows,
     body_bounds,
     foothold_bounds,
     least_load_N,
     rate_steps,
-    step_polygon,
+    step_rows,
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
 from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import Rows
 
 _BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
 _MOVED_SHARE = 0.5  # of a foot's least load that is left when the body has moved on
 _FREE = 1e3  # a bound beyond what matters
-_INFINITE = 1e30  # as PIQP has it
 _ITERATIONS = 30  # gaits that need more have no solution
 _ACCURACY = dict.fromkeys(("eps_abs", "eps_rel", "eps_duality_gap_abs", "eps_duality_gap_rel"), 1e-4)
 
@@ -126,7 +126,6 @@ class FlatQp:
         equal = _matrix(rows, columns, values, (3 * n, size))
         lean = self.height / self.across * problem.gravity_w[:2] + carried @ nominal
         right = np.concatenate([np.ones(n), lean.ravel()])
-        below, low_g, high_g = self._inequalities(gait, k, i, whole, fixed, places, at_h, size)
         weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
         others = np.arange(at_l, size)
         own = np.concatenate([np.full(count, weight), np.full(size - at_h, 2 * FOOTHOLD_WEIGHT)])
@@ -138,7 +137,7 @@ class FlatQp:
             hessian,
             linear,
             (equal, right),
-            (below, low_g, high_g),
+            self._inequalities(gait, k, i, whole, fixed, places, at_h, size),
             np.concatenate([np.maximum(low, -_FREE).ravel(), np.full(count, least), spots[0].ravel()]),
             np.concatenate([np.minimum(high, _FREE).ravel(), np.full(count, most), spots[1].ravel()]),
             max_iter=_ITERATIONS,
@@ -182,60 +181,62 @@ class FlatQp:
         return total + FORCE_SHARE * weights.wrench * squares + gait_cost(problem, gait)
 
     def _inequalities(
-        self,
-        gait: Gait,
-        k: Indices,
-        i: Indices,
-        whole: Array,
-        fixed: Array,
-        nominal: Array,
-        at_h: int,
-        size: int,
+        self, gait: Gait, k: Indices, i: Indices, whole: Array, fixed: Array, nominal: Array, at_h: int, size: int
     ) -> tuple[sp.csc_matrix, Array, Array]:
         """(7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
-        problem, n, blend = self.problem, self.problem.steps, whole[:, :, 4:]
-        feet = whole @ nominal
-        rows, columns, values, low, high = [], [], [], [], []
-        start = 0
-        # accelerations, speeds
+        rows, problem, blend = Rows(), self.problem, whole[:, :, 4:]
         fastest = rate_steps(problem)[list(_BODY)] / problem.dt_s
         speed = np.full(2, problem.body.max_speed_m_s)
         for matrix, most in ((self._second, fastest), (self._first, speed)):
             at, j = np.nonzero(matrix)
             for axis in range(len(most)):
-                rows.append(start + len(most) * at + axis)
-                columns.append(5 * j + axis)
-                values.append(matrix[at, j])
-            low.append(np.tile(-most, n))
-            high.append(np.tile(most, n))
-            start += len(most) * n
-        # (9a): offsets in the body frame, along and across
-        way = np.interp(np.arange(n + 1), *progress(problem, gait))
+                rows.entries(len(most) * at + axis, 5 * j + axis, matrix[at, j])
+            rows.close(np.tile(-most, problem.steps), np.tile(most, problem.steps))
+        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
         yaw = way * float(problem.goal.body.rpy_rad[2])
         c, s = np.cos(yaw), np.sin(yaw)
         turned = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)[1:]
+        self._reach(rows, blend, fixed, yaw, turned, at_h)
+        self._three_feet(rows, gait, (k, i), blend, fixed, whole @ nominal, turned, at_h)
+        step_rows(rows, problem, gait, nominal, at_h)
+        apart_rows(rows, blend, fixed, at_h)
+        return rows.all(size, zeros=True)
+
+    def _reach(self, rows: Rows, blend: Array, fixed: Array, yaw: Array, turned: Array, at_h: int) -> None:
+        """(9a): offsets in the body frame, along and across."""
+        problem, n = self.problem, self.problem.steps
         knots = np.arange(1, n + 1)
         for limb in range(4):
             centre, half = problem.boxes.centre_b_m[limb, :2], problem.boxes.half_m[:2]
             moved, j = np.nonzero(blend[1:, limb])
             for axis in (0, 1):
-                row = start + 2 * (knots - 1) + axis
+                row = 2 * (knots - 1) + axis
                 for b in (0, 1):
-                    rows += [row, row[moved]]
-                    columns += [5 * knots + b, at_h + 2 * j + b]
-                    values += [-turned[:, axis, b], turned[moved, axis, b] * blend[1 + moved, limb, j]]
+                    rows.entries(row, 5 * knots + b, -turned[:, axis, b])
+                    value = turned[moved, axis, b] * blend[1 + moved, limb, j]
+                    rows.entries(row[moved], at_h + 2 * j + b, value)
                 sign = 1 - 2 * axis
-                rows += [row, row]
-                columns += [5 * knots + 3 - axis, 5 * knots + 4]
-                values += [np.full(n, sign * self.height), np.full(n, sign * centre[1 - axis])]
+                rows.entries(row, 5 * knots + 3 - axis, np.full(n, sign * self.height))
+                rows.entries(row, 5 * knots + 4, np.full(n, sign * centre[1 - axis]))
             known = np.einsum("kab,kb->ka", turned, fixed[1:, limb])
             known += np.outer(yaw[1:], centre[::-1] * [-1.0, 1.0])
-            low.append((centre - half - known).ravel())
-            high.append((centre + half - known).ravel())
-            start += 2 * n
-        # the limbs' mass on three feet
+            rows.close((centre - half - known).ravel(), (centre + half - known).ravel())
+
+    def _three_feet(
+        self,
+        rows: Rows,
+        gait: Gait,
+        places: tuple[Indices, Indices],
+        blend: Array,
+        fixed: Array,
+        feet: Array,
+        turned: Array,
+        at_h: int,
+    ) -> None:
+        """The limbs' mass on three feet; the same feet when the body has moved on to the next knot."""
+        problem, n = self.problem, self.problem.steps
         number = np.full((n, 4), -1)
-        number[k, i] = np.arange(len(k))
+        number[places] = np.arange(len(places[0]))
         three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
@@ -245,64 +246,23 @@ class FlatQp:
         together = problem.centre_of_pressure(blend.sum(axis=1))[three]
         seen, j = np.nonzero(together)
         for corner in range(3):
-            row = start + 3 * np.arange(len(three)) + corner
-            rows.append(row)
-            columns.append(self._at_loads + number[three, on[:, corner]])
-            values.append(np.ones(len(three)))
+            row = 3 * np.arange(len(three)) + corner
+            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
             for b in (0, 1):
-                rows += [row, row[seen]]
-                columns += [5 * three + b, at_h + 2 * j + b]
-                values += [-4 * spread[:, corner, b], spread[seen, corner, b] * together[seen, j]]
+                rows.entries(row, 5 * three + b, -4 * spread[:, corner, b])
+                rows.entries(row[seen], at_h + 2 * j + b, spread[seen, corner, b] * together[seen, j])
                 for ahead, share in enumerate((1.0, -2.0, 1.0)):
-                    rows.append(row)
-                    columns.append(5 * np.minimum(three + ahead, n) + b)
-                    values.append(4 * share * inertia * spread[:, corner, b])
+                    value = 4 * share * inertia * spread[:, corner, b]
+                    rows.entries(row, 5 * np.minimum(three + ahead, n) + b, value)
         known = np.einsum("kab,kb->ka", spread, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
-        low.append((problem.profile.true_share - known).ravel())
-        high.append(np.full(3 * len(three), _INFINITE))
-        start += 3 * len(three)
-        # the same feet when the body has moved on to the next knot
+        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
         for corner in range(3):
-            row = start + 3 * np.arange(len(three)) + corner
-            rows.append(row)
-            columns.append(self._at_loads + number[three, on[:, corner]])
-            values.append(np.ones(len(three)))
+            row = 3 * np.arange(len(three)) + corner
+            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
             for b in (0, 1):
-                rows += [row, row]
-                columns += [5 * three + b, 5 * three + 5 + b]
-                values += [-shift[:, corner, b], shift[:, corner, b]]
-        low.append(np.full(3 * len(three), _MOVED_SHARE * problem.profile.least_share))
-        high.append(np.full(3 * len(three), _INFINITE))
-        start += 3 * len(three)
-        # lengths of steps
-        last = list(range(4))
-        for which, step in enumerate(gait.steps):
-            before = last[step.limb]
-            normals, most = step_polygon(problem, step, nominal[before], nominal[4 + which])
-            sides = start + np.arange(len(most))
-            for b in (0, 1):
-                rows.append(sides)
-                columns.append(np.full(len(most), at_h + 2 * which + b))
-                values.append(normals[:, b])
-                if before >= 4:
-                    rows.append(sides)
-                    columns.append(np.full(len(most), at_h + 2 * (before - 4) + b))
-                    values.append(-normals[:, b])
-            low.append(np.full(len(most), -_INFINITE))
-            high.append(most + normals @ problem.start_feet_w_m[before] if before < 4 else most)
-            last[step.limb] = 4 + which
-            start += len(most)
-        # feet of a side apart
-        for front, rear in ((0, 2), (1, 3)):
-            difference = blend[:, front] - blend[:, rear]
-            at, j = np.nonzero(difference)
-            rows.append(start + at)
-            columns.append(at_h + 2 * j)
-            values.append(difference[at, j])
-            low.append(FEET_APART_M - (fixed[:, front, 0] - fixed[:, rear, 0]))
-            high.append(np.full(n + 1, _INFINITE))
-            start += n + 1
-        return _matrix(rows, columns, values, (start, size)), np.concatenate(low), np.concatenate(high)
+                rows.entries(row, 5 * three + b, -shift[:, corner, b])
+                rows.entries(row, 5 * three + 5 + b, shift[:, corner, b])
+        rows.close(_MOVED_SHARE * problem.profile.least_share, np.inf, 3 * len(three))
 
 
 def _matrix(rows: list[Indices], columns: list[Indices], values: list[Array], shape: tuple[int, int]) -> sp.csc_matrix:

@@ -18,17 +18,17 @@ from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.walk_bounds import (
-    FEET_APART_M,
+    apart_rows,
     body_bounds,
     foothold_bounds,
     least_load_N,
     rate_steps,
-    step_polygon,
+    step_rows,
 )
 from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
 from crux_planner.solvers.qp import Qp
-from crux_planner.solvers.sparse_blocks import Entries, skews
+from crux_planner.solvers.sparse_blocks import Entries, Rows, skews
 
 if TYPE_CHECKING:
     from crux_planner.trajectory.consensus import Eta, Scales
@@ -37,7 +37,6 @@ _SIDES = 8  # of the polygon about the cone, one of them where the force points
 _CONE_RESERVE_N = 0.02
 _FREE = 1e3  # a bound beyond what matters keeps the QP compact
 _MOMENT_OF_FORCE = slice(9, 12)
-_INFINITE = 1e30  # as PIQP has it
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,33 @@ class Reference:
         return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """A gait about a reference: where its variables are, body states first; feet, and what of them is fixed."""
+
+    gait: Gait
+    reference: Reference
+    places: Indices  # (P, 2) knot and limb in stance
+    feet: Array  # (N + 1, 4, 3) of the reference
+    fixed: Array  # (N + 1, 4, 2) what the start's footholds give of them
+    blend: Array  # (N + 1, 4, S) times the steps' footholds gives the rest
+    at_f: int
+    at_h: int
+    size: int
+
+    @classmethod
+    def of(cls, problem: WalkProblem, gait: Gait, reference: Reference) -> _Layout:
+        """For the gait's variables."""
+        places, whole = np.argwhere(gait.stance[: problem.steps]), gait.blend
+        at_f = BODY_STATES * (problem.steps + 1)
+        at_h = at_f + 3 * len(places)
+        fixed = whole[:, :, :4] @ problem.start_feet_w_m
+        height = problem.step_height_m * gait.height[..., None]
+        feet = np.concatenate([whole @ reference.footholds, height], axis=2)
+        size = at_h + 2 * len(gait.steps)
+        return cls(gait, reference, places, feet, fixed, whole[:, :, 4:], at_f, at_h, size)
+
+
 class ContactQp:
     """The QP of one problem for any gait; what gaits have in common is built once."""
 
@@ -111,15 +137,45 @@ class ContactQp:
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
             return None
-        places = np.argwhere(gait.stance[:n])
-        at_f = BODY_STATES * (n + 1)
-        at_h = at_f + 3 * len(places)
-        size = at_h + 2 * len(gait.steps)
-        blend, fixed = gait.blend[:, :, 4:], gait.blend[:, :, :4] @ problem.start_feet_w_m
-        feet = np.concatenate(
-            [gait.blend @ reference.footholds, problem.step_height_m * gait.height[..., None]], axis=2
-        )
-        # (8)
+        of = _Layout.of(problem, gait, reference)
+        k, i = of.places.T
+        equal, right, lever = self._dynamics(of)
+        keep = np.ones(BODY_STATES * n, dtype=bool)
+        if not self.moments:
+            keep.reshape(n, BODY_STATES)[:, _MOMENT_OF_FORCE] = False
+        hessian, linear, constant_cost = self._objective(of, rho, target)
+        least = least_load_N(problem)
+        low_f = np.tile([-_FREE, -_FREE, least], len(k))
+        high_f = np.tile([_FREE, _FREE, problem.max_normal_N], len(k))
+        found = Qp(
+            hessian,
+            linear,
+            (equal[keep].tocsc(), right.ravel()[keep]),
+            self._inequalities(of),
+            np.concatenate([np.maximum(bounds[0], -_FREE).ravel(), low_f, spots[0].ravel()]),
+            np.concatenate([np.minimum(bounds[1], _FREE).ravel(), high_f, spots[1].ravel()]),
+            eps_abs=accuracy,
+            eps_rel=accuracy / 10,
+            max_iter=60,
+        ).solve()
+        if not found.solved:
+            return None
+        values = found.x
+        body = values[: of.at_f].reshape(n + 1, BODY_STATES)
+        forces = np.zeros((n, 4, 3))
+        forces[k, i] = values[of.at_f : of.at_h].reshape(-1, 3)
+        footholds = np.vstack([problem.start_feet_w_m, values[of.at_h :].reshape(-1, 2)])
+        dual = np.zeros((n, BODY_STATES))
+        dual.ravel()[keep] = found.multipliers
+        pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
+        cost = walk_cost(problem, gait, body, forces)
+        near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
+        return WalkKnots(gait, body, forces, footholds, cost, near + cost - self._smooth_cost(body, forces), pull)
+
+    def _dynamics(self, of: _Layout) -> tuple[sp.csr_matrix, Array, Array]:
+        """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
+        problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
+        reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
         arms = feet[:n] - reference.body[:n, None, :3]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
@@ -128,7 +184,7 @@ class ContactQp:
         total = reference.forces.sum(axis=1)
         moved = np.einsum("kab,kibc->kiac", turn, skews(reference.forces))
         rows = Entries()
-        k, i = places.T
+        k, i = of.places.T
         rows.blocks(
             12 * k + 6, at_f + 3 * np.arange(len(k)), np.tile(-dt / problem.mass_kg * np.eye(3), (len(k), 1, 1))
         )
@@ -139,197 +195,121 @@ class ContactQp:
             knots = np.arange(n)
             rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
             rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, skews(total)))
-            about = np.einsum("kiab,kij->kjab", moved[..., :2], blend[:n])
-            for j in range(len(gait.steps)):
+            about = np.einsum("kiab,kij->kjab", moved[..., :2], of.blend[:n])
+            for j in range(len(of.gait.steps)):
                 rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
-            off = fixed[:n] - feet[:n, :, :2]
+            off = of.fixed[:n] - feet[:n, :, :2]
             constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
             constant -= np.einsum("kab,kbc,kc->ka", turn, skews(total), reference.body[:n, :3])
             constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
             right[:, _MOMENT_OF_FORCE] = dt * constant
-        equal = rows.matrix((BODY_STATES * n, size), self._euler).tocsr()
-        keep = np.ones(BODY_STATES * n, dtype=bool)
-        if not self.moments:
-            keep.reshape(n, BODY_STATES)[:, _MOMENT_OF_FORCE] = False
-        below, low_g, high_g = self._inequalities(gait, reference, places, feet, fixed, blend, at_f, at_h, size)
-        hessian, linear, constant_cost = self._objective(gait, places, rho, target, blend, fixed, at_f, at_h, size)
-        least = least_load_N(problem)
-        low_f = np.tile([-_FREE, -_FREE, least], len(places))
-        high_f = np.tile([_FREE, _FREE, problem.max_normal_N], len(places))
-        found = Qp(
-            hessian,
-            linear,
-            (equal[keep].tocsc(), right.ravel()[keep]),
-            (below, low_g, high_g),
-            np.concatenate([np.maximum(bounds[0], -_FREE).ravel(), low_f, spots[0].ravel()]),
-            np.concatenate([np.minimum(bounds[1], _FREE).ravel(), high_f, spots[1].ravel()]),
-            eps_abs=accuracy,
-            eps_rel=accuracy / 10,
-            max_iter=60,
-        ).solve()
-        if not found.solved:
-            return None
-        values = found.x
-        body = values[:at_f].reshape(n + 1, BODY_STATES)
-        forces = np.zeros((n, 4, 3))
-        forces[k, i] = values[at_f:at_h].reshape(-1, 3)
-        footholds = np.vstack([problem.start_feet_w_m, values[at_h:].reshape(-1, 2)])
-        dual = np.zeros((n, BODY_STATES))
-        dual.ravel()[keep] = found.multipliers
-        pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
-        cost = walk_cost(problem, gait, body, forces)
-        near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
-        return WalkKnots(gait, body, forces, footholds, cost, near + cost - self._smooth_cost(body, forces), pull)
+        return rows.matrix((BODY_STATES * n, of.size), self._euler).tocsr(), right, lever
 
     def _smooth_cost(self, body: Array, forces: Array) -> float:
         return walk_cost(self.problem, Gait((), np.zeros(0), self.problem.steps + 1), body, forces)
 
-    def _inequalities(
-        self,
-        gait: Gait,
-        reference: Reference,
-        places: Indices,
-        feet: Array,
-        fixed: Array,
-        blend: Array,
-        at_f: int,
-        at_h: int,
-        size: int,
-    ) -> tuple[sp.csc_matrix, Array, Array]:
-        """The cone, (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
-        problem, n, count = self.problem, self.problem.steps, len(places)
-        rows, low, high = Entries(), [], []
-        lateral = reference.forces[places[:, 0], places[:, 1], :2]
+    def _inequalities(self, of: _Layout) -> tuple[sp.csc_matrix, Array, Array]:
+        """The cone, (7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
+        rows = Rows()
+        cone = self._cone(rows, of)
+        self._accelerations(rows)
+        self._reach(rows, of)
+        self._three_feet(rows, of, cone)
+        step_rows(rows, self.problem, of.gait, of.reference.footholds, of.at_h)
+        apart_rows(rows, of.blend, of.fixed, of.at_h)
+        return rows.all(of.size)
+
+    def _cone(self, rows: Rows, of: _Layout) -> Array:
+        """Sides of the cone (P, 8, 3) about the reference's forces."""
+        at, count = np.arange(len(of.places)), len(of.places)
+        lateral = of.reference.forces[of.places[:, 0], of.places[:, 1], :2]
         angles = np.arctan2(lateral[:, 1], lateral[:, 0])[:, None] + 2 * np.pi * np.arange(_SIDES) / _SIDES
-        cone = np.stack([np.cos(angles), np.sin(angles), np.full_like(angles, -problem.friction)], axis=2)
-        rows.blocks(_SIDES * np.arange(count), at_f + 3 * np.arange(count), cone)
-        low.append(np.full(_SIDES * count, -np.inf))
-        high.append(np.full(_SIDES * count, -_CONE_RESERVE_N))
-        start = _SIDES * count
-        one = np.tile(np.eye(6), (n, 1, 1))
-        every = np.arange(n)
-        rows.blocks(start + 6 * every, 12 * every + 18, one)
-        rows.blocks(start + 6 * every, 12 * every + 6, -one)
-        change = np.tile(rate_steps(problem), n)
-        low.append(-change)
-        high.append(change)
-        start += 6 * n
-        # (9a), offsets of the feet in the body frame
+        cone = np.stack([np.cos(angles), np.sin(angles), np.full_like(angles, -self.problem.friction)], axis=2)
+        rows.blocks(_SIDES * at, of.at_f + 3 * at, cone)
+        rows.close(-np.inf, -_CONE_RESERVE_N, _SIDES * count)
+        return cone
+
+    def _accelerations(self, rows: Rows) -> None:
+        n = self.problem.steps
+        one, every = np.tile(np.eye(6), (n, 1, 1)), np.arange(n)
+        rows.blocks(6 * every, 12 * every + 18, one)
+        rows.blocks(6 * every, 12 * every + 6, -one)
+        change = np.tile(rate_steps(self.problem), n)
+        rows.close(-change, change)
+
+    def _reach(self, rows: Rows, of: _Layout) -> None:
+        """(9a), offsets of the feet in the body frame."""
+        problem, n, reference, blend = self.problem, self.problem.steps, of.reference, of.blend
         knots = np.arange(1, n + 1)
         unturn = rotation_from_rpy(reference.body[1:, 3:6]).swapaxes(1, 2)
-        away = np.einsum("kab,kib->kia", unturn, feet[1:] - reference.body[1:, None, :3])
+        away = np.einsum("kab,kib->kia", unturn, of.feet[1:] - reference.body[1:, None, :3])
         tilted = skews(away)
-        tilted_from = reference.body[1:, 3:6]
-        ground = np.concatenate([fixed[1:], feet[1:, :, 2:]], axis=2)
+        ground = np.concatenate([of.fixed[1:], of.feet[1:, :, 2:]], axis=2)
         for limb in range(4):
-            begin = start + 3 * (knots - 1)
+            begin = 3 * (knots - 1)
             rows.blocks(begin, 12 * knots, -unturn)
             rows.blocks(begin, 12 * knots + 3, tilted[:, limb])
-            for j, step in enumerate(gait.steps):
+            for j, step in enumerate(of.gait.steps):
                 if step.limb == limb:
                     here = np.flatnonzero(blend[1:, limb, j])
-                    rows.blocks(
-                        begin[here],
-                        np.full(len(here), at_h + 2 * j),
-                        unturn[here][:, :, :2] * blend[1:, limb, j][here, None, None],
-                    )
-            known = np.einsum("kab,kb->ka", unturn, ground[:, limb]) - np.einsum(
-                "kab,kb->ka", tilted[:, limb], tilted_from
-            )
-            slack = problem.boxes.half_m
-            low.append((problem.boxes.centre_b_m[limb] - slack - known).ravel())
-            high.append((problem.boxes.centre_b_m[limb] + slack - known).ravel())
-            start += 3 * n
+                    moved = unturn[here][:, :, :2] * blend[1:, limb, j][here, None, None]
+                    rows.blocks(begin[here], np.full(len(here), of.at_h + 2 * j), moved)
+            tilt = np.einsum("kab,kb->ka", tilted[:, limb], reference.body[1:, 3:6])
+            known = np.einsum("kab,kb->ka", unturn, ground[:, limb]) - tilt
+            centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
+            rows.close((centre - half - known).ravel(), (centre + half - known).ravel())
             for cut in (each for each in problem.cuts if each.limb == limb):
                 across = cut.normal_b @ unturn
-                rows.blocks(start + knots - 1, 12 * knots, -across[:, None])
-                rows.blocks(start + knots - 1, 12 * knots + 3, (cut.normal_b @ tilted[:, limb])[:, None])
+                rows.blocks(knots - 1, 12 * knots, -across[:, None])
+                rows.blocks(knots - 1, 12 * knots + 3, (cut.normal_b @ tilted[:, limb])[:, None])
                 moving, which = np.nonzero(blend[1:, limb])
                 for axis in (0, 1):
                     value = across[moving, axis] * blend[1 + moving, limb, which]
-                    rows.entries(start + moving, at_h + 2 * which + axis, value)
-                low.append(np.full(n, -np.inf))
-                high.append(cut.most - known @ cut.normal_b)
-                start += n
-        # the limbs' mass on three feet
+                    rows.entries(moving, of.at_h + 2 * which + axis, value)
+                rows.close(-np.inf, cut.most - known @ cut.normal_b)
+
+    def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
+        """The limbs' mass on three feet; between the knots their cone, where they balance the body here and at the
+        next knot.
+        """
+        problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.gait
         number = np.full((n, 4), -1)
-        number[places[:, 0], places[:, 1]] = np.arange(count)
+        number[of.places[:, 0], of.places[:, 1]] = np.arange(len(of.places))
         three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
-        corners = np.concatenate([feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
+        corners = np.concatenate([of.feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
         spread = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
         pull = problem.limbs_share * spread
-        begin = start + 3 * np.arange(len(three))
+        begin = 3 * np.arange(len(three))
         weight = reference.forces[three, :, 2].sum(axis=1)
         for corner in range(3):
-            rows.entries(begin + corner, at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
+            rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
         rows.blocks(begin, 12 * three, -4 * pull)
         inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
         rows.blocks(begin, 12 * three + 18, inertia)
         rows.blocks(begin, 12 * three + 6, -inertia)
-        all_feet = problem.centre_of_pressure(blend.sum(axis=1))[three]
+        all_feet = problem.centre_of_pressure(of.blend.sum(axis=1))[three]
         for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), at_h + 2 * j), pull * all_feet[:, j, None, None])
+            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * all_feet[:, j, None, None])
         neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        known = np.einsum("kab,kb->ka", pull, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
-        low.append((problem.profile.true_share - known).ravel())
-        high.append(np.full(3 * len(three), np.inf))
-        start += 3 * len(three)
-        # between the knots: the cone of three feet that balance the body where it is, here and at the next knot
+        known = np.einsum("kab,kb->ka", pull, problem.centre_of_pressure(of.fixed.sum(axis=1))[three] - neutral)
+        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
             height = problem.wall_friction * reference.body[three + ahead, 2, None, None] * spread
-            begin = start + 3 * np.arange(len(three))
             for corner in range(3):
                 place = number[three, on[:, corner]]
-                rows.blocks(begin + corner, at_f + 3 * place, cone[place, 0, None, :2])
-                rows.blocks(begin, at_f + 3 * place, height)
+                rows.blocks(begin + corner, of.at_f + 3 * place, cone[place, 0, None, :2])
+                rows.blocks(begin, of.at_f + 3 * place, height)
             rows.blocks(begin, 12 * (three + ahead), -lean)
-            low.append(np.full(3 * len(three), -np.inf))
-            high.append((problem.wall_friction * weight[:, None] * level).ravel() - _CONE_RESERVE_N)
-            start += 3 * len(three)
-        # lengths of steps
-        last = list(range(4))
-        for j, step in enumerate(gait.steps):
-            before = last[step.limb]
-            normals, most = step_polygon(problem, step, reference.footholds[before], reference.footholds[4 + j])
-            rows.dense(start, at_h + 2 * j + np.arange(2), normals)
-            if before < 4:
-                most = most + normals @ problem.start_feet_w_m[before]
-            else:
-                rows.dense(start, at_h + 2 * (before - 4) + np.arange(2), -normals)
-            last[step.limb] = 4 + j
-            low.append(np.full(len(most), -np.inf))
-            high.append(most)
-            start += len(most)
-        # feet of a side apart
-        for front, rear in ((0, 2), (1, 3)):
-            difference = blend[:, front] - blend[:, rear]
-            knots_apart, of_step = np.nonzero(difference)
-            rows.entries(start + knots_apart, at_h + 2 * of_step, difference[knots_apart, of_step])
-            low.append(FEET_APART_M - (fixed[:, front, 0] - fixed[:, rear, 0]))
-            high.append(np.full(n + 1, np.inf))
-            start += n + 1
-        below = rows.matrix((start, size)).tocsc()
-        return below, np.maximum(np.concatenate(low), -_INFINITE), np.minimum(np.concatenate(high), _INFINITE)
+            rows.close(-np.inf, (problem.wall_friction * weight[:, None] * level).ravel() - _CONE_RESERVE_N)
 
-    def _objective(
-        self,
-        gait: Gait,
-        places: Indices,
-        rho: float,
-        target: Eta | None,
-        blend: Array,
-        fixed: Array,
-        at_f: int,
-        at_h: int,
-        size: int,
-    ) -> tuple[sp.csc_matrix, Array, float]:
+    def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""
         problem, weights, scales = self.problem, self.problem.weights, self.scales
-        n, goal = problem.steps, problem.goal.body
-        diagonal, linear, constant = np.zeros(size), np.zeros(size), 0.0
+        n, goal, gait, blend = problem.steps, problem.goal.body, of.gait, of.blend
+        diagonal, linear, constant = np.zeros(of.size), np.zeros(of.size), 0.0
 
         def squares(index: Indices, weight: Array | float, wanted: Array) -> None:
             nonlocal constant
@@ -338,25 +318,25 @@ class ContactQp:
             np.add.at(linear, index, -2 * weight * wanted)
             constant += float((weight * wanted**2).sum())
 
-        states = np.arange(at_f).reshape(n + 1, BODY_STATES)
+        states = np.arange(of.at_f).reshape(n + 1, BODY_STATES)
         q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
         wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
         squares(states, q, np.broadcast_to(wanted, states.shape))
-        force = np.arange(at_f, at_h).reshape(-1, 3)
+        force = np.arange(of.at_f, of.at_h).reshape(-1, 3)
         squares(force, FORCE_SHARE * weights.wrench, np.zeros(force.shape))
-        spots = np.arange(at_h, size).reshape(-1, 2)
+        spots = np.arange(of.at_h, of.size).reshape(-1, 2)
         nominal = nominal_footholds(problem, gait)[4:]
         squares(spots, FOOTHOLD_WEIGHT, nominal)
         steps = np.zeros((len(gait.steps), len(gait.steps)))
         if target is not None and scales is not None:
             unit = np.array([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
             squares(states, rho / 2 * unit**2, target.body)
-            k, i = places.T
+            k, i = of.places.T
             squares(force, rho / 2 * scales.force**2, target.forces[k, i])
-            off = target.fingers[..., :2] - fixed  # (N + 1, 4, 2)
+            off = target.fingers[..., :2] - of.fixed  # (N + 1, 4, 2)
             near = rho / 2 * scales.position**2
             steps = 2 * near * np.einsum("kij,kil->jl", blend, blend)
-            linear[at_h:] -= 2 * near * np.einsum("kij,kia->ja", blend, off).ravel()
+            linear[of.at_h :] -= 2 * near * np.einsum("kij,kia->ja", blend, off).ravel()
             air = np.ones((n, 4), dtype=bool)
             air[k, i] = False
             heights = problem.step_height_m * gait.height - target.fingers[..., 2]
@@ -364,16 +344,8 @@ class ContactQp:
             constant += rho / 2 * scales.force**2 * float((target.forces[air] ** 2).sum())
         hessian = sp.diags(diagonal, format="coo")
         corner = sp.coo_matrix(np.kron(steps, np.eye(2)))
-        total = sp.csc_matrix(
-            (
-                np.concatenate([hessian.data, corner.data]),
-                (
-                    np.concatenate([hessian.row, at_h + corner.row]),
-                    np.concatenate([hessian.col, at_h + corner.col]),
-                ),
-            ),
-            (size, size),
-        )
+        rows, columns = (np.append(getattr(hessian, at), of.at_h + getattr(corner, at)) for at in ("row", "col"))
+        total = sp.csc_matrix((np.append(hessian.data, corner.data), (rows, columns)), (of.size, of.size))
         return total, linear, constant
 
 
