@@ -30,7 +30,7 @@ from crux_planner.model.grips import Grip
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limits import SwingLimits, limb_masses
 from crux_planner.model.mass import composite_inertia
-from crux_planner.model.poses import check_body, pose_in_heading_frame, weights_of
+from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
 from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
@@ -58,13 +58,9 @@ def build_problem(
     if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
         most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
         raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
-    heading = scenario.start.body.rpy_rad[2]
-    body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, robot.body.max_speed_m_s, robot.body.max_rate_rad_s)
-    start, goal = (
-        pose_in_heading_frame(scenario.start.body, heading),
-        pose_in_heading_frame(scenario.goal.body, heading),
-    )
-    check_body(scenario, body, start, goal)
+    bounds = robot.body
+    body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
+    heading, start, goal = body_and_ends(scenario, body)
     margins = scenario.planner.margins
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
@@ -74,31 +70,21 @@ def build_problem(
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     begin = start_contacts(scenario, contacts, unusable)
-    contact = scenario.contact
+    contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
     return Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
         inertia_b=start_inertia(robot, start, [contacts[i] for i in begin]),
-        patch=Patch(
-            contact.patch_k_m,
-            contact.max_normal_N,
-            contact.spine_shear_N,
-            contact.spine_twist_Nm,
-        ),
+        patch=Patch(contact.patch_k_m, contact.max_normal_N, contact.spine_shear_N, contact.spine_twist_Nm),
         cuboids=cuboids,
         hold_names=[hold.name for hold in scenario.holds],
         contacts=contacts,
         limb_contacts=_limb_contacts(scenario, robot, contacts, begin, float(goal.rpy_rad[2])),
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
         start=start,
-        goal=Goal(
-            goal,
-            scenario.goal.tolerance_m,
-            scenario.goal.tolerance_rad,
-            _goal_grasps(scenario, robot, unusable),
-        ),
+        goal=Goal(goal, tolerance_m, tolerance_rad, _goal_grasps(scenario, robot, unusable)),
         boxes=boxes,
         gripper_yaw_rad=robot.grasp.gripper_yaw_rad,
         body=body,

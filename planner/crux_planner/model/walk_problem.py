@@ -17,7 +17,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.mass import centre_of_mass, composite_inertia
-from crux_planner.model.poses import check_body, pose_in_heading_frame, weights_of
+from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Pose, Weights
 from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
@@ -107,31 +107,16 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         raise wrong(scenario, "holds", scenario.holds[0].name, "expected none with contact.model point")
     if scenario.contact.spine_shear_N or scenario.contact.spine_twist_Nm:
         raise wrong(scenario, "contact.spine_shear_N", "above 0", "expected 0: feet on the surface have no spines")
-    heading = scenario.start.body.rpy_rad[2]
     walking = robot.walking
     body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s)
-    start = pose_in_heading_frame(scenario.start.body, heading)
-    goal = pose_in_heading_frame(scenario.goal.body, heading)
-    check_body(scenario, body, start, goal)
+    heading, start, goal = body_and_ends(scenario, body)
     turn = abs(float(goal.rpy_rad[2]))
     if turn > walking.foot_yaw_rad[1]:
         raise InfeasibleError(
             "goal bounds", f"goal.body.rpy_deg: the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
         )
     feet = np.array([scenario.start.feet[limb] for limb in LIMB_NAMES]) @ rotation_z(-heading)[:2, :2].T
-    pad = robot.gripper.pad_radius_m
-    boxes = acceptance_boxes(
-        robot.limbs,
-        WorkspaceRange(
-            robot.body.height_m,
-            (pad, pad),
-            pad + walking.step_height_m,
-            pad + walking.step_height_m,
-            robot.body.max_tilt_rad,
-            walking.foot_yaw_rad,
-        ),
-    )
-    boxes = AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+    boxes = _boxes(robot)
     share, neutral = _limbs_pull(robot, start, feet)
     goal_yaw = float(goal.rpy_rad[2])
     goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T
@@ -168,6 +153,23 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     )
     _check_start(scenario, problem)
     return problem
+
+
+def _boxes(robot: Robot) -> AcceptanceBoxes:
+    """(9a) of the feet, whose centres are their pads' radius above the surface."""
+    pad, walking = robot.gripper.pad_radius_m, robot.walking
+    boxes = acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            (pad, pad),
+            pad + walking.step_height_m,
+            pad + walking.step_height_m,
+            robot.body.max_tilt_rad,
+            walking.foot_yaw_rad,
+        ),
+    )
+    return AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
 
 
 def _check_start(scenario: Scenario, problem: WalkProblem) -> None:

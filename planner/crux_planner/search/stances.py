@@ -142,64 +142,103 @@ def search(
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
     and at `busy_until` (of time.process_time).
     """
-    report = SearchReport()
-    to_go = costs_to_go(problem, reach, swings)
-    links = LinkClearance(problem, swings)
-    goal = problem.goal.body.position_m
-    groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
-
-    def estimate(stance: Stance) -> float:
-        return sum(to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / at_once
-
-    counter = itertools.count()
-    start: Stance = problem.start_contacts
-    best = {start: 0.0}
-    parent: dict[Stance, Move] = {}
-    open_list = [(estimate(start), next(counter), 0.0, start, problem.start.position_m)]
-    while open_list and not report.timed_out:
-        _, _, cost, stance, body = heapq.heappop(open_list)
-        if cost > best[stance] + 1e-9:
+    tree = _Tree(problem, equilibrium, reach, swings, at_once, greed)
+    report = tree.report
+    while tree.open and not report.timed_out:
+        cost, stance, body = tree.next()
+        if cost > tree.best[stance] + 1e-9:
             continue
         if known and stance in known:
-            return [*_trace(parent, stance), *known[stance]], report
-        ahead = estimate(stance)
+            return [*tree.moves_to(stance), *known[stance]], report
+        ahead = tree.estimate(stance)
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead
             report.lifts_without_balance.clear()
         if ahead < 1e-9 and _ends_well(problem, equilibrium, reach, stance):
-            return _trace(parent, stance), report
+            return tree.moves_to(stance), report
         report.expanded += 1
         report.timed_out = clock.now() > deadline or time.process_time() > busy_until
-        bounds = reach.of(stance)
-        if bounds is None:
-            continue
-        for limbs in groups:
-            support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
-            lift_off = equilibrium.position(support, *bounds, body)
-            if lift_off is None:
-                if stance == report.nearest:
-                    report.lifts_without_balance.update(limbs)
-                continue
-            if not links.stance_clear(stance, body, lift_off):
-                continue
-            for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
-                after = _after(stance, limbs, ends)
-                moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
-                landing = reach.of(after)
-                if landing is None or estimate(after) >= UNREACHABLE or not swings.free(moves, support):
-                    continue
-                new_cost = cost + _move_cost(swings, moves)
-                if new_cost >= best.get(after, np.inf) - 1e-9:
-                    continue
-                touch_down = equilibrium.position(support, *landing, np.clip(goal, *landing))
-                if touch_down is None or not links.move_clear(stance, after, limbs, lift_off, touch_down):
-                    continue
-                best[after] = new_cost
-                parent[after] = Move(stance, after, limbs, lift_off, touch_down)
-                heapq.heappush(
-                    open_list, (new_cost + greed * estimate(after), next(counter), new_cost, after, touch_down)
-                )
+        tree.grow(cost, stance, body)
     return None, report
+
+
+class _Tree:
+    """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        equilibrium: StaticEquilibrium,
+        reach: ReachableSet,
+        swings: SwingCache,
+        at_once: int,
+        greed: float,
+    ) -> None:
+        self.equilibrium, self.reach, self.swings = equilibrium, reach, swings
+        self.report = SearchReport()
+        self._to_go, self._at_once, self._greed = costs_to_go(problem, reach, swings), at_once, greed
+        self._links, self._goal = LinkClearance(problem, swings), problem.goal.body.position_m
+        self._groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
+        self._counter = itertools.count()
+        self._parent: dict[Stance, Move] = {}
+        self.best = {problem.start_contacts: 0.0}
+        self.open: list[tuple[float, int, float, Stance, Array]] = []
+        self._add(0.0, problem.start_contacts, problem.start.position_m, 1.0)
+
+    def estimate(self, stance: Stance) -> float:
+        """Least knots to the goal."""
+        return sum(self._to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / self._at_once
+
+    def next(self) -> tuple[float, Stance, Array]:
+        """The most promising stance, the cost of getting there, and where the body is then."""
+        _, _, cost, stance, body = heapq.heappop(self.open)
+        return cost, stance, body
+
+    def moves_to(self, stance: Stance) -> list[Move]:
+        """From the start."""
+        moves = []
+        while stance in self._parent:
+            moves.append(self._parent[stance])
+            stance = moves[-1].before
+        return moves[::-1]
+
+    def grow(self, cost: float, stance: Stance, body: Array) -> None:
+        """Add what moves from a stance lead to."""
+        if (bounds := self.reach.of(stance)) is None:
+            return
+        for limbs in self._groups:
+            support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
+            lift_off = self.equilibrium.position(support, *bounds, body)
+            if lift_off is None:
+                if stance == self.report.nearest:
+                    self.report.lifts_without_balance.update(limbs)
+                continue
+            if self._links.stance_clear(stance, body, lift_off):
+                self._move(cost, stance, limbs, support, lift_off)
+
+    def _move(
+        self, cost: float, stance: Stance, limbs: tuple[int, ...], support: tuple[int, ...], lift_off: Array
+    ) -> None:
+        reach, swings = self.reach, self.swings
+        for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
+            after = _after(stance, limbs, ends)
+            moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
+            landing = reach.of(after)
+            if landing is None or self.estimate(after) >= UNREACHABLE or not swings.free(moves, support):
+                continue
+            new_cost = cost + _move_cost(swings, moves)
+            if new_cost >= self.best.get(after, np.inf) - 1e-9:
+                continue
+            touch_down = self.equilibrium.position(support, *landing, np.clip(self._goal, *landing))
+            if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
+                continue
+            self.best[after] = new_cost
+            self._parent[after] = Move(stance, after, limbs, lift_off, touch_down)
+            self._add(new_cost, after, touch_down, self._greed)
+
+    def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
+        ahead = cost + greed * self.estimate(stance)
+        heapq.heappush(self.open, (ahead, next(self._counter), cost, stance, body))
 
 
 def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
@@ -221,11 +260,3 @@ def _ends_well(problem: Problem, equilibrium: StaticEquilibrium, reach: Reachabl
     goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
     low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
     return bool((low <= high).all()) and equilibrium.position(stance, low, high, goal) is not None
-
-
-def _trace(parent: dict[Stance, Move], stance: Stance) -> list[Move]:
-    moves = []
-    while stance in parent:
-        moves.append(parent[stance])
-        stance = moves[-1].before
-    return moves[::-1]

@@ -43,31 +43,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     height = problem.step_height_m * gait.height.reshape(1, -1)
     feet = ca.vertcat(holds @ ca.sparsify(ca.DM(blend.T)), ca.DM(height))  # (3, 4 (N + 1)), knot by knot
     here = feet[:, (4 * places[:, 0] + places[:, 1]).tolist()]
-    sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
-
-    true_shares = _true_shares_function(problem)
-    centre_of_pressure = holds @ ca.sparsify(ca.DM(problem.centre_of_pressure(gait.blend.sum(axis=1)).T))
-    parts: list[tuple[Any, Any, Any]] = []
-    totals = _wrench_function().map(len(places))(f, here) @ sums
-    parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
-    parts.append((_cone_function(problem).map(len(places))(f), 0.0, np.inf))
-    change = rate_steps(problem)
-    parts.append((x[6:12, 1:] - x[6:12, :-1], -change, change))
-    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
-    reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
-    parts.append((reach, middle - half, middle + half))
-    for cut in problem.cuts:
-        place = reach[3 * cut.limb : 3 * cut.limb + 3, :]
-        parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
-    for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
-        rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], centre_of_pressure[:, k], x[:, k], x[:, k + 1])
-        parts.append((shares, problem.profile.true_share, np.inf))
-    parts += _step_lengths(problem, knots, holds)
-    of_limb = [feet[0, limb::4] for limb in range(4)]
-    for front, rear in ((0, 2), (1, 3)):
-        parts.append((of_limb[front] - of_limb[rear], FEET_APART_M, np.inf))
-
+    parts = _rows(problem, knots, places, (x, f, holds), feet, here)
     nominal = knots.footholds[4:].T
     objective = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     objective += FORCE_SHARE * problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f)
@@ -97,6 +73,39 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     )
     start = [knots.body.ravel(), knots.forces[stance].ravel() / FORCE_SCALE_N, nominal.T.ravel()]
     return _solution(problem, knots, solver.solve(np.concatenate(start)), places)
+
+
+def _rows(
+    problem: WalkProblem, knots: WalkKnots, places: Indices, of: tuple[Any, Any, Any], feet: Any, here: Any
+) -> list[tuple[Any, Any, Any]]:
+    """Expressions of body, forces and footholds `of`, with bounds; `feet` (3, 4 (N + 1)), those in stance `here`."""
+    n, (x, f, holds) = problem.steps, of
+    stance = knots.gait.stance[:n]
+    sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
+
+    true_shares = _true_shares_function(problem)
+    centre_of_pressure = holds @ ca.sparsify(ca.DM(problem.centre_of_pressure(knots.gait.blend.sum(axis=1)).T))
+    parts: list[tuple[Any, Any, Any]] = []
+    totals = _wrench_function().map(len(places))(f, here) @ sums
+    parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
+    parts.append((_cone_function(problem).map(len(places))(f), 0.0, np.inf))
+    change = rate_steps(problem)
+    parts.append((x[6:12, 1:] - x[6:12, :-1], -change, change))
+    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+    reach = _reach_function().map(n)(x[:, 1:], ca.reshape(feet[:, 4:], 12, n))
+    parts.append((reach, middle - half, middle + half))
+    for cut in problem.cuts:
+        place = reach[3 * cut.limb : 3 * cut.limb + 3, :]
+        parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
+    for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
+        rows = np.flatnonzero(places[:, 0] == k).tolist()
+        shares = true_shares(f[2, rows], here[:2, rows], centre_of_pressure[:, k], x[:, k], x[:, k + 1])
+        parts.append((shares, problem.profile.true_share, np.inf))
+    parts += _step_lengths(problem, knots, holds)
+    of_limb = [feet[0, limb::4] for limb in range(4)]
+    for front, rear in ((0, 2), (1, 3)):
+        parts.append((of_limb[front] - of_limb[rear], FEET_APART_M, np.inf))
+    return parts
 
 
 def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tuple[Any, Any, Any]]:
