@@ -59,7 +59,8 @@ def climb_alone(scenario: Scenario, method: str, **settings: Any) -> MethodRepor
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
     equilibrium = StaticEquilibrium(problem, problem.friction_share)
-    task = Task(problem, equilibrium, ReachableSet(problem), SwingCache(problem), clock.now() + LIMIT_S, **settings)
+    reach, swings = ReachableSet(problem), SwingCache(problem)
+    task = Task(problem, equilibrium, reach, swings, deadline=clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
     plan = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
     return MethodReport(decided, plan, check_plan(plan, robot))
@@ -71,7 +72,7 @@ def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dic
     from crux_planner.model.walk_problem import build_walk
 
     problem = build_walk(scenario, load_robot(scenario.robot))
-    return METHODS[method](WalkTask(problem, clock.now() + LIMIT_S, **settings)).residuals
+    return METHODS[method](WalkTask(problem, deadline=clock.now() + LIMIT_S, **settings)).residuals
 
 
 def start_is_well_formed(scenario: Scenario) -> bool:

@@ -21,7 +21,7 @@ from crux_planner.pipeline.explanation import check_start, explain
 from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.restart import rewritten
-from crux_planner.pipeline.session import Climb, Progress, Work, begin
+from crux_planner.pipeline.session import Climb, Progress, Work, begin, method_settings
 from crux_planner.pipeline.solve_and_check import finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
@@ -186,7 +186,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     """One of the paper's methods decides the contacts; the exact NLP and the check are the same for all."""
     from crux_planner.admm.methods import METHODS, Task
 
-    work, options = climb.work, climb.scenario.planner
+    work = climb.work
     failures: list[InfeasibleError] = []
     aimed = climb.problem.aimed()
     if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
@@ -196,8 +196,8 @@ def _plan_by_method(climb: Climb) -> PlanResult:
         problem = climb.problem
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
-            settings = options.rho, options.iterations
-            task = Task(problem, equilibrium, climb.reach, climb.swings, climb.deadline, *settings, report=work.log)
+            settings = method_settings(climb)
+            task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
             decided = METHODS[climb.method](task)
         alone = plan_message(climb.scenario, climb.robot, problem, decided.schedule, decided.solution, climb.method)
         with work.part("check", 0.4):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import METHODS, Scenario
@@ -79,6 +79,13 @@ class Climb(Session):
     equilibrium: StaticEquilibrium
     reach: ReachableSet
     swings: SwingCache
+
+
+def method_settings(session: Session) -> dict[str, Any]:
+    """What one of the paper's methods is given beside its problem (crux_planner.admm.admm.Settings)."""
+    options = session.scenario.planner
+    given = {"rho": options.rho, "iterations": options.iterations}
+    return {**given, "deadline": session.deadline, "report": session.work.log}
 
 
 def begin(

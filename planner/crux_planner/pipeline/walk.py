@@ -20,7 +20,7 @@ from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult, walk_message
-from crux_planner.pipeline.session import Progress, Session, begin
+from crux_planner.pipeline.session import Progress, Session, begin, method_settings
 from crux_planner.pipeline.stretch import CUTS, bent
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, spare_cores
@@ -148,11 +148,10 @@ def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
         raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     workers = _team(walk.worker)
     contacts = WalkContacts(problem, workers=workers)
-    settings = scenario.planner.rho, scenario.planner.iterations
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = METHODS[method](WalkTask(problem, walk.deadline, *settings, report=work.log, workers=workers))
+            decided = METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait

@@ -30,7 +30,7 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
 
 def test_iterations_are_limited() -> None:
     small = scene(30)
-    task = Task(small.problem, small.equilibrium, small.reach, small.swings, small.later, iterations=2)
+    task = Task(small.problem, small.equilibrium, small.reach, small.swings, deadline=small.later, iterations=2)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged
