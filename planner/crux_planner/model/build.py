@@ -20,13 +20,13 @@ from crux_planner.model.contacts import (
     FACE_NAMES,
     PAIR_NAMES,
     Contact,
+    Grip,
     GripperShape,
     opening_for,
     pad_height,
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.grips import Grip
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limits import SwingLimits, limb_masses
 from crux_planner.model.mass import composite_inertia

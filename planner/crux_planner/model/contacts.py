@@ -74,6 +74,17 @@ class Contact:
         return np.array([-np.sin(self.yaw_rad), np.cos(self.yaw_rad), 0.0])
 
 
+@dataclass(frozen=True)
+class Grip:
+    """A hold and a face pair as proofs know them: the grasp may be `aside_m` to each side of the middle and anywhere
+    in `height_m`.
+    """
+
+    contact: Contact
+    aside_m: float
+    height_m: tuple[float, float]
+
+
 def pad_height(
     hold_height_m: float, allowed_m: tuple[float, float], patch_radius_m: float, palm_above_pad_m: float
 ) -> float | None:

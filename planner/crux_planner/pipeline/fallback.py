@@ -9,9 +9,8 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
-from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S
+from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, gap
 from crux_planner.certificates.bound.climb import EFFORT, lower_bound
-from crux_planner.certificates.bound.gap import gap
 from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.errors import FOR_ITS_REACH, HorizonError, InfeasibleError
 from crux_planner.model.arrays import Flags

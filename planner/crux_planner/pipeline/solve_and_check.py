@@ -16,8 +16,8 @@ from crux_planner.physics.cost import plan_cost
 from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.refusals import TooFast, slowed
 from crux_planner.pipeline.session import Climb
-from crux_planner.pipeline.too_fast import TooFast, slowed
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed

@@ -20,8 +20,8 @@ from crux_planner.errors import InfeasibleError, unsolved, wrong
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult, walk_message
+from crux_planner.pipeline.refusals import CUTS, bent
 from crux_planner.pipeline.session import Progress, Session, begin, method_settings
-from crux_planner.pipeline.stretch import CUTS, bent
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting

@@ -11,10 +11,9 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.windows import Swinging, Windows
-from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker, gap
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.bound.excursion import body_range, excursion, yaw_range
-from crux_planner.certificates.bound.gap import gap
 from crux_planner.certificates.bound.grasps import by_faces, grasps
 from crux_planner.certificates.bound.knot_qp import KnotQp
 from crux_planner.certificates.bound.multipliers import Multipliers

@@ -11,7 +11,7 @@ from crux_contracts.robot import Robot
 from crux_planner.checker import CheckReport, Violation
 from crux_planner.model.build import build_problem
 from crux_planner.physics.speed_limits import speeds, steady_speed
-from crux_planner.pipeline.too_fast import BETWEEN_KNOTS, slowed
+from crux_planner.pipeline.refusals import BETWEEN_KNOTS, slowed
 from walls import scenario, two_rows
 
 

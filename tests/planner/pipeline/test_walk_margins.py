@@ -14,7 +14,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_planner.checker.report import CheckReport, Violation
 from crux_planner.model.gait import Gait, Step
 from crux_planner.model.walk_problem import build_walk
-from crux_planner.pipeline.stretch import bent
+from crux_planner.pipeline.refusals import bent
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.solvers.worker import Worker
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crux_planner.certificates.bound.gap import gap
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, WorkerLostError, say
 
@@ -71,3 +70,10 @@ class ClimbBoundWorker(BoundWorker):
         problem, cost = replace(self._problem, steps=steps), (1.0 - AIM) * expected
         limit_s, effort = (TIME_LIMIT_S, EFFORT) if self._prove_s is None else (self._prove_s, np.inf)
         self.start(steps, lower_bound, problem, cost, limit_s, say, effort)
+
+
+def gap(cost: float, bound: float | None) -> float | None:
+    """How far above the bound a cost may be, as a share of it: (cost - bound) / cost; None without a bound."""
+    if bound is None or not np.isfinite(bound) or cost <= 0.0:
+        return None
+    return max((cost - bound) / cost, 0.0)

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.grips import Grip
+from crux_planner.model.contacts import Grip
 from crux_planner.model.shapes import PalmShape
 from crux_planner.swing.swing import palm_gap
 

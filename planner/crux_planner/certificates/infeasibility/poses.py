@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.grips import Grip
+from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
 from crux_planner.physics.limit_surface import polytope_directions

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags
-from crux_planner.model.grips import Grip
+from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
