@@ -1,8 +1,9 @@
 """The planner: from a scenario and a robot description to a checked plan.
 
-Public: `plan`, `Planner` (plans again, warm), `PlanResult`, `InfeasibleError`, and the modules `checker`, `replanning`,
-`errors` and `alone` (the paper's methods by themselves, for measuring). Names
-are imported when first used, so that the checker and the command line do not wait for the optimisation libraries.
+Public: `plan`, `Planner` (plans again, warm), `stances` and `scenario_at` of a running plan, `PlanResult`,
+`InfeasibleError`, and the modules `checker`, `errors` and `method_report` (the paper's methods by themselves, for
+measuring). Names are imported when first used, so that the checker and the command line do not wait for the
+optimisation libraries.
 """
 
 from __future__ import annotations
@@ -11,14 +12,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crux_planner.entry import plan
     from crux_planner.errors import InfeasibleError
-    from crux_planner.replanning import Planner
-    from crux_planner.result import PlanResult
+    from crux_planner.pipeline.entry import plan
+    from crux_planner.pipeline.message import PlanResult
+    from crux_planner.pipeline.replan import Planner
+    from crux_planner.pipeline.restart import scenario_at, stances
 
-__all__ = ["InfeasibleError", "PlanResult", "Planner", "plan"]
+__all__ = ["InfeasibleError", "PlanResult", "Planner", "plan", "scenario_at", "stances"]
 
-_HOME = {"InfeasibleError": "errors", "PlanResult": "result", "Planner": "replanning", "plan": "entry"}
+_HOME = {
+    "InfeasibleError": "errors",
+    "PlanResult": "pipeline.message",
+    "Planner": "pipeline.replan",
+    "plan": "pipeline.entry",
+    "scenario_at": "pipeline.restart",
+    "stances": "pipeline.restart",
+}
 
 
 def __getattr__(name: str) -> Any:

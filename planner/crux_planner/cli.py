@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crux_planner.result import PlanResult
+    from crux_planner.pipeline.message import PlanResult
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -28,8 +28,8 @@ def add_plan_parser(subparsers: Any) -> None:
     """Add `plan` to the subcommands of crux."""
     from crux_contracts.scenario import METHODS
 
-    from crux_planner.alone import METHODS_HERE
-    from crux_planner.work import TIME_LIMIT_S
+    from crux_planner.method_report import METHODS_HERE
+    from crux_planner.pipeline.session import TIME_LIMIT_S
 
     parser = subparsers.add_parser(
         "plan",
@@ -94,13 +94,13 @@ def run_plan(args: argparse.Namespace) -> int:
         look_at_outputs({"-o": args.output}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None:
-                from crux_planner.replanning import Planner
+                from crux_planner.pipeline.replan import Planner
 
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
                 result = again.replan(read_plan(args.running), args.at or 0.0, without=args.without, log=log, **limit)
             else:
-                from crux_planner.entry import plan
+                from crux_planner.pipeline.entry import plan
 
                 result = plan(
                     scenario,

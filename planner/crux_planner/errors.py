@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from crux_contracts.scenario import Scenario, ScenarioError
@@ -25,6 +25,12 @@ class InfeasibleError(Exception):
         self.constraint = constraint
         self.proven = proven
         self.undecided = not proven and (undecided or constraint == TIME_LIMIT)
+        self.blamed: tuple[int, int] | None = None  # the move (contact to contact) without which there may be a plan
+
+    def blaming(self, move: tuple[int, int] | None) -> Self:
+        """The same, with the move that another attempt should do without; None where no other would help."""
+        self.blamed = move
+        return self
 
     @property
     def verdict(self) -> str:

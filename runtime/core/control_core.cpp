@@ -48,6 +48,7 @@ Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noe
   started_ = false;
   engaged_ = false;
   test_.reset();
+  retry_.reset();
   reference_ = {};
   if (plan_) {
     reference_ = play(*plan_, clock_.now());
@@ -62,6 +63,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
   if (engaged_) {
     if (supervisor_.state() == SupervisorState::kClimbing && slipping_limb() < 0) advance_clock(reference_, in.dt_s);
     reference_ = play(*plan_, clock_.now());
+    retry_.apply(reference_);
     control(in, reference_);
   } else {
     for (LimbController& limb : limbs_) limb.stand_by();
@@ -152,6 +154,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
     test_.reset();
+    retry_.reset();
     for (SlipWatch& slip : slips_) slip = SlipWatch(robot_.stance);
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
@@ -197,6 +200,11 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
   }
   for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
     const LimbReference& limb = reference.limbs[l];
+    if (retry_.limb() == l) {
+      if (limb.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
+      events[l].gripped = false;
+      clock_.wait_anew();
+    }
     if (!limb.closing()) continue;
     if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) begin_test(l);
     events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
@@ -351,6 +359,11 @@ void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexc
     if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
     if (test_.limb() == l)
       test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N(reference), dt_s);
+    const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
+    if (climbs && test_.result(l) == GraspTest::Result::kFailed && retry_.begin(l)) {
+      test_.forget(l);
+      limbs_[l].aim_beside(retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
+    }
   }
 }
 

@@ -13,6 +13,7 @@
 
 #include "core/body_estimator.hpp"
 #include "core/fault_monitor.hpp"
+#include "core/grasp_retry.hpp"
 #include "core/grasp_test.hpp"
 #include "core/limb_controller.hpp"
 #include "core/map_localisation.hpp"
@@ -82,6 +83,9 @@ class ControlCore {
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors(double late_s) const noexcept;
+  /// A limb without inertia to speak of: legs that swing have some, and what slides on its hold, or sticks to it as it
+  /// opens, jerks the gripper.
+  bool moves_slowly(int limb) const noexcept;
   PerLimb<Bearer> bearers(const PlanReference& reference) const noexcept;
   PerLimb<Wrench> balanced(const PerLimb<Bearer>& bearers) const noexcept;
   /// What the limbs are to bear: balanced, and within what fingers and joints can.
@@ -99,6 +103,7 @@ class ControlCore {
   MapLocalisation localisation_;
   LoadSharing sharing_;
   GraspTest test_;
+  GraspRetry retry_;
   FaultMonitor faults_;
   Supervisor supervisor_;
   StanceFit stance_;

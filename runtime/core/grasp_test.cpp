@@ -10,6 +10,7 @@ constexpr double kPress_s = 0.3;    // for the fingers to press as the full load
 constexpr double kRate_N_s = 30.0;  // of the pull: slow enough for the other limbs to give way to
 constexpr double kLeastRamp_s = 0.2;
 constexpr double kStand_s = 0.3;
+constexpr double kFailedEasing = 10.0;  // times quicker: a grasp that slides does not bear its load anyway
 
 /// The heaviest load of a grip that lasts on, from `at` on in steps of `step` intervals, and the grasp force it needs.
 struct Heaviest {
@@ -67,7 +68,7 @@ void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb
   const double step = dt_s / std::max(load_W_.force_N.norm() / kRate_N_s, kLeastRamp_s);
   time_s_ += dt_s;
   if (easing_) {
-    share_ = std::max(share_ - step, 0.0);
+    share_ = std::max(share_ - (failed_ ? kFailedEasing : 1.0) * step, 0.0);
     if (share_ > 0.0) return;
     result_[limb_] = failed_ ? Result::kFailed : Result::kPassed;
     limb_ = -1;

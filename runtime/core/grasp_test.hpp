@@ -17,7 +17,7 @@ double testable_N(const PreparedPlan& plan, const PlanTime& at, int limb, const 
                   const Contact& contact, const ControlParameters& control) noexcept;
 
 /// The pull on one grasp at a time: the fingers press first, the load grows as far as the other limbs bear it, stands
-/// and goes. A grasp that gives way is let off as slowly as it was loaded.
+/// and goes.
 class GraspTest {
  public:
   enum class Result { kNone, kPassed, kFailed };

@@ -101,6 +101,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   const Pose gripper_W = body_W * state_.gripper_B;
   const Vector3 off_m = gripper_W.position_m - reference.gripper_position_W_m;
   found_ = in_contact_ = on_hold(reference);
+  beside_W_m_.setZero();
   back_ = reference.back;
   known_ = {};
   contact_offset_W_m_ = in_contact_ ? clamped_norm(off_m, control_.max_contact_offset_m) : Vector3::Zero();
@@ -123,10 +124,11 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
+  const bool opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
   gripped_time_s_ = finger_force_N() >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
   return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
-          .opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m,
-          .arrived = distance_m <= supervisor_.arrive_tolerance_m,
+          .opened = opened,
+          .arrived = opened && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = gripped_time_s_ >= supervisor_.persistence_s};
 }
 
@@ -138,6 +140,7 @@ Pose LimbController::target_W(const LimbReference& reference) const noexcept {
 /// The limb grips at `place_W_m`, and goes on aiming at `target_W`.
 void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept {
   contact_offset_W_m_ = clamped_norm(place_W_m - reference.gripper_position_W_m, control_.max_contact_offset_m);
+  beside_W_m_.setZero();
   admittance_.rebase(target_W.position_m - anchor_W_m(reference),
                      rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
 }
@@ -173,6 +176,12 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
   found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
   if (!reference.point_foot) grip_at(place_W_m, target_W(reference), reference);
   return found_;
+}
+
+void LimbController::aim_beside(const Vector3& beside_W_m, const LimbReference& reference) noexcept {
+  const Pose target_W = this->target_W(reference);
+  beside_W_m_ = beside_W_m;
+  admittance_.rebase(target_W.position_m - anchor_W_m(reference), admittance_.rotation_rad());
 }
 
 void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {

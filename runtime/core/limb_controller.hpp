@@ -39,7 +39,7 @@ class LimbController {
 
   /// Where the limb grips, in W: the planned place and what it was found to be off at contact.
   Vector3 anchor_W_m(const LimbReference& reference) const {
-    return reference.gripper_position_W_m + contact_offset_W_m_;
+    return reference.gripper_position_W_m + contact_offset_W_m_ + beside_W_m_;
   }
 
   /// The limb is on a hold or the ground.
@@ -51,6 +51,9 @@ class LimbController {
   /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
   /// one in the air. Commands are continuous over both. True in the cycle in which the limb's place is found.
   bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
+
+  /// The limb is to grip `beside_W_m` off where it would otherwise.
+  void aim_beside(const Vector3& beside_W_m, const LimbReference& reference) noexcept;
 
   /// The world the body's poses are counted in turns out to lie elsewhere by `motion`: where the limb holds moves
   /// along. With body poses moved likewise its commands stay what they are.
@@ -155,6 +158,7 @@ class LimbController {
 
   // Commanded.
   Vector3 contact_offset_W_m_ = Vector3::Zero();
+  Vector3 beside_W_m_ = Vector3::Zero();  ///< aim_beside(), until contact
   /// At the beginning and at the end of the last swing; unknown before. So a limb that goes back,
   /// and forward again, finds its holds where they were.
   std::array<KnownHold, 2> known_;

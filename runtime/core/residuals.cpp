@@ -62,6 +62,12 @@ double ControlCore::utilisation(int limb) const noexcept {
                                    limbs_[limb].finger_force_N());
 }
 
+bool ControlCore::moves_slowly(int limb) const noexcept {
+  const LimbReference& reference = reference_.limbs[limb];
+  if (reference.point_foot) return reference.load > kStandingLoad;
+  return reference.phase != LimbPhase::kOpen && test_.limb() != limb && retry_.limb() != limb;
+}
+
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
   LoopErrors errors;
   errors.late_s = late_s;
@@ -77,12 +83,9 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
-    // Legs that swing have inertia of their own, and a finger that sticks to its hold jerks the gripper as it opens.
-    const bool slow = reference_.limbs[l].point_foot ? reference_.limbs[l].load > kStandingLoad
-                                                     : reference_.limbs[l].phase != LimbPhase::kOpen;
-    errors.ft_residual_Nm[l] = started_ && slow ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.ft_residual_Nm[l] = started_ && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.slid_m[l] = slips_[l].slid_m();
-    if (stance_.odd_limb() == l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
+    if (stance_.odd_limb() == l && test_.limb() != l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
     errors.slips_on[l] = slips_[l].out_of_hand();
     errors.must_grip[l] = started_ && !plan_->point_feet && reference_.limbs[l].load > kStandingLoad;
     errors.ft_limit_Nm[l] = limbs_[l].ft_limit_Nm(wrenches_W_[l], body_.body_W().rotation);

@@ -69,7 +69,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     (tmp_path / "locked").symlink_to("/proc/version")
     os.mkfifo(tmp_path / "pipe")
     before = written(tmp_path)
-    monkeypatch.setattr("crux_planner.entry.plan", lambda *_, **__: pytest.fail("it planned"))
+    monkeypatch.setattr("crux_planner.pipeline.entry.plan", lambda *_, **__: pytest.fail("it planned"))
     target = tmp_path / output
     status = cli.main(["plan", str(tmp_path / "scenario.yaml"), "-o", str(target)])
     _, errors = capsys.readouterr()

@@ -13,7 +13,9 @@ ROOT = Path(__file__).resolve().parents[2]
 COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
 COMPONENT_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
-PUBLIC = re.compile(r"crux_planner(\.(errors|replanning|alone|checker(\.\w+)*))?")
+PUBLIC = re.compile(r"crux_planner(\.(errors|method_report|checker(\.\w+)*))?")
+LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates", "pipeline"]
+LAYERS += ["method_report", "__init__", "cli"]  # each uses only those before it, from "pipeline" on the checker too
 FOLDERS = {"core": set(), "bus": {"core"}, "exchange": {"core", "bus"}, "lcm": {"core", "bus", "exchange"}}
 FOLDERS |= {"telemetry": {"exchange"}, "app": {"core", "bus", "exchange", "lcm", "telemetry"}}
 NODE = {"safety": set(), "core": {"safety"}, "service": {"core", "safety", "update"}}
@@ -56,6 +58,45 @@ def test_the_checker_shares_nothing_with_the_planner() -> None:
     used = [(path, name) for path, name in python_imports("planner/crux_planner/checker") if "crux_planner" in name]
     assert len(used) > len(list(checker.glob("*.py"))) / 2
     assert not [f"{path}: {name}" for path, name in used if not name.startswith("crux_planner.checker")]
+
+
+def planner_imports() -> dict[str, set[str]]:
+    """Module by module of the planner, what it imports of it: at the top, inside functions and for types alike."""
+    package = ROOT / "planner" / "crux_planner"
+    graph: dict[str, set[str]] = {}
+    for path in sorted(package.rglob("*.py")):
+        name = ".".join(path.relative_to(package).with_suffix("").parts)
+        graph[name if name == "__init__" else name.removesuffix(".__init__")] = set()
+    for path in sorted(package.rglob("*.py")):
+        name = ".".join(path.relative_to(package).with_suffix("").parts)
+        used = graph[name if name == "__init__" else name.removesuffix(".__init__")]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "crux_planner":
+                of = str(node.module).removeprefix("crux_planner").removeprefix(".")
+                modules = {f"{of}.{each.name}".removeprefix(".") for each in node.names} & graph.keys()
+                used |= modules or {of or "__init__"}
+    return graph
+
+
+def test_the_planner_uses_only_layers_below() -> None:
+    graph = planner_imports()
+    assert {name.partition(".")[0] for name in graph} == {*LAYERS, "checker"}
+    upward = []
+    for module, used in graph.items():
+        layer = module.partition(".")[0]
+        for other in sorted(of for name in used if (of := name.partition(".")[0]) != layer):
+            below = LAYERS.index("pipeline") if other == "checker" else LAYERS.index(other) + 1
+            if layer == "checker" or LAYERS.index(layer) < below:
+                upward.append(f"{module}: {other}")
+    assert not upward
+
+
+def test_the_planner_imports_in_no_circle() -> None:
+    graph = planner_imports()
+    while free := [module for module, used in graph.items() if not used & graph.keys()]:
+        for module in free:
+            del graph[module]
+    assert not graph, f"among these: {sorted(graph)}"
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

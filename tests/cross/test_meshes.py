@@ -11,7 +11,7 @@ import pytest
 from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_planner.checker.limb_model import load_model
-from crux_planner.shapes import limb_shape, palm_shape
+from crux_planner.model.shapes import limb_shape, palm_shape
 from crux_tools.paths import built
 from crux_tools.sim.robot_model import build_model
 

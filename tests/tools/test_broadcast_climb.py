@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
-from crux_planner.entry import plan
+from crux_planner.pipeline.entry import plan
 from crux_tools.paths import ROOT
 from crux_tools.sim.climb import ClimbOptions, climb
 

@@ -15,6 +15,8 @@ from crux_tools.telemetry.reader import Channels, read_channels
 from hand_plan import climbing_plan
 
 SLIP = 6  # robot_state_t.waiting_for
+CLOSE = 6  # LimbPhase
+GRASP_FAILED = 21  # msgs/faults.yaml
 RF = 1
 SMOOTH = "holds: {h1: {friction_factor: 0.14}}\n"  # the hold that RF begins on: no pull has tested its grasp
 ORDINARY = """
@@ -27,9 +29,9 @@ pushes: [{at_s: 20, for_s: 1, force_N: [0, 30, 0]}]
 
 
 @cache
-def climbed(text: str, seed: int = 0) -> tuple[ClimbResult, Channels]:
-    """All limbs climb a steep wall in a world."""
-    plan = climbing_plan(slope_deg=70)
+def climbed(text: str, seed: int = 0, slope_deg: float = 70) -> tuple[ClimbResult, Channels]:
+    """All limbs climb a wall, a steep one, in a world."""
+    plan = climbing_plan(slope_deg=slope_deg)
     world = parse_world(f"version: 1\nname: test\n{text}".encode()).draw(seed, plan)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
@@ -68,3 +70,18 @@ def test_play_wrong_encoders_and_a_push_are_no_slip(seed: int) -> None:
     _, log = climbed(ORDINARY, seed)
     assert not (log.tables["/robot_state"]["waiting_for"] == SLIP).any()
     assert not len(log.tables.get("/fault", ()))
+
+
+def test_a_grasp_that_gives_way_when_it_is_pulled_is_made_anew_on_both_sides_and_then_told() -> None:
+    result, log = climbed("holds: {h4: {friction_factor: 0.03}}\n", slope_deg=45)
+    (fault,) = log.tables["/fault"]
+    assert fault["code"] == GRASP_FAILED
+    assert not result.verdict.fell, result.reason
+    limb = int(fault["limb"])
+    reference = log.tables["/limb_reference"]
+    closes = reference["phase"][reference["limb"] == limb] == CLOSE
+    assert np.count_nonzero(np.diff(closes.astype(int)) == 1) == 3
+    truth = log.tables["/truth/contacts"]
+    widest = np.linalg.norm(np.diff(truth["pad_position_w_m"].reshape(-1, 4, 2, 3)[:, limb], axis=1)[:, 0], axis=-1)
+    pads_on = (truth["pad_hold"].reshape(-1, 4, 2)[:, limb] >= 0).all(axis=1)
+    assert widest[~pads_on].max() > widest[pads_on].max() + 0.01  # fingers did open between the tries

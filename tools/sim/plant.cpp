@@ -139,7 +139,7 @@ void crux_plant::read_sensors() {
   if (world_) world_->sense(time_s(), state_);
 }
 
-/// Which face each pad touches and how hard; sets the spines' pull accordingly.
+/// Which face each pad touches and how hard; sets the spines' pull accordingly. Spines catch while the fingers press.
 void crux_plant::look_at_contacts() {
   std::ranges::fill(state_.pad_force_n, 0.0);
   std::ranges::fill(state_.pad_face, -1);
@@ -149,7 +149,8 @@ void crux_plant::look_at_contacts() {
   for (std::size_t p = 0; p < CRUX_SIM_PADS; ++p) {
     if (map_.spine_actuators[p] < 0) continue;
     const std::int64_t face = state_.pad_face[p];
-    data_->ctrl[map_.spine_actuators[p]] = face >= 0 ? map_.adhesion_of_face[face] : 0.0;
+    const bool caught = face >= 0 && state_.finger_force_n[p / 2] > 0.0;
+    data_->ctrl[map_.spine_actuators[p]] = caught ? map_.adhesion_of_face[face] : 0.0;
   }
 }
 

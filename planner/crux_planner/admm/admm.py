@@ -10,17 +10,17 @@ Two blocks: one MIP for all limbs. Multi-block: the first line falls into one MI
 body's terms of J and (8a) go to the motion NLP, whose own variables are the shared copy: it is the projection.
 Both stop when the largest residual of any body or finger position and of any force component (maximum norm) is within
 the paper's thresholds, unless they are to run `to_the_end`.
-The loops know nothing of holds or feet: blocks of climbing are in this package, of walking in crux_planner.walk.
+The loops know nothing of holds or feet: blocks of climbing and of walking (`walk_*`) are beside them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from dataclasses import asdict, dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
 
-from crux_planner import clock
-from crux_planner.admm.consensus import Eta, Residuals
+from crux_planner.solvers import clock
+from crux_planner.trajectory.consensus import Eta, Residuals
 
 Report = Callable[[str], None]
 
@@ -70,6 +70,28 @@ class Motion(Protocol):
         ...
 
 
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a method is given beside its problem; rho and iterations None: the method's own."""
+
+    deadline: float  # of clock.now
+    rho: float | None = None
+    iterations: int | None = None
+    moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears
+    to_the_end: bool = False  # all iterations, thresholds or not
+    report: Report = lambda _line: None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How a method came to what it decided."""
+
+    converged: bool
+    iterations: int
+    residuals: list[dict[str, float]] = field(default_factory=list)
+    gaits: list[list[str]] = field(default_factory=list)
+
+
 @dataclass
 class Run(Generic[P]):
     """What an ADMM reached by itself: residuals of every iteration, and whether they meet the paper's thresholds."""
@@ -83,64 +105,60 @@ class Run(Generic[P]):
         """Thresholds in the maximum norm."""
         return bool(self.residuals) and self.residuals[-1].converged
 
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """What an `Outcome` has."""
+        residuals = [asdict(each) for each in self.residuals]
+        return {"converged": self.converged, "iterations": len(residuals), "residuals": residuals, "gaits": self.gaits}
 
-def two_block(
-    contacts: Contacts[P],
+
+def two_block(contacts: Contacts[P], motion: Motion, given: Settings, rho: float, iterations: int) -> Run[P]:
+    """Equation (19). Stops at the thresholds, after `iterations`, or when the time is up."""
+    rho = given.rho or rho
+
+    def decide(target: Eta | None) -> P:
+        return contacts.minimise(rho, target, given.deadline)
+
+    return _run(decide, motion, None, lambda plan, _delta: plan, True, given, rho, iterations)
+
+
+def multi_block(limbs: Limbs[P], motion: Motion, given: Settings, rho: float, iterations: int) -> Run[P]:
+    """P3. Stops at the thresholds, after `iterations`, or when the time is up."""
+    rho = given.rho or rho
+    first = limbs.first_guess(motion, rho)
+
+    def decide(target: Eta | None) -> P:
+        return limbs.minimise(rho, target or first)
+
+    return _run(decide, motion, first, limbs.with_body, False, given, rho, iterations)
+
+
+def _run(
+    decide: Callable[[Eta | None], P],
     motion: Motion,
-    *,
+    target: Eta | None,
+    joined: Callable[[P, Eta], P],
+    body: bool,
+    given: Settings,
     rho: float,
     iterations: int,
-    deadline: float,
-    report: Report,
-    to_the_end: bool = False,
 ) -> Run[P]:
-    """Equation (19). Stops at the thresholds, after `iterations`, or when the time is up."""
+    """The loop (17), from a first `target` if there is one; `body`: the contacts decide on the body too."""
     epsilon: Eta | None = None
-    target: Eta | None = None
     run: Run[P] | None = None
-    for iteration in range(1, iterations + 1):
-        plan = contacts.minimise(rho, target, deadline)
+    for iteration in range(1, (given.iterations or iterations) + 1):
+        plan = decide(target)
         eta = plan.eta
         epsilon = epsilon or eta.times(0.0)
         delta = motion.project(eta + epsilon, rho)
         epsilon = epsilon + eta - delta
         target = delta - epsilon
         run = run or Run(plan)
-        run.plan = plan
-        run.residuals.append(Residuals.of(eta - delta))
+        run.plan = joined(plan, delta)
+        run.residuals.append(Residuals.of(eta - delta, body=body))
         run.gaits.append(plan.gait)
-        report(_line(run, iteration))
-        if (run.converged and not to_the_end) or clock.now() > deadline:
-            break
-    assert run is not None
-    return run
-
-
-def multi_block(
-    limbs: Limbs[P],
-    motion: Motion,
-    *,
-    rho: float,
-    iterations: int,
-    deadline: float,
-    report: Report,
-    to_the_end: bool = False,
-) -> Run[P]:
-    """P3. Stops at the thresholds, after `iterations`, or when the time is up."""
-    delta = limbs.first_guess(motion, rho)
-    epsilon = delta.times(0.0)
-    run: Run[P] | None = None
-    for iteration in range(1, iterations + 1):
-        plan = limbs.minimise(rho, delta - epsilon)
-        eta = plan.eta
-        delta = motion.project(eta + epsilon, rho)
-        epsilon = epsilon + eta - delta
-        run = run or Run(plan)
-        run.plan = limbs.with_body(plan, delta)
-        run.residuals.append(Residuals.of(eta - delta, body=False))
-        run.gaits.append(plan.gait)
-        report(_line(run, iteration))
-        if (run.converged and not to_the_end) or clock.now() > deadline:
+        given.report(_line(run, iteration))
+        if (run.converged and not given.to_the_end) or clock.now() > given.deadline:
             break
     assert run is not None
     return run

@@ -1,7 +1,7 @@
 """The paper's benchmark: P1 as one NLP, its binaries continuous, pressed towards 0 and 1 by a shrinking relaxation.
 
 alpha in [0, 1] with alpha (1 - alpha) <= relaxation, and (10a) as products, alpha |pose - grasp|^2 <= relaxation,
-which vanish together (relaxation.py).
+which vanish together (solvers/relaxation.py).
 (14) needs no binaries: a finger is outside a hold exactly if some convex combination of its distances beyond the faces
 is not negative. What it reaches may be no plan, and then that is said.
 """
@@ -13,21 +13,21 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.knot_qp import plan_cost
 from crux_planner.admm.motion_block import gripper_fingers
-from crux_planner.admm.relaxation import Relaxed
-from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array
+from crux_planner.admm.windows import Swinging, Windows
 from crux_planner.errors import InfeasibleError
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.swing import contact_pose
-from crux_planner.terms.bounds import body_bounds
-from crux_planner.terms.cost import body_cost, wrench_cost
-from crux_planner.terms.dynamics import BODY_STATES, WRENCH_INPUTS, euler_step, gripper_wrench
-from crux_planner.terms.limit_surface import cone_demand
-from crux_planner.terms.reach import offset_in_body
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.bounds import body_bounds
+from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
+from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.limit_surface import cone_demand
+from crux_planner.physics.reach import offset_in_body
+from crux_planner.solvers.relaxation import Relaxed
+from crux_planner.swing.swing import contact_pose
 
 _POSE, _FACES = 5, 5
 _FORCE_UNIT_N = 10.0
@@ -37,10 +37,10 @@ _LENGTH_UNIT_M = 0.05
 class Benchmark:
     """P1 of one problem as an NLP over all knots."""
 
-    def __init__(self, stages: Stages) -> None:
-        self.stages, problem = stages, stages.problem
+    def __init__(self, windows: Windows) -> None:
+        self.windows, problem = windows, windows.problem
         self.problem = problem
-        self.pairs = [(limb, c) for limb in range(4) for c in stages.contacts[limb]]
+        self.pairs = [(limb, c) for limb in range(4) for c in windows.contacts[limb]]
         self.sizes = (BODY_STATES, 4 * _POSE, len(self.pairs), WRENCH_INPUTS * len(self.pairs), self._many_faces())
         n = problem.steps
         z = ca.MX.sym("z", sum(self.sizes), n + 1)
@@ -78,7 +78,7 @@ class Benchmark:
             for (k, c), (later, d) in pairwise(standing):
                 if c != d or later > k + 1:
                     swings.append(self._swing(limb, k, later, c, d))
-        schedule = self.stages.schedule(swings)
+        schedule = self.windows.schedule(swings)
         index = {pair: i for i, pair in enumerate(self.pairs)}
         wrenches = [
             {
@@ -95,12 +95,12 @@ class Benchmark:
         return self.pairs[best][1] if alpha[best] > 0.5 else None
 
     def _swing(self, limb: int, k: int, later: int, start: int, goal: int) -> Swinging:
-        if self.stages.ways.swing(start, goal) is None or later - k - 1 < self.stages.least_knots(start, goal):
+        if self.windows.swings.swing(start, goal) is None or later - k - 1 < self.windows.least_knots(start, goal):
             names = [self.problem.hold_names[self.problem.contacts[c].hold] for c in (start, goal)]
             raise InfeasibleError(
                 "benchmark",
-                f"the benchmark NLP lets {LIMBS[limb]} go from {names[0]} to {names[1]} in {later - k - 1} steps in "
-                "the air: no swing is that quick",
+                f"the benchmark NLP lets {LIMB_NAMES[limb]} go from {names[0]} to {names[1]} in {later - k - 1} steps "
+                "in the air: no swing is that quick",
             )
         return Swinging(limb, k + 1, later, start, goal)
 
@@ -115,7 +115,7 @@ class Benchmark:
         return 2 * _FACES * sum(len(self._holds(limb)) for limb in range(4))
 
     def _holds(self, limb: int) -> list[int]:
-        return sorted({self.problem.contacts[c].hold for c in self.stages.contacts[limb]})
+        return sorted({self.problem.contacts[c].hold for c in self.windows.contacts[limb]})
 
     def _knot_function(self) -> ca.Function:
         """Rows of one knot: reach, (10c), (2), (10b), (10a), binaries, (14); in the order of `_knot_row_bounds`."""
@@ -135,9 +135,9 @@ class Benchmark:
             demand = cone_demand(each[0:3], ca.DM.zeros(3), problem.patch.k_m)
             inner = problem.friction_share * min(contact.spine_shear_N, contact.spine_twist_Nm / problem.patch.k_m)
             for normal, may_press in zip((3, 4), contact.may_press, strict=True):
-                room = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
+                slack = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
                 press = problem.friction_share * problem.patch.max_normal_N * may_press * alpha[i] - each[normal]
-                rows += [(room + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
+                rows += [(slack + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
             rows.append(relaxation - alpha[i] * _apart(pose, problem, c))
             rows.append(relaxation - alpha[i] * (1 - alpha[i]))
         at = 0
@@ -206,7 +206,7 @@ class Benchmark:
         alpha = slice(BODY_STATES + 4 * _POSE, BODY_STATES + 4 * _POSE + many)
         begin = np.array([float(c == problem.start_contacts[limb]) for limb, c in self.pairs])
         low[0, alpha] = high[0, alpha] = begin
-        ends = np.array([float(c in self.stages.goals[limb]) for limb, c in self.pairs])
+        ends = np.array([float(c in self.windows.goals[limb]) for limb, c in self.pairs])
         high[-1, alpha] = ends
         return low.ravel(), high.ravel()
 
@@ -217,9 +217,9 @@ class Benchmark:
         z[:, 0:3] = np.linspace(problem.start.position_m, problem.goal.body.position_m, n + 1)
         for limb in range(4):
             begin = problem.contacts[problem.start_contacts[limb]]
-            ends = [problem.contacts[c] for c in self.stages.goals[limb]] or [begin]
-            ways = [float(np.linalg.norm(c.centre_w_m - begin.centre_w_m)) for c in ends]
-            end = ends[int(np.argmin(ways))]
+            ends = [problem.contacts[c] for c in self.windows.goals[limb]] or [begin]
+            swings = [float(np.linalg.norm(c.centre_w_m - begin.centre_w_m)) for c in ends]
+            end = ends[int(np.argmin(swings))]
             poses = [np.append(contact_pose(c), c.separation_m / 2) for c in (begin, end)]
             at = BODY_STATES + _POSE * limb
             z[:, at : at + _POSE] = np.linspace(poses[0], poses[1], n + 1)

@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.agreement import Agreement
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.contact_block import ContactPlan
-from crux_planner.admm.knot_qp import KnotSolution, plan_cost, solve_knots
 from crux_planner.admm.limb_block import LimbAnswer
-from crux_planner.admm.stages import Stages, Swinging
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS
-from crux_planner.search.balance import Balance
-from crux_planner.worker import Team
+from crux_planner.admm.windows import Swinging, Windows
+from crux_planner.model.arrays import Array
+from crux_planner.physics.cost import plan_cost
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.solvers.worker import Team
+from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Motion
@@ -25,18 +26,23 @@ class ClimbLimbs:
     """The four limb blocks of a climb as one."""
 
     def __init__(
-        self, stages: Stages, balance: Balance, blocks: Team[LimbAnswer], scales: Scales, deadline: float
+        self,
+        windows: Windows,
+        equilibrium: StaticEquilibrium,
+        blocks: Team[LimbAnswer],
+        scales: Scales,
+        deadline: float,
     ) -> None:
-        self._stages, self._balance, self._blocks, self._scales = stages, balance, blocks, scales
-        self._agreement, self._deadline = Agreement(stages, balance), deadline
+        self._windows, self._balance, self._blocks, self._scales = windows, equilibrium, blocks, scales
+        self._agreement, self._deadline = Agreement(windows, equilibrium), deadline
 
     def first_guess(self, motion: Motion, rho: float) -> Eta:
         """A first copy: forces that carry the body at the start, and the poses of limbs that agreed on a way."""
-        problem, scales = self._stages.problem, self._scales
+        problem, scales = self._windows.problem, self._scales
         pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
         body = np.tile(pose, (problem.steps + 1, 1))
         nothing: list[dict[int, Array]] = [{} for _ in range(problem.steps)]
-        standing = motion.project(Eta.of_contacts(problem, self._stages.schedule([]), body, nothing), rho)
+        standing = motion.project(Eta.of_contacts(problem, self._windows.schedule([]), body, nothing), rho)
         forces_alone = Scales(0.0, scales.orientation, scales.rate, scales.force, scales.moment)
         chosen = self._agreed(self._answers(rho, standing, forces_alone), standing.body).eta
         return Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
@@ -46,17 +52,17 @@ class ClimbLimbs:
         return self._agreed(self._answers(rho, target, self._scales), target.body)
 
     def _answers(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
-        return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMBS))])
+        return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMB_NAMES))])
 
     def _agreed(self, answers: list[LimbAnswer], body: Array) -> ContactPlan:
-        stages, problem = self._stages, self._stages.problem
+        windows, problem = self._windows, self._windows.problem
 
         def sound(swings: list[Swinging]) -> bool:
-            line, schedule = body[:, :3], stages.schedule(swings)
+            line, schedule = body[:, :3], windows.schedule(swings)
             return solve_knots(problem, self._balance, schedule, 0.0, None, self._scales, line, True) is not None
 
-        paths = self._agreement.cheapest([answer.prices for answer in answers], sound, self._deadline)
-        schedule = stages.schedule(self._agreement.swings(paths))
+        paths = self._agreement.cheapest([answer.costs for answer in answers], sound, self._deadline)
+        schedule = windows.schedule(self._agreement.swings(paths))
         wrenches = [
             {limb: answers[limb].wrenches[k, c] for limb, c in enumerate(knot) if c is not None}
             for k, knot in enumerate(schedule.contacts[: problem.steps])
@@ -67,5 +73,5 @@ class ClimbLimbs:
     def with_body(self, plan: ContactPlan, delta: Eta) -> ContactPlan:
         """The limbs' plan with the body of the copy, and J of both."""
         wrenches = plan.knots.wrenches
-        cost = plan_cost(self._stages.problem, plan.schedule, delta.body, wrenches)
+        cost = plan_cost(self._windows.problem, plan.schedule, delta.body, wrenches)
         return ContactPlan(plan.eta, plan.schedule, KnotSolution(delta.body, wrenches, cost))

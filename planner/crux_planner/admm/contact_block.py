@@ -1,4 +1,4 @@
-"""P2a, equation (19a): contacts by the hull MILP on stages, then all of x, u and y at the knots by one convex QP."""
+"""P2a, equation (19a): contacts by the hull MILP on windows, then all of x, u and y at the knots by one convex QP."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.hull import Decision, HullMilp
-from crux_planner.admm.knot_qp import KnotSolution, solve_knots
-from crux_planner.admm.stage_cost import stage_cost
-from crux_planner.admm.stages import Stages, Swinging, clash
-from crux_planner.arrays import Array
+from crux_planner.admm.window_cost import window_cost
+from crux_planner.admm.windows import Swinging, Windows, clash
 from crux_planner.errors import InfeasibleError
-from crux_planner.problem import Problem
-from crux_planner.search.balance import Balance
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.stances import Reach, search
-from crux_planner.search.ways import Ways
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.solvers import clock
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
 MILP_GAP = 0.02
 MILP_TIME_S = 6.0  # of one iteration, once some contacts are known
@@ -37,7 +37,7 @@ class ContactPlan:
 
     @property
     def gait(self) -> list[str]:
-        """Limbs in the order in which they let go."""
+        """Limbs in the order in which they release."""
         return self.schedule.gait
 
 
@@ -45,18 +45,25 @@ class ContactBlock:
     """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""
 
     def __init__(
-        self, problem: Problem, balance: Balance, reach: Reach, ways: Ways, *, moments: bool = True, scales: Scales
+        self,
+        problem: Problem,
+        equilibrium: StaticEquilibrium,
+        reach: ReachableSet,
+        swings: SwingCache,
+        *,
+        moments: bool = True,
+        scales: Scales,
     ) -> None:
         self.problem, self.moments, self.scales = problem, moments, scales
-        self.stages = Stages(problem, reach, ways)
-        self._balance = balance
-        self._hull = HullMilp(self.stages, balance, moments=moments)
+        self.windows = Windows(problem, reach, swings)
+        self._balance = equilibrium
+        self._hull = HullMilp(self.windows, equilibrium, moments=moments)
         self._known = self._searched()
         self.bound = -np.inf  # proven, of the last MILP's objective
 
     def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
-        cost = stage_cost(self.stages, rho, target, self.scales)
+        cost = window_cost(self.windows, rho, target, self.scales)
         for _ in range(_CUTS):
             left = deadline - clock.now()
             limit = max(left if self._known is None else min(MILP_TIME_S, left), 1.0)
@@ -64,11 +71,11 @@ class ContactBlock:
             if result.values is None:
                 raise _nothing_found(result.infeasible)
             decision = self._hull.decision(result)
-            together = clash(self.stages, decision.swings)
+            together = clash(self.windows, decision.swings)
             if together is not None:
                 self._hull.forbid(together)
                 continue
-            schedule = self.stages.schedule(decision.swings)
+            schedule = self.windows.schedule(decision.swings)
             knots = solve_knots(
                 self.problem, self._balance, schedule, rho, target, self.scales, self.path(decision), self.moments
             )
@@ -83,16 +90,16 @@ class ContactBlock:
     def _searched(self) -> list[Swinging] | None:
         """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
         until = clock.now() + _SEARCH_TIME_S
-        stages = self.stages
+        windows = self.windows
         moves, _ = search(
-            self.problem, self._balance, stages.reach, stages.ways, at_once=1, greed=GREED, deadline=until
+            self.problem, self._balance, windows.reach, windows.swings, at_once=1, greed=GREED, deadline=until
         )
-        return None if moves is None else stages.one_by_one(moves)
+        return None if moves is None else windows.one_by_one(moves)
 
     def path(self, decision: Decision) -> Array:
-        """Body positions (N + 1, 3) through those of the stages, each in the middle of its stage."""
-        n, stages = self.problem.steps, self.stages
-        middles = [0.5 * sum(stages.span(t)) for t in range(stages.count)]
+        """Body positions (N + 1, 3) through those of the windows, each in the middle of its window."""
+        n, windows = self.problem.steps, self.windows
+        middles = [0.5 * sum(windows.span(t)) for t in range(windows.count)]
         middles[0], middles[-1] = 0.0, float(n)
         knots = np.arange(n + 1)
         return np.stack([np.interp(knots, middles, decision.body[:, axis]) for axis in range(3)], axis=1)
@@ -100,5 +107,5 @@ class ContactBlock:
 
 def _nothing_found(infeasible: bool) -> InfeasibleError:
     if infeasible:
-        return InfeasibleError("contacts", "no contacts on the stages of the contact block satisfy reach and balance")
+        return InfeasibleError("contacts", "no contacts on the windows of the contact block satisfy reach and balance")
     return InfeasibleError("time limit", "the contact block found no contacts in the time allowed")

@@ -1,9 +1,9 @@
-"""The contact block's MILP: P2a on stages, one binary per limb, stage and (hold, face pair), in hull form.
+"""The contact block's MILP: P2a on windows, one binary per limb, window and (hold, face pair), in hull form.
 
-A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole stages). The wrench of a contact is
+A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole windows). The wrench of a contact is
 its own set of variables q = (s1, s2, m / k, F+, F-, n), zero unless the contact is held, so that the limit surface
 (2)+(3) needs no big M; n is the smaller of the two normal forces n1 = n + F+ and n2 = n + F-, and the sign variable
-gamma of (12) is not needed (terms.limit_surface). Grasp points are constants, so that balance (8), moments included,
+gamma of (12) is not needed (physics.limit_surface). Grasp points are constants, so that balance (8), moments included,
 is linear. Squares enter as tangents, in perspective form where they hang on a binary; the rows do not depend on the
 ADMM's iteration, only the cost does.
 """
@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner.admm.milp import Milp, MilpResult
-from crux_planner.admm.stages import Arc, Stages, Swinging
-from crux_planner.arrays import Array, Indices
-from crux_planner.search.balance import Balance
+from crux_planner.admm.windows import Arc, Swinging, Windows
+from crux_planner.model.arrays import Array, Indices
 from crux_planner.search.body_path import SPEED_SHARE
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.solvers.milp import Milp, MilpResult
 
 SHARES = 6  # q of one contact
 SQUARED = 5  # s1, s2, m / k, n1, n2
@@ -34,8 +34,8 @@ _FORCE_BOUND_N = 150.0
 
 
 @dataclass
-class StageCost:
-    """What the MILP minimises, equation (19a) summed over each stage's knots.
+class WindowCost:
+    """What the MILP minimises, equation (19a) summed over each window's knots.
 
     Contacts: `linear` (S, 4, C, 6) on q, `square` (S, 5) on the squares of s1, s2, m / k, n1, n2, `held` (S, 4, C) on
     the binaries. Body: `body_linear` (S, 3) and `body_square` (S, 3). Arcs: one number each, by limb.
@@ -61,22 +61,22 @@ class Decision:
 
 
 class HullMilp:
-    """The rows of P2a on stages."""
+    """The rows of P2a on windows."""
 
-    def __init__(self, stages: Stages, balance: Balance, *, moments: bool = True) -> None:
-        self.stages, self.balance, self.moments = stages, balance, moments
+    def __init__(self, windows: Windows, equilibrium: StaticEquilibrium, *, moments: bool = True) -> None:
+        self.windows, self.equilibrium, self.moments = windows, equilibrium, moments
         self.milp = Milp()
-        low, high = stages.body_room()
-        self.body = np.stack([self.milp.variables(3, low, high) for _ in range(stages.count)])
-        self.body_squares = np.stack([self.milp.variables(3, 0.0, np.inf) for _ in range(stages.count)])
-        self.held: list[list[dict[int, int]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
-        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
-        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(stages.count)]
+        low, high = windows.body_range()
+        self.body = np.stack([self.milp.variables(3, low, high) for _ in range(windows.count)])
+        self.body_squares = np.stack([self.milp.variables(3, 0.0, np.inf) for _ in range(windows.count)])
+        self.held: list[list[dict[int, int]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
+        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
+        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
         self.arcs: list[Indices] = []
         for limb in range(4):
             self._flow(limb)
             self._reach(limb)
-        for t in range(stages.count):
+        for t in range(windows.count):
             self._one_gripper_a_hold(t)
             self._out_of_the_way(t)
             self._wrenches(t)
@@ -84,14 +84,14 @@ class HullMilp:
         self._body_motion()
 
     def solve(
-        self, cost: StageCost, *, gap: float, time_limit_s: float, start: list[Swinging] | None = None
+        self, cost: WindowCost, *, gap: float, time_limit_s: float, start: list[Swinging] | None = None
     ) -> MilpResult:
         """Minimise; `start` are swings known to be good, such as those of an earlier decision."""
         hint = None
         if start is not None:
             hint = np.full(self.milp.size, np.nan)
             for limb in range(4):
-                for t, contact in enumerate(self.stages.held(limb, start)):
+                for t, contact in enumerate(self.windows.held(limb, start)):
                     for c, column in self.held[t][limb].items():
                         hint[column] = float(c == contact)
         return self.milp.solve(self._cost(cost), start=hint, gap=gap, time_limit_s=time_limit_s)
@@ -102,7 +102,7 @@ class HullMilp:
         swings = []
         for limb in range(4):
             taken = [arc for arc, column in self._limb_arcs(limb) if result.values[column] > 0.5]
-            swings += [self.stages.swinging(limb, arc) for arc in sorted(taken, key=lambda arc: arc.first)]
+            swings += [self.windows.swinging(limb, arc) for arc in sorted(taken, key=lambda arc: arc.first)]
         return Decision(swings, result.values[self.body], result.objective, result.bound, result.values)
 
     def forbid(self, swings: tuple[Swinging, ...]) -> None:
@@ -111,37 +111,37 @@ class HullMilp:
             column
             for swing in swings
             for arc, column in self._limb_arcs(swing.limb)
-            if self.stages.swinging(swing.limb, arc) == swing
+            if self.windows.swinging(swing.limb, arc) == swing
         ]
         self.milp.row(columns, np.ones(len(columns)), -np.inf, len(columns) - 1)
 
     def forbid_exactly(self, decision: Decision) -> None:
         """Never decide for exactly these contacts again (a no-good cut on the binaries)."""
-        columns = [column for stage in self.held for limb in stage for column in limb.values()]
+        columns = [column for window in self.held for limb in window for column in limb.values()]
         on = decision.values[columns] > 0.5
         self.milp.row(columns, np.where(on, 1.0, -1.0), -np.inf, int(on.sum()) - 1)
 
     def _limb_arcs(self, limb: int) -> list[tuple[Arc, int]]:
-        return list(zip(self.stages.arcs[limb], self.arcs[limb].tolist(), strict=True))
+        return list(zip(self.windows.arcs[limb], self.arcs[limb].tolist(), strict=True))
 
     def _flow(self, limb: int) -> None:
-        stages, milp, start = self.stages, self.milp, self.stages.problem.start_contacts[limb]
-        self.arcs.append(milp.variables(len(stages.arcs[limb]), 0.0, 1.0))
-        last = stages.count - 1
-        for t in range(stages.count):
-            for c in stages.contacts[limb]:
+        windows, milp, start = self.windows, self.milp, self.windows.problem.start_contacts[limb]
+        self.arcs.append(milp.variables(len(windows.arcs[limb]), 0.0, 1.0))
+        last = windows.count - 1
+        for t in range(windows.count):
+            for c in windows.contacts[limb]:
                 low = 1.0 if t == 0 and c == start else 0.0
-                high = 0.0 if (t == 0 and c != start) or (t == last and c not in stages.goals[limb]) else 1.0
+                high = 0.0 if (t == 0 and c != start) or (t == last and c not in windows.goals[limb]) else 1.0
                 self.held[t][limb][c] = int(milp.variables(1, low, high, integer=True)[0])
-        for t in range(1, stages.count):
-            landing: dict[int, list[int]] = {c: [] for c in stages.contacts[limb]}
-            leaving: dict[int, list[int]] = {c: [] for c in stages.contacts[limb]}
+        for t in range(1, windows.count):
+            landing: dict[int, list[int]] = {c: [] for c in windows.contacts[limb]}
+            leaving: dict[int, list[int]] = {c: [] for c in windows.contacts[limb]}
             for arc, column in self._limb_arcs(limb):
                 if arc.end == t:
                     landing[arc.goal].append(column)
                 if arc.first == t:
                     leaving[arc.start].append(column)
-            for c in stages.contacts[limb]:
+            for c in windows.contacts[limb]:
                 now, before = self.held[t][limb][c], self.held[t - 1][limb][c]
                 milp.row([now, *landing[c]], [1.0] + [-1.0] * len(landing[c]), 0.0, np.inf)
                 columns = [now, before, *landing[c], *leaving[c]]
@@ -150,8 +150,8 @@ class HullMilp:
 
     def _reach(self, limb: int) -> None:
         """(9a) with the body level: the body is where the contact held, or both ends of the swing, allow it."""
-        stages, reach = self.stages, self.stages.reach
-        for t in range(stages.count):
+        windows, reach = self.windows, self.windows.reach
+        for t in range(windows.count):
             low: list[Array] = [reach.low[limb, c] for c in self.held[t][limb]]
             high: list[Array] = [reach.high[limb, c] for c in self.held[t][limb]]
             columns = list(self.held[t][limb].values())
@@ -167,7 +167,7 @@ class HullMilp:
                 self.milp.row([body, *columns], [1.0, *(-b[axis] for b in high)], -np.inf, 0.0)
 
     def _one_gripper_a_hold(self, t: int) -> None:
-        problem, by_hold = self.stages.problem, dict[int, list[int]]()
+        problem, by_hold = self.windows.problem, dict[int, list[int]]()
         for limb in range(4):
             for c, column in self.held[t][limb].items():
                 by_hold.setdefault(problem.contacts[c].hold, []).append(column)
@@ -183,24 +183,24 @@ class HullMilp:
             over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
             for other in range(4):
                 for c, held in self.held[t][other].items():
-                    blocked = [column for arc, column in over if self.stages.blocks(limb, arc, other, c)]
+                    blocked = [column for arc, column in over if self.windows.blocks(limb, arc, other, c)]
                     if blocked:
                         self.milp.row([held, *blocked], np.ones(len(blocked) + 1), -np.inf, 1.0)
 
     def _wrenches(self, t: int) -> None:
-        problem, balance, milp = self.stages.problem, self.balance, self.milp
-        directions = balance.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
-        high = np.array([*[_FORCE_BOUND_N] * 3, *[balance.max_normal_N] * 3])
+        problem, equilibrium, milp = self.windows.problem, self.equilibrium, self.milp
+        directions = equilibrium.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
+        high = np.array([*[_FORCE_BOUND_N] * 3, *[equilibrium.max_normal_N] * 3])
         low = np.array([-high[0], -high[1], -high[2], 0.0, 0.0, 0.0])
         for limb in range(4):
             for c, held in self.held[t][limb].items():
                 q = milp.variables(SHARES, low, high)
                 squares = milp.variables(SQUARED, 0.0, np.inf)
                 self.wrench[t][limb][c], self.squares[t][limb][c] = q, squares
-                load = balance.margin * balance.reach * balance.friction[c]
-                for direction, reach, spine in zip(directions, load, balance.spine[c], strict=True):
+                load = equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
+                for direction, reach, spine in zip(directions, load, equilibrium.spine[c], strict=True):
                     milp.row([*q[:3], q[5], held], [*direction, -reach, -spine], -np.inf, 0.0)
-                for pull, press in zip((3, 4), balance.press_N[c], strict=True):
+                for pull, press in zip((3, 4), equilibrium.press_N[c], strict=True):
                     milp.row([q[pull], q[5], held], [1.0, 1.0, -press], -np.inf, 0.0)
                 for i, tangents in enumerate(_TANGENTS_N):
                     base = [int(q[i])] if i < 3 else [int(q[5]), int(q[i])]
@@ -210,42 +210,42 @@ class HullMilp:
 
     def _balance(self, t: int) -> None:
         """(8a) and (8b) in balance: sum of forces = -M g, sum of moments about the origin = weight_moment r."""
-        balance, k = self.balance, self.stages.problem.patch.k_m
+        equilibrium, k = self.equilibrium, self.windows.problem.patch.k_m
         columns: list[int] = []
         parts: list[Array] = []
         for limb in range(4):
             for c, q in self.wrench[t][limb].items():
-                force = balance.maps[c]
+                force = equilibrium.maps[c]
                 columns += map(int, q[:5])
                 parts.append(np.column_stack([force[:, :2], k * force[:, 2], force[:, 3], -force[:, 3]]))
         matrix = np.hstack(parts)
-        weight = balance.problem.weight_N
+        weight = equilibrium.problem.weight_N
         for axis in range(3):
             self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
             if self.moments:
                 body = [*columns, *map(int, self.body[t])]
-                self.milp.row(body, np.concatenate([matrix[3 + axis], -balance.weight_moment[axis]]), 0.0, 0.0)
+                self.milp.row(body, np.concatenate([matrix[3 + axis], -equilibrium.weight_moment[axis]]), 0.0, 0.0)
 
     def _body_motion(self) -> None:
-        stages, problem, milp = self.stages, self.stages.problem, self.milp
-        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s * stages.knots
-        goal, room = problem.goal.body.position_m, problem.goal.position_room_m
-        low, high = stages.body_room()
+        windows, problem, milp = self.windows, self.windows.problem, self.milp
+        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s * windows.knots
+        goal, slack = problem.goal.body.position_m, problem.goal.position_slack_m
+        low, high = windows.body_range()
         for axis in range(3):
             first, last = int(self.body[0, axis]), int(self.body[-1, axis])
             milp.row([first], [1.0], problem.start.position_m[axis], problem.start.position_m[axis])
-            milp.row([last], [1.0], goal[axis] - room, goal[axis] + room)
-            for t in range(1, stages.count):
+            milp.row([last], [1.0], goal[axis] - slack, goal[axis] + slack)
+            for t in range(1, windows.count):
                 milp.row([int(self.body[t, axis]), int(self.body[t - 1, axis])], [1.0, -1.0], -step, step)
             points = np.append(np.arange(low[axis], high[axis] + _TANGENT_STEP_M, _TANGENT_STEP_M), goal[axis])
-            for t in range(stages.count):
+            for t in range(windows.count):
                 for d in points:
                     milp.row([int(self.body_squares[t, axis]), int(self.body[t, axis])], [1.0, -2 * d], -d * d, np.inf)
 
-    def _cost(self, cost: StageCost) -> Array:
+    def _cost(self, cost: WindowCost) -> Array:
         vector = np.zeros(self.milp.size)
         vector[self.body], vector[self.body_squares] = cost.body_linear, cost.body_square
-        for t in range(self.stages.count):
+        for t in range(self.windows.count):
             for limb in range(4):
                 for c, held in self.held[t][limb].items():
                     vector[held] = cost.held[t, limb, c]

@@ -1,6 +1,6 @@
-"""One limb's MIP of P3: contacts, gripper poses and wrenches of a limb against its shared copy; exact on the stages.
+"""One limb's MIP of P3: contacts, gripper poses and wrenches of a limb against its shared copy; exact on the windows.
 
-Without the other limbs a limb's contacts are a path through stages, and given a contact its wrenches are one small
+Without the other limbs a limb's contacts are a path through windows, and given a contact its wrenches are one small
 convex problem a knot: min R |u|^2 + rho / 2 |lambda - target|^2 on the limit surface. So the MIP is a shortest path,
 solved to proven optimality without branching. Blocks of different limbs are solved in parallel (`worker.Team`).
 """
@@ -10,26 +10,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import piqp
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.agreement import Prices
-from crux_planner.admm.consensus import Eta, Scales
+from crux_planner.admm.agreement import ContactCosts
 from crux_planner.admm.limb_paths import LimbPaths, Path
-from crux_planner.admm.stage_cost import arc_costs, held_costs
-from crux_planner.admm.stages import REST_KNOTS, Stages
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS
-from crux_planner.search.balance import WRENCH, Balance
-from crux_planner.terms.bounds import wrench_bounds
-from crux_planner.terms.limit_surface import finger_forces
+from crux_planner.admm.window_cost import arc_costs, held_costs
+from crux_planner.admm.windows import REST_KNOTS, Windows
+from crux_planner.model.arrays import Array
+from crux_planner.physics.bounds import wrench_bounds
+from crux_planner.physics.limit_surface import finger_forces
+from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
+from crux_planner.solvers.qp import Qp
+from crux_planner.trajectory.consensus import Eta, Scales
 
 
 @dataclass(frozen=True)
 class LimbAnswer:
-    """A limb's MIP solved: its cheapest path, the prices behind it, the best wrenches (N, C, 5) on every contact."""
+    """A limb's MIP solved: its cheapest path, the costs behind it, the best wrenches (N, C, 5) on every contact."""
 
     path: Path
-    prices: Prices
+    costs: ContactCosts
     wrenches: Array
 
 
@@ -37,27 +37,27 @@ class LimbAnswer:
 class LimbBlock:
     """The MIP of limb `limb`."""
 
-    stages: Stages
-    balance: Balance
+    windows: Windows
+    equilibrium: StaticEquilibrium
     limb: int
 
     def minimise(self, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
         """Minimise the limb's part of J and of rho / 2 |eta - target|^2."""
-        stages, limb = self.stages, self.limb
+        windows, limb = self.windows, self.limb
         wrenches, effort = self._wrenches(rho, target, scales)
-        held = held_costs(stages, limb, target, rho, scales)
-        for t in range(stages.count):
-            first, end = stages.span(t)
+        held = held_costs(windows, limb, target, rho, scales)
+        for t in range(windows.count):
+            first, end = windows.span(t)
             held[t] += effort[first:end].sum(axis=0)
-        arcs = arc_costs(stages, limb, target, rho, scales)
-        for i, arc in enumerate(stages.arcs[limb]):
-            rest = stages.span(arc.first)[0]
+        arcs = arc_costs(windows, limb, target, rho, scales)
+        for i, arc in enumerate(windows.arcs[limb]):
+            rest = windows.span(arc.first)[0]
             arcs[i] += effort[rest : rest + REST_KNOTS, arc.start].sum()
-        return LimbAnswer(LimbPaths(stages, limb).shortest(held, arcs), Prices(held, arcs), wrenches)
+        return LimbAnswer(LimbPaths(windows, limb).shortest(held, arcs), ContactCosts(held, arcs), wrenches)
 
     def _wrenches(self, rho: float, target: Eta, scales: Scales) -> tuple[Array, Array]:
         """Best q (N, C, 5) for each knot and contact, and its cost (N, C) above that of the limb in the air."""
-        problem, balance = self.stages.problem, self.balance
+        problem, equilibrium = self.windows.problem, self.equilibrium
         near, turn = rho * scales.force**2, rho * scales.moment**2
         effort = problem.weights.wrench * np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 1.0, 1.0])
         hessian = np.diag(2 * effort + near * np.array([2.0, 2.0, 0.0, 1.0, 1.0]) + turn * np.array([0, 0, 2.0, 0, 0]))
@@ -65,24 +65,22 @@ class LimbBlock:
         forces, moments = target.forces[:, fingers].reshape(-1, 6), target.moments[:, fingers].reshape(-1, 6)
         answers = np.zeros((problem.steps, len(problem.contacts), WRENCH))
         costs = np.zeros((problem.steps, len(problem.contacts)))
-        for c in self.stages.contacts[self.limb]:
+        for c in self.windows.contacts[self.limb]:
             contact = problem.contacts[c]
             low, high = wrench_bounds(problem, contact)
             low, high = np.maximum(low, -1e3), np.minimum(high, 1e3)
             units = [finger_forces(unit, contact.axis, contact.tangent) for unit in np.eye(5)]
             to_force, to_moment = (np.stack([unit[i].ravel() for unit in units], axis=1) for i in (0, 1))
-            load = -balance.margin * balance.reach * balance.friction[c]
+            load = -equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
             none = np.zeros_like(load)
-            rows = np.vstack([np.column_stack([balance.directions, *pair]) for pair in ((load, none), (none, load))])
-            right = np.tile(balance.spine[c], 2)
+            rows = np.vstack(
+                [np.column_stack([equilibrium.directions, *pair]) for pair in ((load, none), (none, load))]
+            )
+            right = np.tile(equilibrium.spine[c], 2)
             linear = -near * forces @ to_force - turn * moments @ to_moment
-            solver = piqp.DenseSolver()
-            solver.settings.verbose = False
-            solver.setup(hessian, linear[0], None, None, rows, None, right, low, high)
+            qp = Qp(hessian, linear[0], None, (rows, None, right), low, high)
             for k in range(problem.steps):
-                solver.update(c=linear[k])
-                solver.solve()
-                q = np.array(solver.result.x)
+                q = qp.solve(linear[k]).x
                 answers[k, c] = q
                 costs[k, c] = 0.5 * q @ hessian @ q + linear[k] @ q
         return answers, costs
@@ -91,8 +89,8 @@ class LimbBlock:
 class LimbBlocks:
     """The MIPs of all limbs."""
 
-    def __init__(self, stages: Stages, balance: Balance) -> None:
-        self._blocks = [LimbBlock(stages, balance, limb) for limb in range(len(LIMBS))]
+    def __init__(self, windows: Windows, equilibrium: StaticEquilibrium) -> None:
+        self._blocks = [LimbBlock(windows, equilibrium, limb) for limb in range(len(LIMB_NAMES))]
 
     def __call__(self, limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
         """LimbBlock.minimise of one limb."""

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.admm import Report, Run, multi_block, two_block
+from crux_planner.admm.admm import Outcome, Run, Settings, multi_block, two_block
 from crux_planner.admm.benchmark import Benchmark
 from crux_planner.admm.climb_limbs import ClimbLimbs
-from crux_planner.admm.consensus import Scales
 from crux_planner.admm.contact_block import ContactBlock, ContactPlan
 from crux_planner.admm.limb_block import LimbBlocks
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.admm.stages import Stages
-from crux_planner.arrays import Array
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.balance import Balance
+from crux_planner.admm.windows import Windows
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
 from crux_planner.search.body_path import BodyPath
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.stances import Reach
-from crux_planner.search.ways import Ways
-from crux_planner.solution import Solution
-from crux_planner.worker import Team, crew
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet
+from crux_planner.solvers.worker import Team, crew
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.consensus import Scales
+from crux_planner.trajectory.solution import Solution
 
 RHO, MULTI_RHO = 10.0, 40.0
 ITERATIONS, MULTI_ITERATIONS = 10, 40
@@ -32,33 +33,23 @@ MULTI_SCALES = Scales(position=3.0)  # limbs that know nothing of the body follo
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(Settings):
     """A problem with what has been computed of it, and the method's settings."""
 
     problem: Problem
-    balance: Balance
-    reach: Reach
-    ways: Ways
-    deadline: float  # of clock.now
-    rho: float | None = None
-    iterations: int | None = None
-    moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears
-    to_the_end: bool = False  # all iterations, thresholds or not
-    report: Report = lambda _line: None
+    equilibrium: StaticEquilibrium
+    reach: ReachableSet
+    swings: SwingCache
 
 
 @dataclass(frozen=True)
-class Decided:
+class Decided(Outcome):
     """What a method reached by itself: contacts, body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2), J."""
 
     schedule: Schedule
     body: Array
     wrenches: list[dict[int, Array]]
     cost: float
-    converged: bool
-    iterations: int
-    residuals: list[dict[str, float]] = field(default_factory=list)
-    gaits: list[list[str]] = field(default_factory=list)
 
     @property
     def path(self) -> BodyPath:
@@ -78,40 +69,25 @@ class Decided:
 def decide_two_block(task: Task) -> Decided:
     """Equation (19), but for a contact block that begins with the search of `auto` and has (8b) in its MIP."""
     scales = Scales()
-    contacts = ContactBlock(task.problem, task.balance, task.reach, task.ways, moments=task.moments, scales=scales)
-    motion = MotionBlock(task.problem, scales=scales)
-    run = two_block(
-        contacts,
-        motion,
-        rho=task.rho or RHO,
-        iterations=task.iterations or ITERATIONS,
-        deadline=task.deadline,
-        report=task.report,
-        to_the_end=task.to_the_end,
+    contacts = ContactBlock(
+        task.problem, task.equilibrium, task.reach, task.swings, moments=task.moments, scales=scales
     )
-    return _decided(run)
+    return _decided(two_block(contacts, MotionBlock(task.problem, scales=scales), task, RHO, ITERATIONS))
 
 
 def decide_multi_block(task: Task) -> Decided:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
-    stages = Stages(task.problem, task.reach, task.ways)
-    with crew(len(LIMBS) - 1, LimbBlocks.__module__, log=task.report) as workers:
-        blocks = Team(workers, LimbBlocks, stages, task.balance)
-        run = multi_block(
-            ClimbLimbs(stages, task.balance, blocks, MULTI_SCALES, task.deadline),
-            MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0),
-            rho=task.rho or MULTI_RHO,
-            iterations=task.iterations or MULTI_ITERATIONS,
-            deadline=task.deadline,
-            report=task.report,
-            to_the_end=task.to_the_end,
-        )
-    return _decided(run)
+    windows = Windows(task.problem, task.reach, task.swings)
+    with crew(len(LIMB_NAMES) - 1, LimbBlocks.__module__, log=task.report) as workers:
+        blocks = Team(workers, LimbBlocks, windows, task.equilibrium)
+        limbs = ClimbLimbs(windows, task.equilibrium, blocks, MULTI_SCALES, task.deadline)
+        motion = MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0)
+        return _decided(multi_block(limbs, motion, task, MULTI_RHO, MULTI_ITERATIONS))
 
 
 def decide_benchmark(task: Task) -> Decided:
     """P1 as one NLP."""
-    benchmark = Benchmark(Stages(task.problem, task.reach, task.ways))
+    benchmark = Benchmark(Windows(task.problem, task.reach, task.swings))
     schedule, body, wrenches, cost, iterations = benchmark.solve(task.deadline)
     return Decided(schedule, body, wrenches, cost, converged=True, iterations=iterations)
 
@@ -125,16 +101,8 @@ METHODS: dict[str, Callable[[Task], Decided]] = {
 
 
 def _decided(run: Run[ContactPlan]) -> Decided:
-    return Decided(
-        schedule=run.plan.schedule,
-        body=run.plan.knots.body,
-        wrenches=run.plan.knots.wrenches,
-        cost=run.plan.knots.cost,
-        converged=run.converged,
-        iterations=len(run.residuals),
-        residuals=[asdict(r) for r in run.residuals],
-        gaits=run.gaits,
-    )
+    knots = run.plan.knots
+    return Decided(run.plan.schedule, knots.body, knots.wrenches, knots.cost, **run.outcome)
 
 
 def _shared(q: Array) -> Array:

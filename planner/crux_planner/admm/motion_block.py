@@ -11,33 +11,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from crux_planner.admm.consensus import FINGERS, Eta, Scales
-from crux_planner.arrays import Array
-from crux_planner.problem import Problem
-from crux_planner.terms.bounds import body_bounds
-from crux_planner.terms.cost import body_cost
-from crux_planner.terms.dynamics import BODY_STATES, euler_step
-from crux_planner.terms.reach import offset_in_body
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.physics.bounds import body_bounds
+from crux_planner.physics.cost import body_cost
+from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.reach import offset_in_body
+from crux_planner.solvers.ipopt import AGAIN, Nlp
+from crux_planner.trajectory.consensus import FINGERS, Eta, Scales
 
 _POSE = 5  # x, y, z, yaw, opening of a gripper
 _FORCE_UNIT_N, _MOMENT_UNIT_NM = 10.0, 0.1  # of the NLP's variables
 _FORCE_BOUND_N, _MOMENT_BOUND_NM = 200.0, 5.0
-
-IPOPT: dict[str, Any] = {
-    "print_time": 0,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.linear_solver": "mumps",
-    "ipopt.mu_strategy": "monotone",
-    "ipopt.mu_init": 1e-3,
-    "ipopt.tol": 1e-5,
-    "ipopt.constr_viol_tol": 1e-7,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.max_iter": 100,
-    "ipopt.warm_start_init_point": "yes",
-    "ipopt.warm_start_bound_push": 1e-6,
-    "ipopt.warm_start_mult_bound_push": 1e-6,
-}
 
 
 class MotionBlock:
@@ -61,12 +46,11 @@ class MotionBlock:
         rows = ca.veccat(steps, reach)
         parameters = ca.veccat(rho, to_x, to_u)
         nlp = {"x": ca.veccat(x, g, u), "p": parameters, "f": cost, "g": rows}
-        self._solver = ca.nlpsol("p2b", "ipopt", nlp, IPOPT)
         self._bounds = self._variable_bounds()
         low, high = _reach_bounds(problem)
         equal = np.zeros(BODY_STATES * n)
-        self._row_bounds = np.concatenate([equal, np.tile(low, n)]), np.concatenate([equal, np.tile(high, n)])
-        self._warm: dict[str, Any] = {}
+        row_bounds = np.concatenate([equal, np.tile(low, n)]), np.concatenate([equal, np.tile(high, n)])
+        self._nlp = Nlp(nlp, self._bounds, row_bounds, AGAIN)
 
     def project(self, target: Eta, rho: float) -> Eta:
         """argmin rho / 2 |delta - target|^2; starts from the last answer, the first time from the target."""
@@ -74,19 +58,10 @@ class MotionBlock:
         to_u = _inputs(target)
         low, high = self._bounds
         first = np.concatenate([target.body.ravel(), _poses(target).ravel(), (to_u / np.array(_INPUT_UNITS).T).ravel()])
-        start = {"x0": np.clip(first, low, high), **self._warm}
-        result = self._solver(
-            **start,
-            p=np.concatenate([[rho], to_x.ravel(), to_u.ravel()]),
-            lbx=low,
-            ubx=high,
-            lbg=self._row_bounds[0],
-            ubg=self._row_bounds[1],
-        )
-        stats = self._solver.stats()
-        self.solved, self.iterations = bool(stats["success"]), int(stats["iter_count"])
-        self._warm = {"x0": result["x"], "lam_x0": result["lam_x"], "lam_g0": result["lam_g"]}
-        return self._eta(np.array(result["x"]).ravel())
+        parameters = np.concatenate([[rho], to_x.ravel(), to_u.ravel()])
+        found = self._nlp.solve(np.clip(first, low, high), parameters, again=True)
+        self.solved, self.iterations = found.solved, found.iterations
+        return self._eta(found.x)
 
     def _eta(self, values: Array) -> Eta:
         n = self.problem.steps

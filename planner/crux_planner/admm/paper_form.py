@@ -2,7 +2,7 @@
 
 Binaries alpha (finger i on face c), beta (finger i outside face h of obstacle v), gamma (sign of m^z), one each a knot;
 big-M rows for (10), (12), (14); one rotation matrix, the level one, in (9a); forces by (8a), no moments (8b). HiGHS has
-no mixed-integer quadratic programmes, so every square of (6) is a variable above tangents: what is minimised is below
+no mixed-integer quadratic programs, so every square of (6) is a variable above tangents: what is minimised is below
 J, and so are its bounds. |z_next - z|^2 is |z_next - z|, for z is 0 or 1.
 
     python -m crux_planner.admm.paper_form SCENARIO [--time-limit S] --json
@@ -24,7 +24,8 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 
 from crux_planner.admm.paper_scene import PaperScene, paper_scene
-from crux_planner.arrays import Array, Flags, Indices
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.solvers.milp import highs_model
 
 _BESIDE_M = 0.6  # how far beyond the outermost face a finger or the body may be
 _TANGENTS = np.array([-0.9, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9])  # shares of a variable's bound
@@ -77,19 +78,10 @@ class Model:
     def highs(self) -> highspy.HighsLp:
         """What HiGHS takes."""
         rows, columns, values = (np.concatenate([entry[i] for entry in self._entries]) for i in range(3))
-        matrix = sp.coo_matrix((values, (rows, columns)), (self.rows, self.size)).tocsc()
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = self.size, self.rows
-        model.col_cost_ = np.concatenate(self.cost)
-        model.col_lower_, model.col_upper_ = np.concatenate(self.low), np.concatenate(self.high)
-        model.row_lower_ = np.concatenate([low for low, _ in self._bounds])
-        model.row_upper_ = np.concatenate([high for _, high in self._bounds])
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
-        model.a_matrix_.value_ = matrix.data
-        kinds = (highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger)
-        model.integrality_ = [kinds[int(flag)] for flag in np.concatenate(self.integer)]
-        return model
+        matrix = sp.coo_matrix((values, (rows, columns)), (self.rows, self.size))
+        low, high = (np.concatenate([bounds[i] for bounds in self._bounds]) for i in range(2))
+        bounds = np.concatenate(self.low), np.concatenate(self.high)
+        return highs_model(matrix, np.concatenate(self.cost), bounds, (low, high), np.concatenate(self.integer))
 
 
 def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:
@@ -144,15 +136,15 @@ def _body(model: Model, scene: PaperScene) -> dict[str, Indices]:
     far = _far(scene)
     floor, top = np.array([-far, -far, body.height_m[0]]), np.array([far, far, body.height_m[1]])
     tilt = np.array([body.max_tilt_rad, body.max_tilt_rad, np.pi])
-    for name, rate, low, high, start, end, room, weight, fast in (
-        ("r", "v", floor, top, scene.start.position_m, goal.body.position_m, goal.position_room_m, weights.position,
+    for name, rate, low, high, start, end, slack, weight, fast in (
+        ("r", "v", floor, top, scene.start.position_m, goal.body.position_m, goal.position_slack_m, weights.position,
          body.max_speed_m_s),
-        ("theta", "omega", -tilt, tilt, scene.start.rpy_rad, goal.body.rpy_rad, goal.rotation_room_rad,
+        ("theta", "omega", -tilt, tilt, scene.start.rpy_rad, goal.body.rpy_rad, goal.rotation_slack_rad,
          weights.orientation, body.max_rate_rad_s),
     ):  # fmt: skip
         lows, highs = np.tile(low, (n + 1, 1)), np.tile(high, (n + 1, 1))
         lows[0] = highs[0] = start
-        lows[-1], highs[-1] = np.maximum(low, end - room), np.minimum(high, end + room)
+        lows[-1], highs[-1] = np.maximum(low, end - slack), np.minimum(high, end + slack)
         x[name] = model.variables((n + 1, 3), lows, highs)
         fastest = np.full((n + 1, 3), fast)
         fastest[[0, -1]] = 0.0
@@ -192,7 +184,7 @@ def _ends(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     placed = np.flatnonzero(~np.isnan(scene.end_w_m[:, 0]))
     if len(placed):
         where = scene.end_w_m[placed]
-        model.add([(p[-1, placed], 1.0)], where - scene.end_room_m, where + scene.end_room_m)
+        model.add([(p[-1, placed], 1.0)], where - scene.end_slack_m, where + scene.end_slack_m)
 
 
 def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:

@@ -9,13 +9,13 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.arrays import Array, Indices
-from crux_planner.build import build_problem
-from crux_planner.kinematics import rotation_z
-from crux_planner.problem import BodyBounds, Goal, Pose, Problem, Weights
-from crux_planner.terms.reach import turned_half
-from crux_planner.walk.cost import FORCE_SHARE
-from crux_planner.walk.problem import FINAL_FOOT_M, WalkProblem, build_walk
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.build import build_problem
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.problem import BodyBounds, Goal, Pose, Problem, Weights
+from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
+from crux_planner.physics.reach import turned_half
+from crux_planner.physics.walk_cost import FORCE_SHARE
 
 FLOOR_HALF_M = 2.0  # of the surface that feet stand on
 SIDES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])  # outward: +x, -x, +y, -y, top
@@ -43,7 +43,7 @@ class PaperScene:
     top_m: float  # largest height of a finger
     start_w_m: Array  # (nf, 3)
     end_w_m: Array  # (nf, 3) NaN where free
-    end_room_m: float
+    end_slack_m: float
     start_face: Indices  # (nf,)
     end_face: Indices  # (nf,) -1 where free
     normal: Array  # (C, 3) outward
@@ -92,7 +92,7 @@ def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
         top_m=problem.swing.max_height_m,
         start_w_m=np.array([c.centre_w_m + sign * c.separation_m / 2 * c.axis for c in starts for sign in (1, -1)]),
         end_w_m=np.full((8, 3), np.nan),
-        end_room_m=0.0,
+        end_slack_m=0.0,
         start_face=np.array([5 * c.hold + face for c in starts for face in (c.finger1_face, c.finger1_face ^ 1)]),
         end_face=end_face,
         normal=normals[:many].reshape(-1, 3),
@@ -123,7 +123,7 @@ def _walk(scenario: Scenario, robot: Robot) -> PaperScene:
         top_m=problem.step_height_m,
         start_w_m=np.column_stack([problem.start_feet_w_m, np.zeros(4)]),
         end_w_m=np.column_stack([problem.goal_feet_w_m, np.zeros(4)]),
-        end_room_m=FINAL_FOOT_M,
+        end_slack_m=FINAL_FOOT_M,
         start_face=np.zeros(4, dtype=int),
         end_face=np.zeros(4, dtype=int),
         normal=np.array([[0.0, 0, 1]]),

@@ -12,16 +12,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from crux_planner.arrays import Array, Indices
-from crux_planner.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.problem import Problem
-from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, Balance
-from crux_planner.search.calm import speeds
-from crux_planner.search.schedule import Schedule
-from crux_planner.search.sparse_qp import SparseQp
-from crux_planner.search.stances import Move, Reach
-from crux_planner.search.ways import Ways
-from crux_planner.terms.reach import body_positions, turned_half
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Schedule
+from crux_planner.physics.reach import body_positions, turned_half
+from crux_planner.physics.speed_limits import speeds
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
+from crux_planner.search.stances import ReachableSet
+from crux_planner.solvers.qp import SparseQp
+from crux_planner.swing.swing_cache import SwingCache
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
@@ -29,7 +29,9 @@ _ANYWHERE_M = 100.0  # beyond any wall
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
-def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, moves: list[Move]) -> list[Move]:
+def smooth_events(
+    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache, moves: list[Move]
+) -> list[Move]:
     """The same moves with all body positions at lift-off and touch-down chosen together: short way, low wrenches."""
     if not moves:
         return moves
@@ -39,7 +41,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
         for stance in (move.before, move.after):
             bounds = reach.turned(move.yaw_rad).of(stance)
             assert bounds is not None
-            path.append(_position(qp, balance, *bounds, move.support, rotation_z(move.yaw_rad))[0])
+            path.append(_position(qp, equilibrium, *bounds, move.support, rotation_z(move.yaw_rad))[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
     one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
     qp.squares(path[0][:, None], one, fixed[0], 1.0)
@@ -47,7 +49,7 @@ def smooth_events(problem: Problem, balance: Balance, reach: Reach, ways: Ways, 
     for a, b in pairwise(path):
         qp.squares(np.column_stack([a, b]), two, np.zeros(3), 1.0)
     _charge_for_waiting(
-        qp, problem, path, moves, [max(ways.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
+        qp, problem, path, moves, [max(swings.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
     )
     solution = qp.solve()
     if solution is None:  # at the very edge of what the search allowed: keep what it found
@@ -61,7 +63,9 @@ def _charge_for_waiting(
 ) -> None:
     """Make it dear that the body goes further in a swing, or a stance between two, than their least time allows."""
     held = [*[contacts for move in moves for contacts in (move.before, move.held)], moves[-1].after]
-    steps = [SPEED_SHARE * min(problem.calm.get(h, np.inf), problem.body.max_speed_m_s) * problem.dt_s for h in held]
+    steps = [
+        SPEED_SHARE * min(problem.speed_limits.get(h, np.inf), problem.body.max_speed_m_s) * problem.dt_s for h in held
+    ]
     axes = np.hstack([-np.eye(3), np.eye(3)])
     start, end = (qp.variables(at, at) for at in (problem.start.position_m, problem.goal.body.position_m))
     allowed = [0, *[knots for swing in swings for knots in (swing, 1)]]  # before, in and after each swing
@@ -80,7 +84,7 @@ class BodyPath:
     wrenches: list[dict[int, Array]]
 
 
-def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPath | None:
+def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
     qp = SparseQp()
     turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
@@ -97,11 +101,11 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
     high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
     if (low > high).any():
         return None
-    low[:, :2], high[:, :2] = low[:, :2] - problem.tilt_room_m, high[:, :2] + problem.tilt_room_m
-    first, last, room = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
+    low[:, :2], high[:, :2] = low[:, :2] - problem.tilt_slack_m, high[:, :2] + problem.tilt_slack_m
+    first, last, slack = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
     low[:2], high[:2] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
-    low[-1] = np.maximum(low[-1], last @ to_w[-1] - room)
-    high[-1] = np.minimum(high[-1], last @ to_w[-1] + room)
+    low[-1] = np.maximum(low[-1], last @ to_w[-1] - slack)
+    high[-1] = np.minimum(high[-1], last @ to_w[-1] + slack)
     if (low > high).any():
         return None
     path: list[Indices] = []
@@ -109,7 +113,7 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
         position, wrenches = _position(
-            qp, balance, low[k], high[k], tuple(on.values()), to_w[k], problem.weights.wrench
+            qp, equilibrium, low[k], high[k], tuple(on.values()), to_w[k], problem.weights.wrench
         )
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
@@ -123,7 +127,7 @@ def knot_path(problem: Problem, balance: Balance, schedule: Schedule) -> BodyPat
 
 def _add_cost(qp: SparseQp, problem: Problem, schedule: Schedule, path: list[Indices]) -> None:
     weights, goal, dt = problem.weights, problem.goal.body.position_m, problem.dt_s
-    steps = SPEED_SHARE * speeds(problem.calm, schedule.contacts, problem.body.max_speed_m_s) * dt
+    steps = SPEED_SHARE * speeds(problem.speed_limits, schedule.contacts, problem.body.max_speed_m_s) * dt
     difference = np.hstack([-np.eye(3), np.eye(3)])
     for position in path:
         qp.squares(position[:, None], np.ones((3, 1)), goal, weights.position)
@@ -135,7 +139,7 @@ def _add_cost(qp: SparseQp, problem: Problem, schedule: Schedule, path: list[Ind
 
 def _position(
     qp: SparseQp,
-    balance: Balance,
+    equilibrium: StaticEquilibrium,
     low: Array,
     high: Array,
     support: tuple[int, ...],
@@ -148,14 +152,14 @@ def _position(
     wrenches = []
     for contact in support:
         index = qp.variables(np.concatenate([-bound[:4], [0.0]]), bound)
-        rows, right = balance.limit_rows(contact)
+        rows, right = equilibrium.limit_rows(contact)
         qp.below(rows, index, right)
-        qp.squares(index[:, None], np.append(balance.effort, 1.0)[:, None], np.zeros(WRENCH), comfort)
+        qp.squares(index[:, None], np.append(equilibrium.effort, 1.0)[:, None], np.zeros(WRENCH), comfort)
         wrenches.append(index)
-    maps = np.concatenate([balance.maps[c] for c in support], axis=1)
+    maps = np.concatenate([equilibrium.maps[c] for c in support], axis=1)
     columns = np.concatenate([*[w[:4] for w in wrenches], position])
-    moment = np.vstack([np.zeros((3, 3)), -balance.weight_moment])
-    qp.equal(np.hstack([maps, moment]), columns, np.concatenate([-balance.problem.weight_N, np.zeros(3)]))
+    moment = np.vstack([np.zeros((3, 3)), -equilibrium.weight_moment])
+    qp.equal(np.hstack([maps, moment]), columns, np.concatenate([-equilibrium.problem.weight_N, np.zeros(3)]))
     return position, wrenches
 
 

@@ -12,17 +12,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from crux_planner.arrays import Array, Indices
-from crux_planner.problem import Problem
-from crux_planner.search.balance import FORCE_BOUND_N, TWIST_BOUND_NM, Balance
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Stance
+from crux_planner.physics.bounds import LEAST_NORMAL_N
+from crux_planner.physics.cost import swing_cost
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.sparse_qp import SparseQp
-from crux_planner.search.stances import REACH_RESERVE_M, Move, Reach, Stance
-from crux_planner.search.ways import Ways
-from crux_planner.terms.bounds import LEAST_NORMAL_N
-from crux_planner.terms.cost import swing_cost
-from crux_planner.terms.limit_surface import polytope_directions
-from crux_planner.terms.reach import body_positions, turned_half
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
+from crux_planner.search.stances import REACH_RESERVE_M, ReachableSet
+from crux_planner.solvers.qp import SparseQp
+from crux_planner.swing.swing_cache import SwingCache
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
@@ -62,8 +63,10 @@ class _Node:
 class EventCost:
     """Estimates of one problem; what belongs to one stance or swing is kept."""
 
-    def __init__(self, problem: Problem, balance: Balance, reach: Reach, ways: Ways) -> None:
-        self.problem, self.balance, self.reach, self.ways = problem, balance, reach, ways
+    def __init__(
+        self, problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache
+    ) -> None:
+        self.problem, self.equilibrium, self.reach, self.swings = problem, equilibrium, reach, swings
         self.count = 0  # of estimates
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
@@ -71,7 +74,7 @@ class EventCost:
         self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
         self._directions, _, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
-        self._load = _CONE_SHARE * balance.margin * np.linalg.norm(unit, axis=1)
+        self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
         self._rows: dict[int, tuple[Array, Array]] = {}
         self._standing: dict[tuple[Stance, bool], float] = {}
         self._in_air: dict[tuple[int, int, int], float] = {}
@@ -133,8 +136,8 @@ class EventCost:
         low, high = self.reach.of(stance) or (np.ones(3), np.zeros(3))
         if not last:
             return low, high
-        goal, room = self.problem.goal.body.position_m, self.problem.goal.position_room_m
-        return np.maximum(low, goal - room), np.minimum(high, goal + room)
+        goal, slack = self.problem.goal.body.position_m, self.problem.goal.position_slack_m
+        return np.maximum(low, goal - slack), np.minimum(high, goal + slack)
 
     def _on_the_way(self, move: Move, air: int, knots: int) -> tuple[Array, Array]:
         """Bounds of the body's place `knots` after lift-off."""
@@ -142,7 +145,7 @@ class EventCost:
         on = [limb for limb in range(4) if limb not in move.limbs]
         lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
         for limb in move.limbs:
-            swing = self.ways.swing(move.before[limb], move.after[limb])
+            swing = self.swings.swing(move.before[limb], move.after[limb])
             assert swing is not None
             low, high = body_positions(swing.poses(air)[knots, :3], boxes.centre_b_m[limb], self._half_m)
             lows.append(low)
@@ -184,7 +187,7 @@ class EventCost:
     def _swing_cost(self, start: int, end: int, air: int) -> float:
         key = (start, end, air)
         if key not in self._in_air:
-            swing = self.ways.swing(start, end)
+            swing = self.swings.swing(start, end)
             assert swing is not None
             self._in_air[key] = swing_cost(self.problem.weights, swing.poses(air)[:-1])
         return self._in_air[key]
@@ -203,20 +206,20 @@ class EventCost:
             qp.below(rows, grip, right)
             weight = self.problem.weights.wrench * knots
             qp.squares(grip[:, None], np.sqrt(self._effort)[:, None], np.zeros(_WRENCH), weight)
-        maps = np.concatenate([self.balance.maps[c] for c in support], axis=1)
+        maps = np.concatenate([self.equilibrium.maps[c] for c in support], axis=1)
         columns = np.concatenate([*[grip[:4] for grip in grips], place])
-        moment = np.vstack([np.zeros((3, 3)), -self.balance.weight_moment])
-        qp.equal(np.hstack([maps, moment]), columns, self.balance.right_side(np.zeros(3)))
+        moment = np.vstack([np.zeros((3, 3)), -self.equilibrium.weight_moment])
+        qp.equal(np.hstack([maps, moment]), columns, self.equilibrium.right_side(np.zeros(3)))
         return grips
 
     def _limit_rows(self, contact: int) -> tuple[Array, Array]:
         if contact not in self._rows:
-            balance, count = self.balance, len(self._load)
+            equilibrium, count = self.equilibrium, len(self._load)
             rows = np.zeros((count + 4, _WRENCH))
             rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * balance.friction[contact]
+            rows[:count, 5] = -self._load * equilibrium.friction[contact]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
-            right = np.concatenate([balance.spine[contact], [0.0, 0.0], balance.press_N[contact]])
+            right = np.concatenate([equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]])
             self._rows[contact] = rows, right
         return self._rows[contact]
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.arrays import Array
+from crux_planner.model.arrays import Array
+from crux_planner.model.schedule import Move, Stance
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
-from crux_planner.search.stances import Move, Stance, goal_contacts
+from crux_planner.search.stances import goal_contacts
+from crux_planner.solvers import clock
 
 ESTIMATES = 60  # at most
 _LEAST_GAIN = 2e-4  # of J, as a share of it
@@ -53,7 +54,7 @@ Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 class _Improvement:
     def __init__(self, costs: EventCost, deadline: float, estimates: int, busy_until: float) -> None:
         self.costs, self.deadline, self.estimates, self.busy_until = costs, deadline, estimates, busy_until
-        self.problem, self.reach, self.ways = costs.problem, costs.reach, costs.ways
+        self.problem, self.reach, self.swings = costs.problem, costs.reach, costs.swings
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
         self.least_gain = 0.0
@@ -177,8 +178,8 @@ class _Improvement:
                 changed[limb] = end
             after = (changed[0], changed[1], changed[2], changed[3])
             move = Move(stance, after, limbs, nowhere, nowhere)
-            ways = [(stance[limb], after[limb]) for limb in limbs]
-            if self.reach.of(after) is None or not self.ways.free(ways, move.support):
+            swings = [(stance[limb], after[limb]) for limb in limbs]
+            if self.reach.of(after) is None or not self.swings.free(swings, move.support):
                 return None
             moves.append(move)
             stance = after
@@ -188,7 +189,7 @@ class _Improvement:
         """Least knots of stances and swings, and the knots to spare."""
         stances = np.ones(len(moves) + 1, dtype=int)
         stances[-1] = _LAST_STANCE
-        swings = [max(self.ways.intervals(m.before[limb], m.after[limb]) for limb in m.limbs) for m in moves]
+        swings = [max(self.swings.intervals(m.before[limb], m.after[limb]) for limb in m.limbs) for m in moves]
         return stances, np.array(swings, dtype=int), self.problem.steps - int(stances.sum()) - sum(swings)
 
     def _quick(self, moves: list[Move], where: int) -> Timed | None:
@@ -213,15 +214,15 @@ class _Improvement:
         """Knots shifted between stances, and into or out of swings where J may gain by it."""
         stances, swings = best.timed.stances, best.timed.swings
         least, quickest, _ = self._least(best.timed.moves)
-        room = stances - least
-        longest = int(np.argmax(room))
-        spare = int(room[longest])
+        slack = stances - least
+        longest = int(np.argmax(slack))
+        spare = int(slack[longest])
         others = [where for where in range(len(stances)) if where != longest]
         for knots in dict.fromkeys((spare, 2, 1)):
             for where in others:
                 if 0 < knots <= spare:
                     yield best.steps, replace(best.timed, stances=_shifted(stances, longest, where, knots))
-                if knots <= room[where]:
+                if knots <= slack[where]:
                     yield best.steps, replace(best.timed, stances=_shifted(stances, where, longest, knots))
         for knots in dict.fromkeys((spare, spare // 4, 1)):
             for i, worth in enumerate(best.estimate.air_costs):

@@ -1,84 +1,62 @@
-"""When each move happens: the sequence laid out over the N knots, and every gripper's pose at every knot."""
+"""When each move happens: the sequence scheduled over the N knots, and every gripper's pose at every knot."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from crux_planner.arrays import Array
 from crux_planner.errors import HorizonError
-from crux_planner.problem import LIMBS, Problem
-from crux_planner.search.calm import Contacts
-from crux_planner.search.stances import Move
-from crux_planner.search.ways import Ways
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Contacts, Move, Schedule
+from crux_planner.swing.swing_cache import SwingCache
 
 TURN_SHARE = 0.9  # of the body's largest rate
-STEP_OF_CALM = 0.95  # of what a slower body could go, as usual
+SLOW_STEP_SHARE = 0.95  # of what a slower body could go, as usual
 LONGEST_STANCE = 4  # knots between moves that spare time fills before it slows the swings
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """Contacts and gripper poses at the knots 0..N.
-
-    `contacts[k][limb]` is a contact's index, None in the air. `poses` (N + 1, 4, 5) holds x, y, z, yaw, opening (pad
-    face to gripper centre); at the first knot in the air a gripper still stands in its old grasp.
-    """
-
-    moves: list[Move]
-    contacts: list[list[int | None]]
-    poses: Array
-    yaw_rad: Array | None = None  # (N + 1,) of the body, where the search chose it
-
-    @property
-    def gait(self) -> list[str]:
-        """The limbs in the order in which they let go."""
-        return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]
-
-
-def least_durations(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:
+def least_durations(problem: Problem, swings: SwingCache, moves: list[Move], body_step_m: float) -> tuple[Array, Array]:
     """Least knots of the stance before each move, and after the last (n + 1,), and of each move (n,)."""
-    stances, swings = [], []
+    stances, swing_knots = [], []
     turn = TURN_SHARE * problem.body.max_rate_rad_s * problem.dt_s
     body, yaw, margin = problem.start.position_m, 0.0, 1  # the body rests in the first interval
 
     def step(held: Contacts) -> float:
-        return min(body_step_m, STEP_OF_CALM * problem.calm.get(held, np.inf) * problem.dt_s)
+        return min(body_step_m, SLOW_STEP_SHARE * problem.speed_limits.get(held, np.inf) * problem.dt_s)
 
     for move in moves:
         turned = _knots(np.array([move.yaw_rad - yaw]), turn)
         stances.append(max(1, margin + max(turned, _knots(move.lift_off - body, step(move.before)))))
-        swing = max(ways.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
-        swings.append(max(swing, _knots(move.touch_down - move.lift_off, step(move.held))))
+        swing = max(swings.intervals(move.before[limb], move.after[limb]) for limb in move.limbs)
+        swing_knots.append(max(swing, _knots(move.touch_down - move.lift_off, step(move.held))))
         body, yaw, margin = move.touch_down, move.yaw_rad, 0
     turned = _knots(problem.goal.body.rpy_rad[2:] - yaw, turn) if problem.turns else 0
     last = step(moves[-1].after if moves else problem.start_contacts)
     stances.append(max(2, margin + 1 + max(turned, _knots(problem.goal.body.position_m - body, last))))
-    return np.array(stances), np.array(swings, dtype=int)
+    return np.array(stances), np.array(swing_knots, dtype=int)
 
 
-def lay_out(problem: Problem, ways: Ways, moves: list[Move], body_step_m: float) -> Schedule:
+def scheduled(problem: Problem, swings: SwingCache, moves: list[Move], body_step_m: float) -> Schedule:
     """The schedule of a sequence of moves. Raises InfeasibleError when the horizon is too short for it."""
-    stances, swings = least_durations(problem, ways, moves, body_step_m)
-    spare = problem.steps - int(stances.sum() + swings.sum())
+    stances, swing_knots = least_durations(problem, swings, moves, body_step_m)
+    spare = problem.steps - int(stances.sum() + swing_knots.sum())
     if spare < 0:
         needed = problem.steps - spare
         text = f"the climb needs {needed} steps of {problem.dt_s:g} s, the horizon has {problem.steps}"
         raise HorizonError(f"{text}; allow at least {needed}", needed)
     while spare > 0:
         shortest = int(np.argmin(stances))
-        if stances[shortest] < LONGEST_STANCE or not len(swings):
+        if stances[shortest] < LONGEST_STANCE or not len(swing_knots):
             stances[shortest] += 1
-        elif swings.min() < 2 * LONGEST_STANCE:
-            swings[int(np.argmin(swings))] += 1
+        elif swing_knots.min() < 2 * LONGEST_STANCE:
+            swing_knots[int(np.argmin(swing_knots))] += 1
         else:
             stances[shortest] += 1
         spare -= 1
-    return at_knots(problem, ways, moves, stances, swings)
+    return at_knots(problem, swings, moves, stances, swing_knots)
 
 
-def at_knots(problem: Problem, ways: Ways, moves: list[Move], stances: Array, swings: Array) -> Schedule:
+def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: Array, swing_knots: Array) -> Schedule:
     """The schedule with given knots of the stance before each move, and after the last (n + 1,), and each move (n,)."""
     total = problem.steps + 1
     contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
@@ -91,24 +69,24 @@ def at_knots(problem: Problem, ways: Ways, moves: list[Move], stances: Array, sw
             k = until
             if i == len(moves):
                 break
-            move, until = moves[i], k + int(swings[i])
+            move, until = moves[i], k + int(swing_knots[i])
             if limb in move.limbs:
-                swing = ways.swing(current, move.after[limb])
+                swing = swings.swing(current, move.after[limb])
                 assert swing is not None
                 poses[k:until, limb] = swing.poses(until - k)[:-1]
                 current = move.after[limb]
             else:
                 _stand(problem, contacts, poses, limb, current, k, until)
             k = until
-    return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swings))
+    return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swing_knots))
 
 
-def _yaws(problem: Problem, moves: list[Move], stances: Array, swings: Array) -> Array | None:
+def _yaws(problem: Problem, moves: list[Move], stances: Array, swing_knots: Array) -> Array | None:
     """The body's heading at the knots: it turns while all limbs hold on, evenly, and rests in the first interval."""
     if not problem.turns:
         return None
     knots, yaws, k = [0, 1], [0.0, 0.0], 0
-    for move, stance, swing in zip(moves, stances, swings, strict=False):
+    for move, stance, swing in zip(moves, stances, swing_knots, strict=False):
         knots += [max(k + int(stance), 1), k + int(stance) + int(swing)]
         yaws += [move.yaw_rad] * 2
         k = knots[-1]

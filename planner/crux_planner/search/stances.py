@@ -11,44 +11,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner import clock
-from crux_planner.arrays import Array, Flags, Indices
-from crux_planner.problem import Problem, turned_problem
-from crux_planner.search.balance import Balance
-from crux_planner.search.calm import Contacts
-from crux_planner.search.sight import Sight
-from crux_planner.search.ways import Ways
-from crux_planner.terms.reach import body_positions, turned_half
-
-Stance = tuple[int, int, int, int]
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.schedule import Move, Stance
+from crux_planner.physics.reach import body_positions, turned_half
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.solvers import clock
+from crux_planner.swing.link_clearance import LinkClearance
+from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
 _IN_PLANE = np.array([1.0, 1.0, 0.0])
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
-
-
-@dataclass(frozen=True)
-class Move:
-    """From `before` to `after` the limbs `limbs` go to new contacts; the body lifts off and touches down in balance."""
-
-    before: Stance
-    after: Stance
-    limbs: tuple[int, ...]
-    lift_off: Array
-    touch_down: Array
-    yaw_rad: float = 0.0  # of the body meanwhile
-
-    @property
-    def support(self) -> tuple[int, ...]:
-        """Contacts of the limbs that stay."""
-        return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)
-
-    @property
-    def held(self) -> Contacts:
-        """Of every limb, None in the air."""
-        return tuple(None if limb in self.limbs else c for limb, c in enumerate(self.before))
 
 
 @dataclass
@@ -62,7 +38,7 @@ class SearchReport:
     lifts_without_balance: Counter[int] = field(default_factory=Counter)  # per limb, from the nearest stance
 
 
-class Reach:
+class ReachableSet:
     """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
 
     `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's,
@@ -71,7 +47,7 @@ class Reach:
 
     def __init__(self, problem: Problem, turn_rad: float | None = None) -> None:
         self.problem = problem
-        self._turned: dict[float, Reach] = {0.0: self}
+        self._turned: dict[float, ReachableSet] = {0.0: self}
         turn = 0.0 if turn_rad is None and problem.turns else turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
@@ -86,10 +62,10 @@ class Reach:
         high = np.minimum(self.high[:, :, None], self.high[:, None])
         self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
 
-    def turned(self, yaw_rad: float) -> Reach:
+    def turned(self, yaw_rad: float) -> ReachableSet:
         """The same for a body turned by `yaw_rad`: positions are along its axes then."""
         if yaw_rad not in self._turned:
-            self._turned[yaw_rad] = Reach(turned_problem(self.problem, yaw_rad), 0.0)
+            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), 0.0)
         return self._turned[yaw_rad]
 
     def neighbours(self, limb: int, contact: int) -> Indices:
@@ -99,22 +75,22 @@ class Reach:
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
         """Bounds of the body position for all four limbs, None where they leave nothing.
 
-        A small tilt moves all grippers by the same way against their boxes: what it gives is room around the bounds.
+        A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
         """
         index = (np.arange(4), list(stance))
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
         if (low > high + 1e-9).any():
             return None
-        room = self.problem.tilt_room_m * _IN_PLANE
-        return low - room, high + room
+        slack = self.problem.tilt_slack_m * _IN_PLANE
+        return low - slack, high + slack
 
 
-def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = None) -> list[list[int]]:
+def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | None = None) -> list[list[int]]:
     """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose.
 
-    That is a cube of half edge `tolerance_m`, usually the goal's `position_room_m`.
+    That is a cube of half edge `tolerance_m`, usually the goal's `position_slack_m`.
     """
-    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_room_m
+    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)
@@ -129,7 +105,7 @@ def goal_contacts(problem: Problem, reach: Reach, tolerance_m: float | None = No
     return result
 
 
-def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, float]]:
+def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> list[dict[int, float]]:
     """Per limb and contact, the least knots to the goal were it alone: an exact shortest path, admissible for all."""
     tables = []
     for limb, ends in enumerate(goal_contacts(problem, reach)):
@@ -142,17 +118,17 @@ def costs_to_go(problem: Problem, reach: Reach, ways: Ways) -> list[dict[int, fl
                 continue
             cost[c] = done
             for other in map(int, reach.neighbours(limb, c)):
-                if other in usable and other not in cost and ways.swing(other, c) is not None:
-                    heapq.heappush(queue, (done + _move_cost(ways, [(other, c)]), other))
+                if other in usable and other not in cost and swings.swing(other, c) is not None:
+                    heapq.heappush(queue, (done + _move_cost(swings, [(other, c)]), other))
         tables.append(cost)
     return tables
 
 
 def search(
     problem: Problem,
-    balance: Balance,
-    reach: Reach,
-    ways: Ways,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
     *,
     at_once: int,
     greed: float,
@@ -166,64 +142,103 @@ def search(
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
     and at `busy_until` (of time.process_time).
     """
-    report = SearchReport()
-    to_go = costs_to_go(problem, reach, ways)
-    sight = Sight(problem, ways)
-    goal = problem.goal.body.position_m
-    groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
-
-    def estimate(stance: Stance) -> float:
-        return sum(to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / at_once
-
-    counter = itertools.count()
-    start: Stance = problem.start_contacts
-    best = {start: 0.0}
-    parent: dict[Stance, Move] = {}
-    open_list = [(estimate(start), next(counter), 0.0, start, problem.start.position_m)]
-    while open_list and not report.timed_out:
-        _, _, cost, stance, body = heapq.heappop(open_list)
-        if cost > best[stance] + 1e-9:
+    tree = _Tree(problem, equilibrium, reach, swings, at_once, greed)
+    report = tree.report
+    while tree.open and not report.timed_out:
+        cost, stance, body = tree.next()
+        if cost > tree.best[stance] + 1e-9:
             continue
         if known and stance in known:
-            return [*_trace(parent, stance), *known[stance]], report
-        ahead = estimate(stance)
+            return [*tree.moves_to(stance), *known[stance]], report
+        ahead = tree.estimate(stance)
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead
             report.lifts_without_balance.clear()
-        if ahead < 1e-9 and _ends_well(problem, balance, reach, stance):
-            return _trace(parent, stance), report
+        if ahead < 1e-9 and _ends_well(problem, equilibrium, reach, stance):
+            return tree.moves_to(stance), report
         report.expanded += 1
         report.timed_out = clock.now() > deadline or time.process_time() > busy_until
-        bounds = reach.of(stance)
-        if bounds is None:
-            continue
-        for limbs in groups:
-            support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
-            lift_off = balance.position(support, *bounds, body)
-            if lift_off is None:
-                if stance == report.nearest:
-                    report.lifts_without_balance.update(limbs)
-                continue
-            if not sight.stance_clear(stance, body, lift_off):
-                continue
-            for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
-                after = _after(stance, limbs, ends)
-                moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
-                landing = reach.of(after)
-                if landing is None or estimate(after) >= UNREACHABLE or not ways.free(moves, support):
-                    continue
-                new_cost = cost + _move_cost(ways, moves)
-                if new_cost >= best.get(after, np.inf) - 1e-9:
-                    continue
-                touch_down = balance.position(support, *landing, np.clip(goal, *landing))
-                if touch_down is None or not sight.move_clear(stance, after, limbs, lift_off, touch_down):
-                    continue
-                best[after] = new_cost
-                parent[after] = Move(stance, after, limbs, lift_off, touch_down)
-                heapq.heappush(
-                    open_list, (new_cost + greed * estimate(after), next(counter), new_cost, after, touch_down)
-                )
+        tree.grow(cost, stance, body)
     return None, report
+
+
+class _Tree:
+    """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        equilibrium: StaticEquilibrium,
+        reach: ReachableSet,
+        swings: SwingCache,
+        at_once: int,
+        greed: float,
+    ) -> None:
+        self.equilibrium, self.reach, self.swings = equilibrium, reach, swings
+        self.report = SearchReport()
+        self._to_go, self._at_once, self._greed = costs_to_go(problem, reach, swings), at_once, greed
+        self._links, self._goal = LinkClearance(problem, swings), problem.goal.body.position_m
+        self._groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
+        self._counter = itertools.count()
+        self._parent: dict[Stance, Move] = {}
+        self.best = {problem.start_contacts: 0.0}
+        self.open: list[tuple[float, int, float, Stance, Array]] = []
+        self._add(0.0, problem.start_contacts, problem.start.position_m, 1.0)
+
+    def estimate(self, stance: Stance) -> float:
+        """Least knots to the goal."""
+        return sum(self._to_go[limb].get(c, UNREACHABLE) for limb, c in enumerate(stance)) / self._at_once
+
+    def next(self) -> tuple[float, Stance, Array]:
+        """The most promising stance, the cost of getting there, and where the body is then."""
+        _, _, cost, stance, body = heapq.heappop(self.open)
+        return cost, stance, body
+
+    def moves_to(self, stance: Stance) -> list[Move]:
+        """From the start."""
+        moves = []
+        while stance in self._parent:
+            moves.append(self._parent[stance])
+            stance = moves[-1].before
+        return moves[::-1]
+
+    def grow(self, cost: float, stance: Stance, body: Array) -> None:
+        """Add what moves from a stance lead to."""
+        if (bounds := self.reach.of(stance)) is None:
+            return
+        for limbs in self._groups:
+            support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
+            lift_off = self.equilibrium.position(support, *bounds, body)
+            if lift_off is None:
+                if stance == self.report.nearest:
+                    self.report.lifts_without_balance.update(limbs)
+                continue
+            if self._links.stance_clear(stance, body, lift_off):
+                self._move(cost, stance, limbs, support, lift_off)
+
+    def _move(
+        self, cost: float, stance: Stance, limbs: tuple[int, ...], support: tuple[int, ...], lift_off: Array
+    ) -> None:
+        reach, swings = self.reach, self.swings
+        for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
+            after = _after(stance, limbs, ends)
+            moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
+            landing = reach.of(after)
+            if landing is None or self.estimate(after) >= UNREACHABLE or not swings.free(moves, support):
+                continue
+            new_cost = cost + _move_cost(swings, moves)
+            if new_cost >= self.best.get(after, np.inf) - 1e-9:
+                continue
+            touch_down = self.equilibrium.position(support, *landing, np.clip(self._goal, *landing))
+            if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
+                continue
+            self.best[after] = new_cost
+            self._parent[after] = Move(stance, after, limbs, lift_off, touch_down)
+            self._add(new_cost, after, touch_down, self._greed)
+
+    def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
+        ahead = cost + greed * self.estimate(stance)
+        heapq.heappush(self.open, (ahead, next(self._counter), cost, stance, body))
 
 
 def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
@@ -233,23 +248,15 @@ def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Sta
     return (changed[0], changed[1], changed[2], changed[3])
 
 
-def _move_cost(ways: Ways, moves: list[tuple[int, int]]) -> float:
-    return max(ways.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
+def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
+    return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 
-def _ends_well(problem: Problem, balance: Balance, reach: Reach, stance: Stance) -> bool:
+def _ends_well(problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, stance: Stance) -> bool:
     """Whether the goal's body pose is in reach and in balance on a stance."""
     bounds = reach.of(stance)
     if bounds is None:
         return False
-    goal, tolerance = problem.goal.body.position_m, problem.goal.position_room_m
+    goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
     low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
-    return bool((low <= high).all()) and balance.position(stance, low, high, goal) is not None
-
-
-def _trace(parent: dict[Stance, Move], stance: Stance) -> list[Move]:
-    moves = []
-    while stance in parent:
-        moves.append(parent[stance])
-        stance = moves[-1].before
-    return moves[::-1]
+    return bool((low <= high).all()) and equilibrium.position(stance, low, high, goal) is not None

@@ -10,13 +10,13 @@ import itertools
 
 import numpy as np
 
-from crux_planner.kinematics import rotation_from_rpy
-from crux_planner.problem import Problem
-from crux_planner.search.balance import Balance
-from crux_planner.search.ways import Ways
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.problem import Problem
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.swing.swing_cache import SwingCache
 
 
-def clear_start(problem: Problem, ways: Ways) -> tuple[int, int, int, int] | None:
+def clear_start(problem: Problem, swings: SwingCache) -> tuple[int, int, int, int] | None:
     """The start's contacts with the least way off the middle such that all grippers keep clear; None if none does.
 
     `problem` has contacts off the middle; what it starts on is in the middle.
@@ -35,11 +35,11 @@ def clear_start(problem: Problem, ways: Ways) -> tuple[int, int, int, int] | Non
             if c.yaw_rad == wanted.yaw_rad and (np.abs(place - boxes.centre_b_m[limb]) <= boxes.half_m).all():
                 near.append((aside, i))
         options.append(near)
-    balance, at = Balance(problem, problem.friction_share), problem.start.position_m
+    equilibrium, at = StaticEquilibrium(problem, problem.friction_share), problem.start.position_m
     for choice in sorted(itertools.product(*options), key=lambda picks: sum(aside for aside, _ in picks)):
         first, second, third, fourth = (i for _, i in choice)
         stance = (first, second, third, fourth)
-        apart = all(ways.apart(a, b) for a, b in itertools.combinations(stance, 2))
-        if apart and balance.position(stance, at, at, at) is not None:
+        apart = all(swings.apart(a, b) for a, b in itertools.combinations(stance, 2))
+        if apart and equilibrium.position(stance, at, at, at) is not None:
             return stance
     return None

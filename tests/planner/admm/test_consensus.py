@@ -6,11 +6,10 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from crux_planner.admm.consensus import Eta, Residuals, Scales, finger_positions
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.kinematics import rotation_from_rpy
-
-from .scenes import Scene, scene
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.trajectory.consensus import Eta, Residuals, Scales, finger_positions
+from scenes import Scene, scene
 
 
 def random_eta(steps: int, seed: int) -> Eta:
@@ -58,7 +57,7 @@ def projected(small: Scene) -> tuple[MotionBlock, Eta, Eta]:
     """A motion block, a target that it cannot meet, and its answer."""
     problem = small.problem
     body = np.tile([*problem.start.position_m, *[0.0] * 9], (11, 1))
-    target = Eta.of_contacts(problem, small.stages.schedule([]), body, [{} for _ in range(10)])
+    target = Eta.of_contacts(problem, small.windows.schedule([]), body, [{} for _ in range(10)])
     target.forces[:] = np.random.default_rng(3).normal(scale=4.0, size=target.forces.shape)
     block = MotionBlock(problem, scales=Scales())
     return block, target, block.project(target, 10.0)

@@ -5,45 +5,46 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from crux_planner.admm.consensus import Eta, Scales
-from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, StageCost
-from crux_planner.admm.stage_cost import stage_cost
-from crux_planner.admm.stages import Swinging
-from crux_planner.terms.cost import schedule_cost
+from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, WindowCost
+from crux_planner.admm.window_cost import window_cost
+from crux_planner.admm.windows import Swinging
+from crux_planner.physics.cost import schedule_cost
+from crux_planner.trajectory.consensus import Eta, Scales
+from scenes import Scene, scene
 
-from .scenes import Scene, scene
 
-
-def linear_cost(small: Scene, seed: int) -> StageCost:
-    """Random prices of holding contacts and of swings, nothing else."""
-    stages, rng = small.stages, np.random.default_rng(seed)
+def linear_cost(small: Scene, seed: int) -> WindowCost:
+    """Random costs of holding contacts and of swings, nothing else."""
+    windows, rng = small.windows, np.random.default_rng(seed)
     many = len(small.problem.contacts)
-    return StageCost(
-        square=np.zeros((stages.count, SQUARED)),
-        body_linear=np.zeros((stages.count, 3)),
-        body_square=np.zeros((stages.count, 3)),
-        linear=np.zeros((stages.count, 4, many, SHARES)),
-        held=rng.uniform(-1, 1, (stages.count, 4, many)),
-        arcs=[rng.uniform(-1, 1, len(arcs)) for arcs in stages.arcs],
+    return WindowCost(
+        square=np.zeros((windows.count, SQUARED)),
+        body_linear=np.zeros((windows.count, 3)),
+        body_square=np.zeros((windows.count, 3)),
+        linear=np.zeros((windows.count, 4, many, SHARES)),
+        held=rng.uniform(-1, 1, (windows.count, 4, many)),
+        arcs=[rng.uniform(-1, 1, len(arcs)) for arcs in windows.arcs],
     )
 
 
-def can_stand(small: Scene, swings: list[Swinging]) -> bool:
-    """Whether reach, balance and free ways hold in every stage, by the search's own oracle."""
-    stages, reach, problem = small.stages, small.reach, small.problem
-    held = [stages.held(limb, swings) for limb in range(4)]
-    for t in range(stages.count):
-        low, high = stages.body_room()
+def can_stand(small: Scene, airborne: list[Swinging]) -> bool:
+    """Whether reach, balance and free ways hold in every window, by the search's own oracle."""
+    windows, reach, problem = small.windows, small.reach, small.problem
+    held = [windows.held(limb, airborne) for limb in range(4)]
+    for t in range(windows.count):
+        low, high = windows.body_range()
         if t == 0:
             low = high = problem.start.position_m
-        if t == stages.count - 1:
-            room = problem.goal.position_room_m
-            low, high = problem.goal.body.position_m - room, problem.goal.body.position_m + room
+        if t == windows.count - 1:
+            slack = problem.goal.position_slack_m
+            low, high = problem.goal.body.position_m - slack, problem.goal.body.position_m + slack
         support = []
         for limb in range(4):
             c = held[limb][t]
             flying = [
-                s for s in swings if s.limb == limb and s.first <= stages.span(t)[1] - 1 and s.end > stages.span(t)[0]
+                s
+                for s in airborne
+                if s.limb == limb and s.first <= windows.span(t)[1] - 1 and s.end > windows.span(t)[0]
             ]
             ends = [c] if c is not None else [flying[0].start, flying[0].goal]
             low = np.maximum(low, reach.low[limb, ends].min(axis=0))
@@ -51,7 +52,7 @@ def can_stand(small: Scene, swings: list[Swinging]) -> bool:
             if c is not None:
                 support.append(c)
             elif any(
-                not small.ways.free([(flying[0].start, flying[0].goal)], (o,))
+                not small.swings.free([(flying[0].start, flying[0].goal)], (o,))
                 for o in [h[t] for h in held]
                 if o is not None
             ):
@@ -59,7 +60,7 @@ def can_stand(small: Scene, swings: list[Swinging]) -> bool:
         if (
             not support
             or (low > high + 1e-9).any()
-            or small.balance.position(tuple(support), low, high, (low + high) / 2) is None
+            or small.equilibrium.position(tuple(support), low, high, (low + high) / 2) is None
         ):
             return False
     return True
@@ -67,27 +68,27 @@ def can_stand(small: Scene, swings: list[Swinging]) -> bool:
 
 def test_the_optimum_is_that_of_enumeration() -> None:
     small = scene(20, width_m=0.2, goal_m=0.06)
-    stages = small.stages
-    assert max(map(len, stages.contacts)) <= 3  # few enough to enumerate
-    milp = HullMilp(stages, small.balance)
+    windows = small.windows
+    assert max(map(len, windows.contacts)) <= 3  # few enough to enumerate
+    milp = HullMilp(windows, small.equilibrium)
     for seed in range(3):
         cost = linear_cost(small, seed)
         options: list[list[tuple[float, list[Swinging]]]] = []
         for limb in range(4):
-            ways = [(0.0, list[Swinging]())]
-            ways += [
-                (cost.arcs[limb][i], [stages.swinging(limb, arc)])
-                for i, arc in enumerate(stages.arcs[limb])
+            swings = [(0.0, list[Swinging]())]
+            swings += [
+                (cost.arcs[limb][i], [windows.swinging(limb, arc)])
+                for i, arc in enumerate(windows.arcs[limb])
                 if arc.start == small.problem.start_contacts[limb]
             ]
-            options.append([way for way in ways if stages.held(limb, way[1])[-1] in stages.goals[limb]])
+            options.append([way for way in swings if windows.held(limb, way[1])[-1] in windows.goals[limb]])
         best = np.inf
         for chosen in itertools.product(*options):
-            swings = [swing for _, way in chosen for swing in way]
+            airborne = [swing for _, way in chosen for swing in way]
             total = sum(price for price, _ in chosen)
             for limb in range(4):
-                total += sum(cost.held[t, limb, c] for t, c in enumerate(stages.held(limb, swings)) if c is not None)
-            if total < best - 1e-12 and can_stand(small, swings):
+                total += sum(cost.held[t, limb, c] for t, c in enumerate(windows.held(limb, airborne)) if c is not None)
+            if total < best - 1e-12 and can_stand(small, airborne):
                 best = total
         result = milp.solve(cost, gap=1e-7, time_limit_s=20.0)
         assert result.values is not None
@@ -99,27 +100,27 @@ def test_without_moments_the_block_allows_more() -> None:
     small = scene(20, width_m=0.2, goal_m=0.06)
     cost = linear_cost(small, 0)
     for arcs in cost.arcs:
-        arcs[:] = -10.0  # everybody wants to let go
-    with_moments = HullMilp(small.stages, small.balance).solve(cost, gap=1e-6, time_limit_s=20.0)
-    without = HullMilp(small.stages, small.balance, moments=False).solve(cost, gap=1e-6, time_limit_s=20.0)
+        arcs[:] = -10.0  # everybody wants to release
+    with_moments = HullMilp(small.windows, small.equilibrium).solve(cost, gap=1e-6, time_limit_s=20.0)
+    without = HullMilp(small.windows, small.equilibrium, moments=False).solve(cost, gap=1e-6, time_limit_s=20.0)
     assert without.objective < with_moments.objective - 1.0
 
 
 def test_the_proximal_term_of_poses_is_exact() -> None:
     small, rho = scene(40), 10.0
-    stages, problem, scales = small.stages, small.problem, Scales()
+    windows, problem, scales = small.windows, small.problem, Scales()
     rng = np.random.default_rng(5)
     target = Eta.zeros(problem.steps)
     target.fingers[:] = rng.normal(size=target.fingers.shape)
     target.yaws[:] = rng.normal(size=target.yaws.shape)
-    cost = stage_cost(stages, rho, target, scales)
+    cost = window_cost(windows, rho, target, scales)
     values = []
     for limb, number in ((0, 0), (0, 7), (3, 4)):
-        arc = stages.arcs[limb][number]
+        arc = windows.arcs[limb][number]
         if arc.start != problem.start_contacts[limb]:
             continue
-        swings = [stages.swinging(limb, arc)]
-        schedule = stages.schedule(swings)
+        airborne = [windows.swinging(limb, arc)]
+        schedule = windows.schedule(airborne)
         eta = Eta.of_contacts(problem, schedule, np.zeros((problem.steps + 1, 12)), [{} for _ in range(problem.steps)])
         difference = eta - target
         direct = rho / 2 * ((difference.fingers[:-1] ** 2).sum() + (difference.yaws[:-1] ** 2).sum())
@@ -127,7 +128,7 @@ def test_the_proximal_term_of_poses_is_exact() -> None:
         summed = cost.arcs[limb][number] + sum(
             cost.held[t, other, c]
             for other in range(4)
-            for t, c in enumerate(stages.held(other, swings))
+            for t, c in enumerate(windows.held(other, airborne))
             if c is not None
         )
         values.append(summed - direct)

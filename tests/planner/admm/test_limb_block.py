@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from crux_planner.admm.consensus import Eta, Scales
 from crux_planner.admm.limb_block import LimbBlock
 from crux_planner.admm.limb_paths import LimbPaths
-
-from .scenes import scene
+from crux_planner.trajectory.consensus import Eta, Scales
+from scenes import scene
 
 LIMB, RHO, SCALES = 0, 10.0, Scales()
 
@@ -22,44 +21,44 @@ def target_of(steps: int, seed: int) -> Eta:
 
 def test_the_path_is_the_best_of_all() -> None:
     small = scene(20, width_m=0.2, goal_m=0.06)
-    stages = small.stages
+    windows = small.windows
     rng = np.random.default_rng(1)
     for _ in range(20):
-        held = rng.normal(size=(stages.count, len(small.problem.contacts)))
-        arcs = rng.normal(size=len(stages.arcs[LIMB]))
+        held = rng.normal(size=(windows.count, len(small.problem.contacts)))
+        arcs = rng.normal(size=len(windows.arcs[LIMB]))
         start = small.problem.start_contacts[LIMB]
-        prices = []
+        costs = []
         for taken in [None, *range(len(arcs))]:
-            if taken is not None and stages.arcs[LIMB][taken].start != start:
+            if taken is not None and windows.arcs[LIMB][taken].start != start:
                 continue
-            swings = [] if taken is None else [stages.swinging(LIMB, stages.arcs[LIMB][taken])]
-            contacts = stages.held(LIMB, swings)
-            if contacts[-1] in stages.goals[LIMB]:
+            swings = [] if taken is None else [windows.swinging(LIMB, windows.arcs[LIMB][taken])]
+            contacts = windows.held(LIMB, swings)
+            if contacts[-1] in windows.goals[LIMB]:
                 price = 0.0 if taken is None else arcs[taken]
-                prices.append(price + sum(held[t, c] for t, c in enumerate(contacts) if c is not None))
-        paths = LimbPaths(stages, LIMB)
+                costs.append(price + sum(held[t, c] for t, c in enumerate(contacts) if c is not None))
+        paths = LimbPaths(windows, LIMB)
         best = paths.shortest(held, arcs)
         found = paths.swings(best)
-        contacts = stages.held(LIMB, found)
-        number = {stages.swinging(LIMB, arc): i for i, arc in enumerate(stages.arcs[LIMB])}
+        contacts = windows.held(LIMB, found)
+        number = {windows.swinging(LIMB, arc): i for i, arc in enumerate(windows.arcs[LIMB])}
         price = sum(arcs[number[swing]] for swing in found)
         price += sum(held[t, c] for t, c in enumerate(contacts) if c is not None)
-        assert price <= min(prices) + 1e-9
+        assert price <= min(costs) + 1e-9
         assert abs(price - best.cost) < 1e-9
 
 
 def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
     small = scene(20, width_m=0.2, goal_m=0.06)
     target = target_of(20, 2)
-    answers, costs = LimbBlock(small.stages, small.balance, LIMB)._wrenches(RHO, target, SCALES)
-    balance, problem = small.balance, small.problem
+    answers, costs = LimbBlock(small.windows, small.equilibrium, LIMB)._wrenches(RHO, target, SCALES)
+    equilibrium, problem = small.equilibrium, small.problem
     rng = np.random.default_rng(0)
     for k in (0, 7, 19):
-        for c in small.stages.contacts[LIMB]:
+        for c in small.windows.contacts[LIMB]:
             q = answers[k, c]
-            load = balance.margin * balance.reach * balance.friction[c]
+            load = equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
             for normal in (3, 4):
-                assert (balance.directions @ q[:3] <= load * q[normal] + balance.spine[c] + 1e-4).all()
+                assert (equilibrium.directions @ q[:3] <= load * q[normal] + equilibrium.spine[c] + 1e-4).all()
             contact = problem.contacts[c]
 
             def price(w: np.ndarray, contact: object = contact, k: int = k) -> float:
@@ -78,7 +77,7 @@ def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
             for _ in range(200):
                 other = q + rng.normal(scale=[2.0, 2.0, 0.02, 2.0, 2.0])
                 inside = all(
-                    (balance.directions @ other[:3] <= load * other[n] + balance.spine[c]).all() for n in (3, 4)
+                    (equilibrium.directions @ other[:3] <= load * other[n] + equilibrium.spine[c]).all() for n in (3, 4)
                 )
-                if inside and (other[3:] >= 1.0).all() and (other[3:] <= balance.max_normal_N).all():
+                if inside and (other[3:] >= 1.0).all() and (other[3:] <= equilibrium.max_normal_N).all():
                     assert price(other) >= price(q) - 1e-4

@@ -7,9 +7,8 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
-from crux_planner.planning import plan
-
-from .scenes import scene, wall
+from crux_planner.pipeline.climb import plan
+from scenes import scene, wall
 
 
 @pytest.mark.parametrize("method", ["two_block", "multi_block"])
@@ -31,7 +30,7 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
 
 def test_iterations_are_limited() -> None:
     small = scene(30)
-    task = Task(small.problem, small.balance, small.reach, small.ways, small.later, iterations=2)
+    task = Task(small.problem, small.equilibrium, small.reach, small.swings, deadline=small.later, iterations=2)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged

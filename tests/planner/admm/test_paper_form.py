@@ -11,8 +11,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.paper_form import Model, build, solve
 from crux_planner.admm.paper_scene import paper_scene
-
-from .scenes import wall
+from scenes import wall
 
 WALK = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-flat.yaml").read_text()
 ROBOT = load_robot("scaler")

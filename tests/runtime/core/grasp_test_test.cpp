@@ -21,7 +21,7 @@ GraspTest pulled(Way way_m, double slid_share = 0.0, double need_N = 0.0) {
   double last = 0.0;
   for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
     const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
-    EXPECT_LE(std::abs(share - last), 0.01) << "no jump of the pull, at cycle " << i;
+    EXPECT_LE(std::abs(share - last), 0.04) << "no jump of the pull, at cycle " << i;
     last = share;
     const double way = way_m(share);
     test.advance({way, 0.0, 0.0}, slid_share * way, {0.0, share * need_N, 99.0, 0.0}, kDt_s);
@@ -101,8 +101,37 @@ class PulledGrasp : public testing::Test {
     return most_N;
   }
 
+  /// Climbs until LF bears on its new hold or a fault is told; the first `n` of its grasps creep when they are pulled.
+  void climb_with_creep(int n) {
+    double creep_rad = 0.0, last_N = 0.0;
+    for (int i = 0; i < 30000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+      const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
+      if (closes && last_phase_ != phase()) ++grasps_;
+      if (!closes) creep_rad = 0.0;
+      last_phase_ = phase();
+      const bool stands = force_N() > 1.0 && std::abs(force_N() - last_N) < 0.01;
+      if (closes && stands && grasps_ <= n) creep_rad += 4e-4;
+      last_N = force_N();
+      run_.plant.input().joint_position_rad[1] += creep_rad;
+      run_.step();
+    }
+  }
+
   Climber run_{sample_plan()};
+  int grasps_ = 0, last_phase_ = 0;
 };
+
+TEST_F(PulledGrasp, ThatGivesWayIsOpenedAndMadeAnewBesideIt) {
+  climb_with_creep(1);
+  EXPECT_FALSE(run_.result.has_fault);
+  EXPECT_EQ(grasps_, 2);
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  const crux_msgs::limb_reference_t& reference = run_.result.reference[0];
+  const Vector3 beside_m =
+      Vector3(run_.result.telemetry[0].gripper_position_w_m) - Vector3(reference.gripper_position_w_m);
+  const Vector3 along = rotation_z(reference.gripper_yaw_w_rad).col(1);
+  EXPECT_NEAR(beside_m.dot(along), GraspRetry::kShift_m, 2e-3);
+}
 
 TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
   const double pull_N = this->pull_N();
@@ -117,15 +146,8 @@ TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
   EXPECT_GT(pull_N, 1.1 * most_N);
 }
 
-TEST_F(PulledGrasp, ThatGivesWayIsToldAndThePlanStands) {
-  double creep_rad = 0.0, last_N = 0.0;
-  for (int i = 0; i < 12000 && !run_.result.has_fault; ++i) {
-    const bool stands = force_N() > 1.0 && std::abs(force_N() - last_N) < 0.01;
-    if (phase() == static_cast<int>(LimbPhase::kClose) && stands) creep_rad += 4e-4;
-    last_N = force_N();
-    run_.plant.input().joint_position_rad[1] += creep_rad;
-    run_.step();
-  }
+TEST_F(PulledGrasp, ThatGivesWayIsTriedToBothSidesThenToldAndThePlanStands) {
+  climb_with_creep(GraspRetry::kTries + 1);
   EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kGraspFailed));
   EXPECT_EQ(run_.result.fault.limb, 0);
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);

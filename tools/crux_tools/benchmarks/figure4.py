@@ -8,7 +8,7 @@ from crux_tools.benchmarks.residuals import FORCE, POSITION, History, ResidualFi
 
 
 def _residuals(scenario: Scenario, method: str, iterations: int) -> History:
-    from crux_planner.alone import walk_residuals
+    from crux_planner.method_report import walk_residuals
 
     return walk_residuals(scenario, method, iterations=iterations, to_the_end=True)
 

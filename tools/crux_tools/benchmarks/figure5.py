@@ -8,7 +8,7 @@ from crux_tools.benchmarks.residuals import FORCE, MOMENT, ORIENTATION, POSITION
 
 
 def _residuals(scenario: Scenario, method: str, iterations: int) -> History:
-    from crux_planner.alone import climb_alone
+    from crux_planner.method_report import climb_alone
 
     return climb_alone(scenario, method, iterations=iterations, to_the_end=True).decided.residuals
 

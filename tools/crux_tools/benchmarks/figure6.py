@@ -85,7 +85,7 @@ def trot_wall() -> str:
 
 def gait_alone(scenario: Scenario, *, moments: bool, iterations: int = 1) -> Gait:
     """The gait of two-block ADMM after some iterations, with and without (8b) in the contact block."""
-    from crux_planner.alone import climb_alone
+    from crux_planner.method_report import climb_alone
 
     alone = climb_alone(scenario, "two_block", moments=moments, iterations=iterations)
     off = [v.amount for v in alone.check.violations if v.constraint == TUMBLING]

@@ -101,7 +101,7 @@ def _hold(random: Random, name: str, position_m: list[float]) -> dict[str, Any]:
 
 def _stands(text: str) -> bool:
     """Whether the planner accepts the start."""
-    from crux_planner.alone import start_is_well_formed
+    from crux_planner.method_report import start_is_well_formed
 
     try:
         return start_is_well_formed(parse_scenario(text))

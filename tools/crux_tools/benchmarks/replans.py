@@ -103,9 +103,7 @@ def _summary(cases: list[Case]) -> dict[str, dict[str, float]]:
 
 def _wall(wall: Any, repeat: int, names: tuple[str, ...]) -> list[Case]:
     from crux_contracts.robot import load_robot
-    from crux_planner import plan
-    from crux_planner.errors import InfeasibleError
-    from crux_planner.replanning import Planner, stances
+    from crux_planner import InfeasibleError, Planner, plan, stances
 
     robot = load_robot(wall.robot)
     try:
@@ -131,7 +129,7 @@ def _difference(
 ) -> dict[str, Any] | None:
     """What `Planner.replan` is told beside the stance; None where that cannot be."""
     from crux_contracts.scenario import BodyPose, ScenarioError
-    from crux_planner.replanning import scenario_at
+    from crux_planner import scenario_at
 
     knot = running.knots[k]
     for _ in range(DRAWS if name == "off" else 0):

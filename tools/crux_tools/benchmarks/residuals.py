@@ -10,7 +10,7 @@ from typing import Any
 
 from crux_contracts.output_file import look_at_outputs
 from crux_contracts.scenario import Scenario, load_scenario
-from crux_planner.alone import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
+from crux_planner.method_report import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
 from crux_tools.output import note, print_json
 from crux_tools.paths import SCENARIOS

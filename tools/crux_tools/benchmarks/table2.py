@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.output_file import look_at_folder
-from crux_planner.alone import METHODS_HERE
 from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.method_report import METHODS_HERE
 from scipy import stats
 
 from crux_tools.arguments import positive, whole

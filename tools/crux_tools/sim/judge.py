@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from crux_tools.sim.native import contact_period
 from crux_tools.sim.recorder import Truth
-from crux_tools.sim.reference_clock import ReferenceClock
+from crux_tools.sim.reference_clock import LEAD_INTERVALS, ReferenceClock
 from crux_tools.sim.robot_model import RobotModel
 from crux_tools.sim.start_pose import rotation_from_rpy
 
 SLIP_M = 0.005
 WALK_SLIP_M = 0.010  # of a point foot: one that comes down late or early rubs a little
 FALL_M = 0.100
+OPENED_M, OPENS_S = 0.006, 1.0  # between the pads, and how soon after they have left a hold
 LOST_HOLD_S = 0.1  # without contact in stance; shorter is chatter of one pad
 UNLOADED_SHARE = 0.4  # of the contact force: below it a loaded pad counts as unloaded again
 FULL_LOAD = 0.98  # share of the planned wrench from which on the wrench error counts
@@ -124,12 +125,17 @@ def contact_forces_w(truth: Truth, plan: Any, hand_mass_kg: Floats) -> Floats:
     return np.asarray(force_w - hand_mass_kg[None, :, None] * np.array(plan.gravity_w_m_s2))
 
 
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """First and one past the last sample of each run of True in `flags` (n,)."""
+    padded = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def long_runs(flags: Bools, least: int) -> Bools:
     """`flags` (n,) with every run of True shorter than `least` taken out."""
     kept = flags.copy()
-    padded = np.concatenate([[False], flags, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in _runs(flags):
         if end - begin < least:
             kept[begin:end] = False
     return kept
@@ -143,6 +149,19 @@ def _largest(values: Floats) -> float | None:
     return float(values.max()) if values.size else None
 
 
+def _opened(truth: Truth, gone: Bools, soon: int) -> Bools:
+    """Which of the samples off a hold, `gone` (n, 4), begin with fingers that open: their pads come further apart than
+    they were on the hold, within `soon` samples."""
+    pads_m = truth.pad_position_m.reshape(-1, len(LIMB_NAMES), 2, 3)
+    apart_m = np.linalg.norm(pads_m[:, :, 0] - pads_m[:, :, 1], axis=2)
+    opened = np.zeros_like(gone)
+    for limb in range(len(LIMB_NAMES)):
+        for begin, end in _runs(gone[:, limb]):
+            widest_m = apart_m[begin : min(begin + soon, end), limb].max()
+            opened[begin:end, limb] = widest_m > apart_m[max(begin - 1, 0), limb] + OPENED_M
+    return opened
+
+
 def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
     """What makes the run a fall."""
     dt_s = float(robot.model.opt.timestep)
@@ -153,14 +172,20 @@ def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
     gone = np.stack([long_runs(limb, lost_samples) for limb in off.T], axis=1)
     reference = PlanReference(plan)
     step_s: Floats = np.diff(time_s, prepend=time_s[:1]) * truth.climbing
-    plan_s, stance = ReferenceClock(reference).play(step_s, gone)
+    plan_s, stance = ReferenceClock(reference).play(
+        step_s, gone, _opened(truth, gone, int(OPENS_S / (contact_period() * dt_s)))
+    )
     begun = np.maximum.accumulate(truth.climbing != 0)
 
-    body_off = begun & (np.linalg.norm(truth.body_position_m - reference.body(plan_s)[0], axis=1) > FALL_M)
+    # The clock may lead or lag; the body keeps to its path.
+    lead_s = LEAD_INTERVALS * reference.dt_s
+    near_s = [np.clip(plan_s + d, 0.0, reference.intervals * reference.dt_s) for d in np.linspace(-lead_s, lead_s, 25)]
+    off_path_m = [np.linalg.norm(truth.body_position_m - reference.body(at_s)[0], axis=1) for at_s in near_s]
+    body_off = begun & (np.min(off_path_m, axis=0) > FALL_M)
     reasons = []
     if body_off.any():
         at_s = time_s[np.argmax(body_off)]
-        reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its reference at {at_s:.1f} s")
+        reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its path at {at_s:.1f} s")
     without = off & stance & begun[:, None]
     for limb, name in enumerate(LIMB_NAMES):
         lost = long_runs(without[:, limb], lost_samples)

@@ -4,7 +4,8 @@ The clock runs while the runtime climbs, which the simulation hears on the bus. 
 lets go until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
 within the interval before their knot set it there. So it follows the runtime's clock to within the time that fingers
 need to open and to close, and no error adds up. An operator's speed it does not know: it leads a slower climb until the
-next contact. In reverse it runs back, and what takes hold and what releases change places. A walk waits for nothing.
+next contact. Where a grasp just made is opened again, to be made anew, it goes back to before it. In reverse it runs
+back, and what takes hold and what releases change places. A walk waits for nothing.
 """
 
 from __future__ import annotations
@@ -47,10 +48,23 @@ class ReferenceClock:
                 if np.any(off[self._leaving[knot]]):
                     self._interval, self._elapsed_s = knot - 1, self._reference.dt_s
 
-    def advance(self, dt_s: float, off: Bools) -> None:
+    def _set_by_openings(self, back: bool, opened: Bools) -> None:
+        """What opens again soon after it has taken hold, and is not due to leave, tries its grasp anew."""
+        here, step = self._interval, 1 if back else -1
+        arriving, leaving = (self._leaving, self._arriving) if back else (self._arriving, self._leaving)
+        for knot in range(here + (1 if back else 0), here + (1 + LEAD_INTERVALS if back else -LEAD_INTERVALS), step):
+            if not 0 < knot < self._reference.intervals:
+                return
+            due = {limb for k in range(min(knot, here), max(knot, here + 1) + 1) for limb in leaving[k]}
+            if any(opened[limb] and limb not in due for limb in arriving[knot]):
+                self._interval, self._elapsed_s = (knot, 0.0) if back else (knot - 1, self._reference.dt_s)
+                return
+
+    def advance(self, dt_s: float, off: Bools, opened: Bools) -> None:
         """Moves on by `dt_s` (negative: back), or up to the next knot that is not due; `off` (4,): limbs that have left
-        their holds."""
+        their holds; `opened` (4,): with fingers further apart than on them."""
         length_s, back = self._reference.dt_s, dt_s < 0
+        self._set_by_openings(back, opened)
         self._turned = self._turned or back
         if self._turned:
             self._set_by_releases(back, off)
@@ -73,16 +87,17 @@ class ReferenceClock:
         else:
             self._elapsed_s = edge_s
 
-    def play(self, step_s: Floats, off: Bools) -> tuple[Floats, Bools]:
+    def play(self, step_s: Floats, off: Bools, opened: Bools) -> tuple[Floats, Bools]:
         """Plan time (n,) and whether each limb is in stance under its whole load (n, 4) at the end of each step.
 
         `step_s` (n,): how long the runtime climbed in the step, negative where it did so in reverse; `off` (n, 4):
-        limbs that are off their holds for good, not only for the moment that a finger chatters.
+        limbs that are off their holds for good, not only for the moment that a finger chatters; `opened` (n, 4): those
+        of them whose fingers stand further apart than on the hold before.
         """
         intervals, elapsed_s = np.zeros(len(step_s), dtype=np.int64), np.zeros(len(step_s))
-        for i, (dt_s, limbs) in enumerate(zip(step_s.tolist(), off, strict=True)):
+        for i, (dt_s, *limbs) in enumerate(zip(step_s.tolist(), off, opened, strict=True)):
             if dt_s:
-                self.advance(dt_s, limbs)
+                self.advance(dt_s, *limbs)
             intervals[i], elapsed_s[i] = self._interval, self._elapsed_s
         stance = np.zeros(off.shape, dtype=bool)
         share = elapsed_s / self._reference.dt_s

@@ -1,0 +1,1 @@
+"""What is proven of all plans: a lower bound of J, and that there is none."""

@@ -1,0 +1,261 @@
+"""A proven lower bound of J (6) of every climb: the cheapest way through grasps and time, each knot at its own best.
+
+The relaxation, step by step; each only allows more or asks less:
+1. Contacts, swings, boxes of (9a), bounds (7): the planner's (Problem). Swings are straight up, across, straight down;
+   a limb in the air needs no more than the quickest of those to where it lands, from anywhere. Friction and spines are
+   from above: the whole limit surface, without the plan's margin, and the better of a grip's two faces on both sides.
+2. Every knot has its own body pose and its own wrenches: at most in reach of start and goal at full speed. Its cost is
+   bounded by weak duality (bound.multipliers), whatever the QP that proposes the multipliers does.
+3. (8) asks for balance up to the largest accelerations that speeds within (7) allow.
+4. Height and opening of limbs in the air earn what they can at most; speeds cost nothing.
+5. A dynamic program over all sets of grasps and knots (bound.timeline) adds up the cheapest way. Sets of grasps are
+   evaluated only where the cheapest way goes, and others by multipliers of those they are most like (bound.similarity).
+   On walls with very many sets all that a hold offers is taken as one, of which the cheapest counts, and where that is
+   too much still, what is left is `floor` and the body's way at full speed: weak, but a bound. Plans that stray so far
+   that they cost more than the J asked about are left out: the bound is never above that J.
+
+Work is counted, not timed, so that the bound of a wall is the same number every time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from crux_planner.certificates.bound.dynamic_program import DynamicProgram
+from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, yaw_range
+from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
+from crux_planner.certificates.bound.knot_qp import KnotQp
+from crux_planner.certificates.bound.multipliers import Multipliers
+from crux_planner.certificates.bound.places import orientations
+from crux_planner.certificates.bound.similarity import Similarity
+from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.problem import Problem
+from crux_planner.solvers import clock
+
+TIME_LIMIT_S = 20.0
+EFFORT = 1.0  # of the default: about seconds of an idle core
+_STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a evaluated pair, of a QP
+_MANY = 5000  # sets of grasps, beyond which fewer multipliers are asked about all of them
+LARGEST = 100_000  # sets of grasps
+_WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
+_ROUND = 40  # sets of grasps evaluated in a round, those on the cheapest ways; more where a round takes long
+_SHARED = 50  # times as many learn from their multipliers
+
+
+def lower_bound(
+    problem: Problem,
+    cost: float = np.inf,
+    time_limit_s: float = TIME_LIMIT_S,
+    report: Callable[[float], None] = lambda _bound: None,
+    effort: float = np.inf,
+) -> float | None:
+    """A number that J of no plan is below, at most `cost`; None where (2) is not what holds.
+
+    `report` is told each better bound, so that one may stop listening at any time.
+    """
+    if problem.limit_surface == "paper":  # it lets pass what (2) does not
+        return None
+    limits = _Limits(clock.now() + time_limit_s, effort)
+    problem = replace(problem, contacts=[contact.from_above for contact in problem.contacts], friction_share=1.0)
+    bound = floor(problem) + quickest_way(problem)
+    report(min(bound, cost))
+    search = _Search.begin(problem, cost, by_faces(problem), limits) or _Search.begin(
+        problem, cost, by_hold(problem), limits
+    )
+    if search is not None:
+        bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
+    return float(min(bound, cost))
+
+
+@dataclass
+class _Limits:
+    """When to stop."""
+
+    deadline: float  # of clock.now
+    effort: float
+
+    def spend(self, effort: float) -> None:
+        self.effort -= effort
+
+    @property
+    def reached(self) -> bool:
+        return self.effort <= 0.0 or clock.now() > self.deadline
+
+
+@dataclass
+class _Search:
+    """The dynamic program with what is evaluated so far."""
+
+    problem: Problem
+    cost: float
+    nodes: Grasps
+    multipliers: Multipliers
+    qp: KnotQp
+    box: tuple[Array, Array]
+    program: DynamicProgram
+    limits: _Limits
+    value: Array  # (n,) of each node, at any knot
+    known: Flags  # (n,) evaluated by multipliers of its own
+    similarity: Similarity
+    windows: dict[int, Array] = field(default_factory=dict)  # knot -> (n,)
+    known_at: set[tuple[int, int]] = field(default_factory=set)  # (knot, node)
+    _tables: dict[int, Array] = field(default_factory=dict)
+
+    @staticmethod
+    def begin(problem: Problem, cost: float, groups: Groups, limits: _Limits) -> _Search | None:
+        """The nodes that may lie on ways that cost less than `cost`; None where there are too many."""
+        spare = cost - floor(problem)
+        box = body_range(problem, spare)
+        about = orientations(problem, *yaw_range(problem, spare))
+        nodes = grasps(problem, about, *box, groups, LARGEST)
+        if nodes is None:
+            return None
+        multipliers = Multipliers(problem, about, nodes)
+        qp = KnotQp(problem, multipliers.carriers)
+        everything = np.arange(len(nodes.options))
+        value = shared_weight(problem)[nodes.in_air] + multipliers.places(everything)
+        for held in _examples(problem, few=len(everything) > _MANY):
+            value = np.maximum(value, multipliers.values(qp.multipliers(held, box), everything))
+            limits.spend(_QP_S + _PAIR_S * len(nodes.node))
+        least, more = knot_floor(problem)
+        excess = value - least + (earned(problem) - more) * nodes.in_air
+        for limb, own in enumerate(nodes.groups):
+            contacts = np.concatenate(own)
+            around = np.full(len(problem.contacts), np.inf)
+            around[contacts] = detours(problem, limb, contacts)
+            excess += (nodes.cheapest(limb, around) - around.min())[nodes.options[:, limb]]
+        kept = excess + excursion_cost(problem, about, nodes) <= spare
+        nodes = nodes.reduced(kept)
+        program = DynamicProgram(problem, nodes)
+        known = np.zeros(len(nodes.options), dtype=bool)
+        multipliers = Multipliers(problem, about, nodes)
+        return _Search(
+            problem,
+            cost,
+            nodes,
+            multipliers,
+            qp,
+            box,
+            program,
+            limits,
+            value[kept],
+            known,
+            Similarity(problem, nodes),
+        )
+
+    def run(self, report: Callable[[float], None]) -> float:
+        """The bound when all that the cheapest way meets is evaluated, or when the limits are reached."""
+        problem, bound = self.problem, -np.inf
+        while True:
+            self._tables = {}
+            way = self.program.forward(self._stage)
+            if way is None:  # every way costs more than what is asked about
+                return np.inf
+            bound = max(bound, way.least)
+            report(bound)
+            sweeps = 2.5 * _STATE_S * self.program.states * problem.steps
+            self.limits.spend(sweeps)
+            if bound >= self.cost or self.limits.reached:
+                return bound
+            through = self._drop(self.program.through(way, self._stage))
+            if not self._value(through, bound, max(_ROUND, int(sweeps / (2 * _QP_S)))):
+                return bound
+
+    def _drop(self, through: Array) -> Array:
+        """Leave out the nodes on no way that costs less than what is asked about; what is left of `through`."""
+        kept = through.min(axis=0) <= self.cost
+        if kept.all():
+            return through
+        old = np.flatnonzero(kept)
+        place = {int(node): i for i, node in enumerate(old)}
+        self.nodes = self.nodes.reduced(kept)
+        self.multipliers = Multipliers(self.problem, self.multipliers.about, self.nodes)
+        self.value, self.known = self.value[kept], self.known[kept]
+        self.windows = {knot: value[kept] for knot, value in self.windows.items()}
+        self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}
+        self.program = DynamicProgram(self.problem, self.nodes)
+        self.similarity = Similarity(self.problem, self.nodes)
+        return through[:, kept]
+
+    def _stage(self, knot: int) -> Array:
+        key = knot if knot in self.windows else -1
+        if key not in self._tables:
+            value = self.windows.get(knot, self.value)
+            self._tables[key] = value + earned(self.problem) * self.nodes.in_air
+        return self._tables[key]
+
+    def _value(self, through: Array, bound: float, many: int) -> bool:
+        """Find multipliers for the nodes on the cheapest ways; False where those of the cheapest have theirs."""
+        on_way = through <= bound + 1e-9
+        found = False
+        outer = [k for k in range(len(through)) if min(k, len(through) - k) <= _WINDOW]
+        for k in outer:
+            others = np.flatnonzero(on_way[k])[:many]
+            new = [int(node) for node in others if (k, int(node)) not in self.known_at]
+            for node in new[:_ROUND]:
+                self.known_at.add((k, node))
+                found = True
+                self._value_at(k, node, others)
+                if self.limits.reached:
+                    return True
+        inner = [k for k in range(len(through)) if k not in outer]
+        least = through[inner].min(axis=0) if inner else through.min(axis=0)
+        found |= bool((~self.known[on_way[inner].any(axis=0)]).any())
+        if not found:
+            return False
+        order = np.argsort(least, kind="stable")
+        wanted = order[~self.known[order] & (least[order] <= self.cost)][:many]
+        if not len(wanted):
+            return True
+        proposed = np.array([self.qp.multipliers(self.nodes.held(int(node)), self.box) for node in wanted])
+        self.limits.spend(_QP_S * len(wanted))
+        self.known[wanted] = True
+        self._raise(wanted, self._values(proposed, wanted))
+        others = order[least[order] <= self.cost][: _SHARED * many]
+        near = self.similarity.nearest(others, wanted)
+        self._raise(others, self._values(self.similarity.taken_to(proposed[near], wanted[near], others), others))
+        return True
+
+    def _values(self, multipliers: Array, which: Indices, box: tuple[Array, Array] | None = None) -> Array:
+        pairs = np.append(self.nodes.first, len(self.nodes.node))
+        self.limits.spend(_QP_S + _PAIR_S * float((pairs[which + 1] - pairs[which]).sum()))
+        return self.multipliers.values(multipliers, which, box)
+
+    def _raise(self, which: Indices, value: Array) -> None:
+        self.value[which] = np.maximum(self.value[which], value)
+        for window in self.windows.values():
+            window[which] = np.maximum(window[which], value)
+
+    def _value_at(self, knot: int, node: int, others: Indices) -> None:
+        box = self._window(knot)
+        proposed = self.qp.multipliers(self.nodes.held(node), box)
+        window = self.windows.setdefault(knot, self.value.copy())
+        window[others] = np.maximum(window[others], self._values(proposed, others, box))
+
+    def _window(self, knot: int) -> tuple[Array, Array]:
+        """Where the body can be at a knot: it rests in the first interval, and is never faster than (7) allows."""
+        problem = self.problem
+        step = problem.body.max_speed_m_s * problem.dt_s
+        before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.tolerance_m
+        start, goal = problem.start.position_m, problem.goal.body.position_m
+        low = np.maximum(np.maximum(start - before, goal - after), self.box[0])
+        high = np.minimum(np.minimum(start + before, goal + after), self.box[1])
+        return low, np.maximum(low, high)
+
+
+def _examples(problem: Problem, few: bool) -> list[dict[int, int]]:
+    """Sets of grasps whose multipliers say something of most others: the start's and the goal's, and each less one
+    limb.
+    """
+    missing = (None,) if few else (None, 0, 1, 2, 3)
+    start, goal = dict(enumerate(problem.start_contacts)), {}
+    for limb, own in enumerate(problem.limb_contacts):
+        contacts = np.array([problem.start_contacts[limb], *own])
+        last = contacts[ends(problem, limb, contacts)]
+        goal[limb] = int(last[0]) if len(last) else start[limb]
+    sets = [start] if goal == start else [start, goal]
+    return [{limb: c for limb, c in held.items() if limb != out} for held in sets for out in missing]

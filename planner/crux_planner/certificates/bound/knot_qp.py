@@ -1,0 +1,66 @@
+"""Multipliers of force and moment for a set of grasps: the multipliers of a small convex QP of one knot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.certificates.bound.carrying import Carriers
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.physics.dynamics import skew
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
+
+_BODY = 6  # r, roll, pitch, yaw
+_GRIP = 5  # s1, s2, m / k, n1, n2
+_MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
+_FORCE_N = 300.0
+
+
+class KnotQp:
+    """QPs of one problem."""
+
+    def __init__(self, problem: Problem, carriers: Carriers) -> None:
+        self.problem, self.carriers = problem, carriers
+        directions, _, spine = polytope_directions(1.0)
+        self._directions, self._spine = directions / np.linalg.norm(directions, axis=1)[:, None], spine
+
+    def multipliers(self, held: dict[int, int], box: tuple[Array, Array]) -> Array:
+        """(6,) for contacts held by limbs, about the origin."""
+        problem, carriers, many = self.problem, self.carriers, len(held)
+        n = _BODY + _GRIP * many + 6
+        weights, goal = problem.weights, problem.goal.body
+        square = np.zeros(n)
+        square[:3], square[3:6] = weights.position, weights.orientation
+        square[6 : 6 + _GRIP * many] = weights.wrench * np.tile([2.0, 2, 2, 1, 1], many)
+        square[-6:] = _MISSING
+        linear = np.zeros(n)
+        linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
+        tilt = problem.body.max_tilt_rad
+        low = np.concatenate([box[0], [-tilt, -tilt, -1.0], np.full(n - 6, -_FORCE_N)])
+        high = np.concatenate([box[1], [tilt, tilt, 1.0], np.full(n - 6, _FORCE_N)])
+        equal = np.zeros((6, n))
+        equal[:, -6:] = np.eye(6)
+        equal[3:, :3] = -skew(problem.weight_N)
+        right = np.concatenate([-problem.weight_N, np.zeros(3)])
+        rows, bounds = [], []
+        for i, (limb, c) in enumerate(held.items()):
+            at = 6 + _GRIP * i
+            grip = carriers.maps[c]
+            equal[:, at : at + 4] = grip
+            equal[:, at + 4] = -grip[:, 3]
+            low[at + 3 : at + 5], high[at + 3 : at + 5] = 0.0, carriers.most_N
+            cone = np.zeros((2 * len(self._directions), n))
+            for finger, part in enumerate((cone[: len(self._directions)], cone[len(self._directions) :])):
+                part[:, at : at + 3] = self._directions
+                part[:, at + 3 + finger] = -carriers.friction[c]
+            rows.append(cone)
+            bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
+            a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
+            turn = np.hstack([np.eye(3), -skew(a), np.zeros((3, n - 6))])  # r + theta x a
+            place = problem.contacts[c].centre_w_m - a
+            rows += [turn, -turn]
+            bounds += [place + half, half - place]
+        below = np.vstack(rows), None, np.concatenate(bounds)
+        qp = Qp(np.diag(2 * square), linear, (equal, right), below, low, high, eps_abs=1e-6, eps_rel=1e-7)
+        return qp.solve().multipliers

@@ -1,0 +1,75 @@
+"""Where the body can be with given grasps, (9a) at any orientation: axis-aligned boxes, one a cell of yaw.
+
+c - r = Rz(yaw) T u, with u in the acceptance box and T a tilt. For the yaws of a cell r is in the box that the cell's
+middle gives, widened by what the cell's edges and the tilt's second order can do. To first order a tilt shifts the
+boxes of all limbs alike, by at most `shift_m`, and costs what (6) asks for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+
+_YAW_STEPS_RAD = ((0.2, 0.01), (0.5, 0.05), (np.inf, 0.15))  # up to a yaw, how wide cells are
+_TILTS = 3  # cells of the tilt about an axis
+
+
+@dataclass(frozen=True)
+class Orientations:
+    """Cells of yaw and of tilt, each with the least that J asks at a knot for being in it."""
+
+    yaw_low: Array  # (Y,)
+    yaw_high: Array
+    yaw_cost: Array
+    shift_m: Array  # (T,) of the boxes along x and y, up to the upper end of the cell
+    tilt_cost: Array  # (T, 2) for a shift along x (pitch) and along y (roll)
+
+
+def orientations(problem: Problem, least: float, most: float) -> Orientations:
+    """Yaws from `least` to `most`, tilts within the bounds (7)."""
+    weight, goal, tilt = problem.weights.orientation, problem.goal.body.rpy_rad, problem.body.max_tilt_rad
+    edges = [0.0]
+    for end, step in _YAW_STEPS_RAD:
+        while edges[-1] < min(end, max(-least, most)) - 1e-9:
+            edges.append(edges[-1] + step)
+    both = np.clip(np.unique(np.concatenate([-np.array(edges), edges])), least, most)
+    low, high = both[:-1], both[1:]
+    low, high = low[high > low], high[high > low]
+    away = np.maximum(np.maximum(low - goal[2], goal[2] - high), 0.0)
+    ends = tilt * np.arange(1, _TILTS + 1) / _TILTS
+    begins = np.concatenate([[0.0], ends[:-1]])
+    tilted = np.maximum(begins[:, None] - np.abs(goal[[1, 0]]), 0.0)
+    below = np.abs(problem.boxes.centre_b_m[:, 2]).max()
+    return Orientations(low, high, weight * away**2, ends * below, weight * tilted**2)
+
+
+def body_boxes(problem: Problem, about: Orientations) -> tuple[Array, Array]:
+    """Bounds (4, C, Y, 3) of the body's position when a limb holds a contact; shifts by tilts come on top."""
+    boxes, tilt = problem.boxes, problem.body.max_tilt_rad
+    arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m  # largest |u|
+    flat, cubed = 1.0 - np.cos(tilt), tilt**3
+    second = [flat * arm[0] + tilt**2 * arm[1] + cubed * arm[2], flat * arm[1] + cubed * arm[2]]
+    half = boxes.half_m + np.array([*second, 2 * flat * arm[2] + cubed * (arm[0] + arm[1])])
+    half[:2] += tilt * boxes.half_m[2]
+    half[2] += tilt * (arm[0] + arm[1])
+    most = np.abs(boxes.centre_b_m[:, :2]).max(axis=0) + half[:2]
+    middle, wide = (about.yaw_low + about.yaw_high) / 2, (about.yaw_high - about.yaw_low) / 2
+    c, s = np.cos(middle), np.sin(middle)
+    tilted = np.abs(s) * tilt * np.abs(boxes.centre_b_m[:, 2]).max()  # a tilt's shift, turned by the yaw
+    sides = np.empty((4, len(middle), 2, 3))  # lower and upper end of Rz T u
+    for limb, a in enumerate(boxes.centre_b_m):
+        for axis, (along, across) in enumerate(((c * a[0] - s * a[1], 1), (s * a[0] + c * a[1], 0))):
+            turned = np.abs(c) * half[axis] + np.abs(s) * half[across] + tilted
+            turned += wide * (most[across] + (np.abs(s) + wide) * most[axis])
+            sides[limb, :, 0, axis], sides[limb, :, 1, axis] = along - turned, along + turned
+        sides[limb, :, 0, 2], sides[limb, :, 1, 2] = a[2] - half[2], a[2] + half[2]
+    centres = np.stack([contact.centre_w_m for contact in problem.contacts])
+    low = centres[None, :, None, :] - sides[:, None, :, 1]
+    high = centres[None, :, None, :] - sides[:, None, :, 0]
+    low[..., 2] = np.maximum(low[..., 2], problem.body.height_m[0])
+    high[..., 2] = np.minimum(high[..., 2], problem.body.height_m[1])
+    return low, high

@@ -1,0 +1,63 @@
+"""Sets of grasps that are alike: what one teaches about the multiplier of force and moment holds nearly for the others.
+
+Multipliers about a point of the body's frame say the same of a set of grasps and of its copy elsewhere on the wall. So
+the multipliers of a few sets, each taken to where the others are, bound the cost of all: whether they are good
+multipliers for a set decides how tight the bound is, not whether it holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.certificates.bound.grasps import Grasps
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.problem import Problem
+
+_LENGTH_M = 0.1  # that much farther apart is as unlike as
+_AIR = 3.0  # a limb in the air instead of on a contact, times this
+_ASKED = 4000  # nodes among which those to learn from are chosen
+
+
+class Similarity:
+    """How nodes look from where the body would stand."""
+
+    def __init__(self, problem: Problem, nodes: Grasps) -> None:
+        last = np.append(nodes.first[1:], len(nodes.node))
+        levels = (nodes.first + last) // 2  # cells are in the order of yaw: about the middle one
+        self.middle_m = np.clip(problem.goal.body.position_m, nodes.low[levels], nodes.high[levels])
+        looks = []
+        for limb, groups in enumerate(nodes.groups):
+            own = [problem.contacts[group[0]] for group in groups]
+            places = np.array([c.centre_w_m for c in own] + [np.zeros(3)])
+            kinds = [[np.cos(2 * c.yaw_rad), np.sin(2 * c.yaw_rad), c.grip_friction] for c in own]
+            options = nodes.options[:, limb]
+            air = options == len(groups)
+            look = np.column_stack(
+                [(places[options] - self.middle_m) / _LENGTH_M, np.array([*kinds, [0.0] * 3])[options]]
+            )
+            look[air] = 0.0
+            looks.append(np.column_stack([look, _AIR * air]))
+        self._looks = np.hstack(looks).astype(np.float32)
+
+    def chosen(self, count: int) -> Indices:
+        """At most so many nodes that are unlike one another."""
+        asked = np.unique(np.linspace(0, len(self._looks) - 1, _ASKED).astype(int))
+        looks = self._looks[asked]
+        found, apart = [0], np.full(len(asked), np.inf, dtype=np.float32)
+        while len(found) < min(count, len(asked)):
+            apart = np.minimum(apart, ((looks - looks[found[-1]]) ** 2).sum(axis=1))
+            if apart.max() <= 0.0:
+                break
+            found.append(int(apart.argmax()))
+        return asked[found]
+
+    def nearest(self, nodes: Indices, to: Indices) -> Indices:
+        """For each of `nodes`, which one of the nodes `to` it is most like, as a place in `to`."""
+        mine, theirs = self._looks[nodes], self._looks[to]
+        return np.asarray(((theirs**2).sum(axis=1) - 2 * mine @ theirs.T).argmin(axis=1))
+
+    def taken_to(self, multipliers: Array, source: Indices | int, target: Indices) -> Array:
+        """Multipliers (6,) or (n, 6) of nodes `source` about the origin, as they are at the nodes `target` (n, 6)."""
+        multipliers = np.broadcast_to(multipliers, (len(target), 6))
+        moved = multipliers[:, :3] + np.cross(multipliers[:, 3:], self.middle_m[source] - self.middle_m[target])
+        return np.hstack([moved, multipliers[:, 3:]])

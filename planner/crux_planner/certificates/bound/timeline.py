@@ -1,0 +1,193 @@
+"""The cheapest way through sets of grasps and time: a dynamic program over knots, limbs free to move at any knot.
+
+A limb is on a contact, or in the air for at least so many knots; it may land on a contact once its swing there has
+lasted as long as the shortest swing that ends there. The state is all four limbs at once, so that limbs in the air
+together are seen as such. What is relaxed: a limb may start a swing from anywhere, and the body's places at different
+knots need not fit together.
+
+Between two knots first every limb that leaves its contact does so, then those land that do; what lies between, a set of
+grasps less some of its limbs, is a node of the program too, where no knot may be spent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Indices
+
+Stage = Callable[[int], Array]
+"""Cost (n,) of a knot on each node."""
+
+_LIMBS = 4
+_KEPT = 40  # knots between those whose states are remembered, for long walls
+_SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(_LIMBS)] for mask in range(2**_LIMBS)], dtype=bool)
+
+
+@dataclass(frozen=True)
+class _Landings:
+    """Contacts of one limb that its swings reach in as many knots."""
+
+    standing: Indices  # states with the limb on one of them, those that come from one set of grasps side by side
+    groups: Indices  # first of each such set
+    in_air: Indices  # (ages, sets) states from which it may land there
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """What one limb does between two knots, as lists of states."""
+
+    standing: Indices  # states with the limb on a contact, in the order of what they become when it releases
+    lifted: Indices  # that
+    groups: Indices  # first of those that become the same
+    lifted_once: Indices  # what they become
+    lands_from: Indices  # for each state of `standing`, the one in the air for just long enough to land there
+    landings: list[_Landings]
+
+
+@dataclass(frozen=True)
+class Forward:
+    """The least cost of the whole way; least costs by state every so many knots, and at each knot since the last."""
+
+    least: float
+    knots: int
+    kept: list[Array]
+    recent: list[Array]
+
+
+class Timeline:
+    """The program over nodes (n, 4) of options, the last option of a limb being the air.
+
+    `least_air` (C,) of each limb are the least knots in the air before each contact, `change` is the cost of a lift-off
+    or a touch-down.
+    """
+
+    def __init__(self, options: Indices, least_air: list[Indices], change: float) -> None:
+        self._change, self._least_air = change, least_air
+        many = np.array([len(air) for air in least_air])
+        self._ages = np.array([int(air.max(initial=1)) + 1 for air in least_air])  # told apart in the air
+        self._radix = np.concatenate([np.cumprod((many + 1)[:0:-1])[::-1], [1]]).astype(np.int64)
+        every = np.where(_SUBSETS, many, options[:, None]).reshape(-1, _LIMBS)
+        self._codes, found = np.unique(every @ self._radix, return_index=True)
+        nodes = every[found]
+        self._own = np.searchsorted(self._codes, options @ self._radix)
+        sizes = np.where(nodes == many, self._ages, 1)
+        self._first = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))]).astype(np.int64)
+        self._stride = np.where(nodes == many, np.cumprod(sizes[:, ::-1], axis=1)[:, ::-1] // sizes, 0)
+        self._node = np.repeat(np.arange(len(nodes)), np.diff(self._first))
+        self.states = len(self._node)
+        every_state = np.arange(self.states)
+        stride = self._stride[self._node]
+        age = (every_state - self._first[self._node])[:, None] // np.maximum(stride, 1) % self._ages + 1
+        age[stride == 0] = 0
+        self._younger = every_state - np.where(age > 1, stride, 0).sum(axis=1)
+        self._older = every_state + np.where((age > 0) & (age < self._ages), stride, 0).sum(axis=1)
+        self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(_LIMBS)]
+
+    def _of_limb(self, limb: int, option: Indices, age: Indices) -> _Limb:
+        least = self._least_air[limb]
+        standing = np.flatnonzero(age[:, limb] == 0)
+        option = option[self._node[standing]]
+        without = self._codes[self._node[standing]] + (len(least) - option) * self._radix[limb]
+        node = np.searchsorted(self._codes, without)
+        lifted = self._first[node] + (np.maximum(age[standing] - 1, 0) * self._stride[node]).sum(axis=1)
+        order = np.argsort(lifted, kind="stable")
+        standing, lifted, air, step = standing[order], lifted[order], least[option[order]], self._stride[node, limb]
+        step = step[order]
+        groups = _groups(lifted)
+        landings = []
+        for knots in np.unique(air):
+            own = np.flatnonzero(air == knots)
+            first = _groups(lifted[own])
+            one = own[first]
+            ages = np.arange(knots, self._ages[limb])[:, None]
+            landings.append(_Landings(standing[own], first, lifted[one] + ages * step[one]))
+        return _Limb(standing, lifted, groups, lifted[groups], lifted + air * step, landings)
+
+    def forward(self, start: int, ends: Indices, knots: int, stage: Stage) -> Forward:
+        """The way from node `start` to one of the nodes `ends`, which is reached at knot `knots`."""
+        value = np.full(self.states, np.inf)
+        value[self._first[self._own[start]]] = 0.0
+        kept: list[Array] = []
+        recent: list[Array] = []
+        costs = _Expanded(self)
+        for k in range(knots):
+            if k % _KEPT == 0:
+                kept.append(value)
+                recent = []
+            value = value + costs.of(stage(k))
+            recent.append(value)
+            value = self._step(value)
+        least = float(value[self._first[self._own[ends]]].min(initial=np.inf))
+        return Forward(least, knots, kept, recent)
+
+    def through(self, way: Forward, ends: Indices, stage: Stage) -> Array:
+        """The least cost (knots, n) of a whole way that is on a node at a knot."""
+        value = np.full(self.states, np.inf)
+        value[self._first[self._own[ends]]] = 0.0
+        found, costs, recent = np.empty((way.knots, len(self._own))), _Expanded(self), way.recent
+        for part in reversed(range(len(way.kept))):
+            first, end = part * _KEPT, min((part + 1) * _KEPT, way.knots)
+            if end < way.knots:
+                recent, before = [], way.kept[part]
+                for k in range(first, end):
+                    before = before + costs.of(stage(k))
+                    recent.append(before)
+                    before = self._step(before)
+            for k in reversed(range(first, end)):
+                value = self._step_back(value)
+                found[k] = self.by_nodes(recent[k - first] + value)
+                value = value + costs.of(stage(k))
+        return found
+
+    def by_nodes(self, value: Array) -> Array:
+        """The least (n,) over the time in the air."""
+        return np.asarray(np.minimum.reduceat(value, self._first[:-1])[self._own])
+
+    def expanded(self, by_nodes: Array) -> Array:
+        """By state; no knot may be spent where no node is."""
+        whole = np.full(len(self._codes), np.inf)
+        whole[self._own] = by_nodes
+        return np.asarray(whole[self._node])
+
+    def _step(self, value: Array) -> Array:
+        new: Array = value[self._younger]
+        for limb in self._limbs:
+            if len(limb.groups):
+                left = np.minimum.reduceat(new[limb.standing], limb.groups) + self._change
+                new[limb.lifted_once] = np.minimum(new[limb.lifted_once], left)
+        for limb in self._limbs:
+            new[limb.standing] = np.minimum(new[limb.standing], new[limb.lands_from] + self._change)
+        return new
+
+    def _step_back(self, value: Array) -> Array:
+        value = value.copy()
+        for limb in self._limbs:
+            for landing in limb.landings:
+                landed = np.minimum.reduceat(value[landing.standing], landing.groups) + self._change
+                for states in landing.in_air:
+                    value[states] = np.minimum(value[states], landed)
+        for limb in self._limbs:
+            value[limb.standing] = np.minimum(value[limb.standing], value[limb.lifted] + self._change)
+        return np.asarray(value[self._older])
+
+
+class _Expanded:
+    """Costs by state; the table given last is kept, for most knots share theirs."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._table: Array | None = None
+        self._states = np.zeros(0)
+
+    def of(self, table: Array) -> Array:
+        if table is not self._table:
+            self._table, self._states = table, self._timeline.expanded(table)
+        return self._states
+
+
+def _groups(values: Indices) -> Indices:
+    """First index of each run of equal values."""
+    return np.flatnonzero(np.diff(values, prepend=-1))

@@ -1,0 +1,203 @@
+"""Why no plan exists, if that can be shown: the goal out of reach, no equilibrium there, or no way between.
+
+The way is looked for in the graph of `connection`, of all sets of grips that the relaxed P1 of `relaxed` allows.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips
+from crux_planner.certificates.infeasibility.palms import clashes, largest_gap
+from crux_planner.certificates.infeasibility.poses import GoalPoses
+from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach
+from crux_planner.errors import InfeasibleError, LevelGoalError
+from crux_planner.model.arrays import Array
+from crux_planner.model.build import all_grips
+from crux_planner.model.poses import point_text
+from crux_planner.model.problem import Problem
+from crux_planner.model.shapes import palm_shape
+from crux_planner.solvers import clock
+
+_WAY_POINTS = 100  # looked at between start and goal
+_TURN_RAD = float(np.radians(10.0))  # of a body that more or less heads for where it goes
+
+
+class Proof:
+    """What can be shown about one problem. `places` are where a limb and its goal hold stand, for the reasons."""
+
+    def __init__(self, scenario: Scenario, robot: Robot, problem: Problem) -> None:
+        self.problem = problem
+        grips = all_grips(scenario, robot, problem.heading_rad)
+        self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
+        self.hold = [g.contact.hold for g in grips]
+        self.goal_poses = GoalPoses(problem)
+        self.reach, self.equilibrium = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
+        contacts = [problem.contacts[c] for c in problem.start_contacts]
+        self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
+        self.step_m = problem.body.max_speed_m_s * problem.dt_s
+        hold, self.palm = np.array(self.hold), palm_shape(robot)
+        self.grips = grips
+        self.apart = ~clashes(grips, self.palm) & (hold[:, None] != hold)
+        self.connection = Connection(self.reach, self.equilibrium, self.apart, self.step_m)
+
+    def quick(self) -> InfeasibleError | None:
+        """What needs no search: the goal's body pose against reach and equilibrium of every stance there."""
+        problem = self.problem
+        ends = []
+        for limb, name in enumerate(LIMB_NAMES):
+            wanted = problem.goal.grasps.get(limb)
+            usable = [i for key, i in self.number.items() if wanted in (None, key)]
+            if not usable:
+                return InfeasibleError("reach", f"no hold can be gripped by {name}", proven=True)
+            beyond = self.reach.beyond_goal(limb)[usable]
+            if beyond.min() > 0:
+                return self._out_of_reach(limb, usable, beyond, wanted is not None)
+            ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
+        if (crowded := self._crowded_start()) is not None:
+            return crowded
+        stances = np.array(list(itertools.product(*ends)))
+        for a, b in itertools.combinations(range(4), 2):
+            stances = stances[self.apart[stances[:, a], stances[:, b]]]
+        if len(stances):
+            stances = stances[self.reach.at_goal(stances)]
+        near: list[Grips] = [tuple(map(int, stance)) for stance in stances]
+        self.goals = self.goal_poses.possible(near, self.grips)
+        if not self.goals:
+            text = (
+                f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
+            )
+            if near:
+                text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.grips):.1f} mm"
+            return InfeasibleError("reach", text, proven=True)
+        return None
+
+    def goal_equilibrium(self, deadline: float) -> InfeasibleError | None:
+        """No stance at the goal in equilibrium; only the ones that may be remain in `goals`."""
+        goal, least = self.problem.goal.body.position_m, np.inf
+        slack = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
+        held = []
+        for stance in self.goals:
+            if clock.now() > deadline:
+                return None
+            if self.equilibrium.possible(stance, goal - slack, goal + slack):
+                held.append(stance)
+                break
+            lacking = self.equilibrium.missing_force(stance, goal - slack, goal + slack)
+            if lacking < least:
+                least, nearest = lacking, stance
+        if held:
+            return None
+        text = f"no equilibrium at the goal, best on {self._text(nearest)}: short by {least:.1f} N"
+        return InfeasibleError("equilibrium", text, proven=True)
+
+    def disconnected(self, deadline: float) -> InfeasibleError | None:
+        """The start's part of the graph lacks the goal, or the goal's the start; None: they meet, or time is up."""
+        part = self.connection.separated(self.start, self.goals, deadline)
+        return None if part is None else self._closed(set(part.headings), part.forward)
+
+    def instead_of(self, reason: InfeasibleError) -> InfeasibleError:
+        """The reason to give where a level body's is about the goal, which other bodies have in reach (see `quick`)."""
+        if not isinstance(reason, LevelGoalError):
+            return reason
+        for most_turn_rad, turned in ((np.inf, ""), (_TURN_RAD, f" and turned by up to {np.degrees(_TURN_RAD):.0f}°")):
+            if (gap := self._gap(most_turn_rad)) is not None:
+                return InfeasibleError("reach", gap + turned)
+        text = f"{reason}; a body that turns or tilts has holds there, but no way to them was found"
+        return InfeasibleError(reason.constraint, text)
+
+    def _gap(self, most_turn_rad: float) -> str | None:
+        """Where on the straight way to the goal a limb has nothing in reach: that with most of it; None: nowhere."""
+        way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
+        gaps = [~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))]
+        limb = int(np.argmax([gap.sum() for gap in gaps]))
+        if not gaps[limb].any():
+            return None
+        first = int(np.argmax(gaps[limb]))
+        last = first + int(np.argmin([*gaps[limb][first:], False])) - 1
+        span = " and ".join(point_text(self.problem, way[i]) for i in (first, last))
+        return f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}"
+
+    def _closed(self, part: set[Grips], from_start: bool) -> InfeasibleError:
+        """The reason, from the part of the graph that has no way out."""
+        full = [grips for grips in part if AIR not in grips]
+        stance, lacking, limb = self._hardest_lift(full)
+        others = self._text(stance, without=limb)
+        where = "from the start" if from_start else "from the goal back"
+        if len(full) <= 1 and 0.0 < lacking < np.inf:
+            text = (
+                f"no equilibrium when any limb lifts off; {LIMB_NAMES[limb]} lacks least, with the others on {others}: "
+                f"short by {lacking:.1f} N at the full limit surface"
+            )
+            return InfeasibleError("equilibrium", text, proven=True)
+        text = f"{where} only {len(full)} stances can be had, and none of them leads on: "
+        stuck = self._stuck_limb(full, from_start)
+        return InfeasibleError("reach", text + stuck, proven=True)
+
+    def _hardest_lift(self, stances: list[Grips]) -> tuple[Grips, float, int]:
+        best = (stances[0], np.inf, 0)
+        for stance in stances[:20]:
+            region = self.reach.hull(stance)
+            if region is None:
+                continue
+            for limb in range(4):
+                support = tuple(g for i, g in enumerate(stance) if i != limb)
+                lacking = self.equilibrium.missing_force(support, region[0] - self.step_m, region[1] + self.step_m)
+                if lacking < best[1]:
+                    best = (stance, lacking, limb)
+        return best
+
+    def _stuck_limb(self, stances: list[Grips], from_start: bool) -> str:
+        """The limb that in none of the stances stands on what the other end needs."""
+        ends = self.goals if from_start else [self.start]
+        for limb, name in enumerate(LIMB_NAMES):
+            has = {self.hold[s[limb]] for s in stances}
+            needs = {self.hold[s[limb]] for s in ends}
+            if not has & needs:
+                names = self.problem.hold_names
+                place = ", ".join(sorted(names[h] for h in needs)[:3])
+                return f"{name} gets to {', '.join(sorted(names[h] for h in has)[:6])}, but not to {place}"
+        return "no two of their holds can be exchanged in equilibrium and within reach"
+
+    def _crowded_start(self) -> InfeasibleError | None:
+        """Two of the start's grippers that would be in each other."""
+        for a, b in itertools.combinations(range(4), 2):
+            one, other = self.start[a], self.start[b]
+            if self.apart[one, other] or self.palm is None:
+                continue
+            gap = largest_gap(self.grips[one], self.grips[other], self.palm)
+            names = [
+                f"{LIMB_NAMES[limb]} on {self.problem.hold_names[self.hold[grip]]}"
+                for limb, grip in ((a, one), (b, other))
+            ]
+            text = (
+                f"start.grasps: the palms of {names[0]} and {names[1]} keep {1000 * gap:.1f} mm apart at most, "
+                "3 mm are needed"
+            )
+            return InfeasibleError("clearance", text, proven=True)
+        return None
+
+    def _goal_text(self) -> str:
+        return point_text(self.problem, self.problem.goal.body.position_m)
+
+    def _out_of_reach(self, limb: int, usable: list[int], beyond: Array, named: bool) -> InfeasibleError:
+        nearest = int(np.argmin(beyond))
+        hold = self.problem.hold_names[self.hold[usable[nearest]]]
+        name, far = LIMB_NAMES[limb], f"{1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace"
+        if named:
+            text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {self._goal_text()}: it is {far}"
+        else:
+            text = f"no hold within reach of {name} for the goal body at {self._goal_text()}: the nearest, {hold}, is "
+            text += far
+        return InfeasibleError("reach", text, proven=True)
+
+    def _text(self, stance: Grips, without: int | None = None) -> str:
+        names = self.problem.hold_names
+        return ", ".join(
+            f"{LIMB_NAMES[i]} {names[self.hold[g]]}" for i, g in enumerate(stance) if i != without and g != AIR
+        )

@@ -1,0 +1,268 @@
+"""What every plan satisfies, whatever its headings, tilts, off-centre grasps and swings: an optimistic P1.
+
+Reach: the acceptance boxes (9a), heading by heading. A small tilt moves all grippers by the same way against the boxes,
+as if the body were elsewhere: the boxes bound that place, the sole. Balance: the whole limit surface (2)+(3), from
+outside by tangents; grasps anywhere on their faces; what accelerations within the bounds (7) may add. No swings, no
+collisions, no torques.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.contacts import Grip
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.problem import Problem
+from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
+from crux_planner.solvers.qp import Qp
+
+BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
+TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
+_ROUNDS, _CUT_N = 8, 0.1  # of adding tangents of the limit surface, where wrenches are so far beyond it
+_EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
+_INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
+
+
+@dataclass(frozen=True)
+class Headings:
+    """Bins of the body's yaw, and in each the bounds (B, 4, G, 2) of the sole with a limb's grip in reach.
+
+    With q = Rz(yaw)^T (c - r), (9a) bounds Rx(roll)^T Ry(pitch)^T q, which is q + (sin(pitch), -sin(roll) cos(pitch)) h
+    but for terms of second order and the heights' difference, h being the body's height above the grips' middle one.
+    The sole is r less that shift, along the axes of the bin's middle.
+    """
+
+    yaw_rad: Array  # (B,) middles
+    to_w: Array  # (B, 3, 3)
+    low: Array
+    high: Array
+
+    def fits(self, stance: tuple[int, ...]) -> tuple[Flags, Array, Array]:
+        """Bins (B,) in which a sole has a stance's grips in reach (-1: air), and its bounds (B, 2)."""
+        limbs = [limb for limb, g in enumerate(stance) if g >= 0]
+        grips = [stance[limb] for limb in limbs]
+        low, high = self.low[:, limbs, grips].max(axis=1), self.high[:, limbs, grips].min(axis=1)
+        return (low <= high).all(axis=1), low, high
+
+
+class RelaxedReach:
+    """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal."""
+
+    def __init__(self, problem: Problem, grips: list[Grip]) -> None:
+        self.problem, self.grips = problem, grips
+        goal, body = problem.goal, problem.body
+        heights = np.array([g.height_m for g in grips]).reshape(-1, 2)
+        self._middle_m = float(heights.min() + heights.max()) / 2 if len(grips) else 0.0
+        self._spread_m = float(np.ptp(heights)) / 2 if len(grips) else 0.0
+        self._over_m = np.array([body.height_m[0] - TOLERANCE_M, body.height_m[1] + TOLERANCE_M]) - self._middle_m
+        self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * self._over_m.max())
+        yaw = float(goal.body.rpy_rad[2])
+        most = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * problem.steps * problem.dt_s) / 2
+        self.all = self._headings(-most, most, BIN_RAD)
+        self.hop = int(np.ceil(_EULER_SHARE * body.max_rate_rad_s * problem.dt_s / self.bin_rad)) + 1
+        slack = _EULER_SHARE * goal.tolerance_rad + 1e-3
+        self.goal = self._headings(yaw - slack, yaw + slack, GOAL_BIN_RAD)
+        self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= slack + self.bin_rad
+        self._goal_low, self._goal_high = self._goal_soles(slack)
+
+    @property
+    def bin_rad(self) -> float:
+        """Width of the bins of yaw."""
+        yaws = self.all.yaw_rad
+        return float(yaws[1] - yaws[0]) if len(yaws) > 1 else BIN_RAD
+
+    def _headings(self, first: float, last: float, width: float) -> Headings:
+        yaws, half = _bins(first, last, width)
+        boxes, tilt = self.problem.boxes, self.problem.body.max_tilt_rad + 1e-3
+        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m + 0.02
+        second = tilt**2 * np.array([arm[0] / 2, arm[1] / 2 + arm[0]]) + tilt * self._spread_m
+        slack = second + half * arm[[1, 0]] + half**2 / 2 * arm[:2] + TOLERANCE_M
+        to_w = rotation_z(yaws)
+        count = len(self.grips)
+        centres = np.array([g.contact.centre_w_m for g in self.grips]).reshape(count, 3) @ to_w  # (B, G, 3)
+        tangents = np.abs(np.array([g.contact.tangent for g in self.grips]).reshape(count, 3) @ to_w)[..., :2]
+        aside = np.array([g.aside_m for g in self.grips])[:, None] * np.minimum(tangents + half, 1.0)
+        reach = (boxes.half_m[:2] + slack + aside)[:, None]  # (B, 1, G, 2)
+        middle = centres[:, None, :, :2] - boxes.centre_b_m[:, None, :2]  # (B, 4, G, 2)
+        return Headings(yaws, to_w, middle - reach, middle + reach)
+
+    def _goal_soles(self, slack_rad: float) -> tuple[Array, Array]:
+        """Bounds (B, 2) of the sole at the goal's bins of yaw."""
+        goal, most = self.problem.goal, self.problem.body.max_tilt_rad + 1e-3
+        tilt = np.clip(goal.body.rpy_rad[:2, None] + [-slack_rad, slack_rad], -most, most)  # (2, 2)
+        roll, pitch = (np.sort(np.outer(np.sin(t), self._over_m).ravel())[[0, -1]] for t in tilt)
+        # q moves by (sin pitch, -sin roll) h against the boxes: the sole goes the other way
+        low, high = np.array([-pitch[1], roll[0]]), np.array([-pitch[0], roll[1]])
+        place = np.einsum("bji,j->bi", self.goal.to_w, goal.body.position_m)[:, :2]
+        within = goal.tolerance_m + TOLERANCE_M
+        return place + low - within, place + high + within
+
+    def at_goal(self, stances: Array) -> Flags:
+        """(S,) whether all grips of stances (S, 4) are in reach of one heading and sole at the goal."""
+        limbs = np.arange(4)
+        possible = np.zeros(len(stances), dtype=bool)
+        for i in range(len(self.goal.yaw_rad)):
+            low = np.maximum(self.goal.low[i, limbs, stances].max(axis=1), self._goal_low[i])
+            high = np.minimum(self.goal.high[i, limbs, stances].min(axis=1), self._goal_high[i])
+            possible |= (low <= high).all(axis=1)
+        return possible
+
+    def beyond_goal(self, limb: int) -> Array:
+        """(G,) how far each grip is out of a limb's reach at the goal, at the best heading; not positive: not."""
+        low, high = self.goal.low[:, limb], self.goal.high[:, limb]
+        beyond = np.maximum(low - self._goal_high[:, None], self._goal_low[:, None] - high)
+        least: Array = beyond.max(axis=2).min(axis=0)
+        return least
+
+    def in_reach(self, limb: int, position_m: Array, most_turn_rad: float) -> Flags:
+        """(P,) whether a body at positions (P, 3), of any tilt, has some grip in reach of a limb.
+
+        It may be turned by no more than `most_turn_rad` beyond the headings of start and goal.
+        """
+        yaw, ends = self.all.yaw_rad, sorted((0.0, float(self.problem.goal.body.rpy_rad[2])))
+        bins = (yaw >= ends[0] - most_turn_rad) & (yaw <= ends[1] + most_turn_rad)
+        place = np.einsum("bji,pj->bpi", self.all.to_w[bins], position_m)[:, :, None, :2]  # (B, P, 1, 2)
+        low, high = self.all.low[bins, None, limb] - self.shift_m, self.all.high[bins, None, limb] + self.shift_m
+        return np.asarray(((place >= low) & (place <= high)).all(axis=3).any(axis=(0, 2)))
+
+    def hull(self, stance: tuple[int, ...], bins: Flags | None = None) -> tuple[Array, Array] | None:
+        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none.
+
+        `bins` (B,): only at these headings.
+        """
+        fits, low, high = self.all.fits(stance)
+        if bins is not None:
+            fits &= bins
+        return self.region(fits, low, high) if fits.any() else None
+
+    def region(self, bins: Flags, low: Array, high: Array) -> tuple[Array, Array]:
+        """Bounds along W's axes of body positions whose soles are in [low, high] (B, 2) at these headings."""
+        middle, half = (low[bins] + high[bins]) / 2, (high[bins] - low[bins]) / 2
+        turn = np.abs(self.all.to_w[bins, :2, :2])
+        centre = (self.all.to_w[bins, :2, :2] @ middle[..., None])[..., 0]
+        extent = (turn @ (half + self.shift_m)[..., None])[..., 0]
+        height = self._over_m + self._middle_m
+        lowest, highest = (centre - extent).min(axis=0), (centre + extent).max(axis=0)
+        return np.append(lowest, height[0]), np.append(highest, height[1])
+
+
+class RelaxedBalance:
+    """How much force balance lacks at least, at the very limit of (2)+(3)."""
+
+    def __init__(self, problem: Problem, grips: list[Grip]) -> None:
+        self.problem, self.grips = problem, grips
+        self.centred = StaticEquilibrium(replace(problem, contacts=[g.contact for g in grips]), 1.0)
+        k = problem.patch.k_m
+        self.directions, _, spine = polytope_directions(k)
+        self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
+        self.spine = spine
+        self.slack_N = _slack(problem)
+
+    def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
+        """Whether balance may exist on the grips `support` for a body in [low, high]; False is a proof."""
+        return bool(support) and self.place(support, low, high) is not None
+
+    def place(self, support: tuple[int, ...], low: Array, high: Array) -> Array | None:
+        """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none."""
+        middle = (low + high) / 2
+        centred = self.centred.position(support, low, high, middle)
+        if centred is not None:
+            return centred
+        lacking, place = self._least_missing(support, low, high)
+        return None if lacking > 0.0 else place
+
+    def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
+        """Least force [N] that balance lacks beyond what accelerations may explain (moments over `MOMENT_ARM_M`)."""
+        return self._least_missing(support, low, high)[0]
+
+    def _least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array]:
+        """`missing_force`, and where in [low, high] it is least."""
+        middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
+        about = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about[3:] /= MOMENT_ARM_M
+        places = [(i, centre) for i, g in enumerate(support) for centre in self._places(self.grips[g])]
+        n = 3 + 6 * len(places)  # of each place: s1, s2, m, F, n and its share of the grip
+        matrix = np.zeros((6, n))
+        matrix[3:, :3] = -skew(self.problem.weight_N)
+        shares = np.zeros((len(support), n))
+        rows = np.zeros((len(places) * (len(self.surface) + 2), n))
+        step = len(self.surface) + 2
+        for j, (i, centre) in enumerate(places):
+            contact = self.grips[support[i]].contact
+            at = 3 + 6 * j
+            matrix[:, at : at + 4] = static_map(centre, contact.axis, contact.tangent)
+            shares[i, at + 5] = 1.0
+            block = rows[j * step : (j + 1) * step, at : at + 6]
+            block[:-2, :3] = self.directions
+            block[:-2, 4] = -self.surface * contact.friction
+            block[:-2, 5] = -self.spine @ [contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm]
+            block[-2:, 3:] = [
+                [1.0, 1.0, -self.problem.patch.max_normal_N],
+                [-1.0, 1.0, -self.problem.patch.max_normal_N],
+            ]
+        wrench = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, 1.0])
+        upper = np.concatenate([high, np.tile(wrench, len(places))])
+        lower = np.concatenate([low, np.tile(-wrench, len(places))])
+        lower[7::6] = lower[8::6] = 0.0
+        weighted = about @ matrix
+        target = about @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
+        cost = weighted.T @ weighted + 1e-9 * np.eye(n)
+        for _ in range(_ROUNDS):
+            mixed, below = (shares, np.ones(len(support))), (rows, None, np.zeros(len(rows)))
+            qp = Qp(cost, -weighted.T @ target, mixed, below, lower, upper, eps_abs=1e-6, max_iter=200).solve()
+            if not qp.solved:
+                return 0.0, (low + high) / 2  # nothing shown
+            found = qp.x
+            missing = float(np.linalg.norm(weighted @ found - target)) - self.slack_N
+            cuts = [] if missing > 0.0 else self._cuts(support, [i for i, _ in places], found)
+            if not cuts:
+                break
+            rows = np.vstack([rows, *cuts])
+        return missing, np.clip(found[:3], low, high)
+
+    def _cuts(self, support: tuple[int, ...], which: list[int], found: Array) -> list[Array]:
+        """Tangents of (2)+(3), as rows, at wrenches found outside it; `which` has each place's grip in `support`."""
+        k, cuts = self.problem.patch.k_m, []
+        for j, i in enumerate(which):
+            contact, at = self.grips[support[i]].contact, 3 + 6 * j
+            s1, s2, m, _, normal, share = found[at : at + 6]
+            spine = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k])
+            load = np.array([s1, s2, m / k])
+            beyond = load - np.clip(load, -share * spine, share * spine)  # what friction has to carry
+            size = float(np.linalg.norm(beyond))
+            if size > contact.friction * normal + _CUT_N:
+                way = beyond / size
+                row = np.zeros(len(found))
+                row[at : at + 3] = way / [1.0, 1.0, k]
+                row[at + 4 : at + 6] = -contact.friction, -np.abs(way) @ spine
+                cuts.append(row)
+        return cuts
+
+    def _places(self, grip: Grip) -> list[Array]:
+        """Corners of the rectangle in which the grasp's centre may lie: wrenches anywhere in it are mixtures."""
+        contact = grip.contact
+        sides = (-grip.aside_m, grip.aside_m) if grip.aside_m > 0 else (0.0,)
+        heights = grip.height_m if grip.height_m[1] > grip.height_m[0] else grip.height_m[:1]
+        middle = contact.centre_w_m * [1.0, 1.0, 0.0]
+        return [middle + side * contact.tangent + np.array([0.0, 0.0, z]) for side in sides for z in heights]
+
+
+def _slack(problem: Problem) -> float:
+    """Force [N] that the changes of speed and rate within (7) may ask for, in the norm of `missing_force`."""
+    force = problem.mass_kg * 2 * problem.body.max_speed_m_s / problem.dt_s * 3**0.5
+    arm = float(np.linalg.norm(np.abs(problem.boxes.centre_b_m).max(axis=0) + problem.boxes.half_m))
+    spin = _INERTIA_SHARE * float(np.linalg.eigvalsh(problem.inertia_b).max())
+    spin *= 2 * problem.body.max_rate_rad_s / problem.dt_s * 3**0.5 + 3 * problem.body.max_rate_rad_s**2
+    return float(np.hypot(force, (spin + arm * force) / MOMENT_ARM_M)) + 0.05
+
+
+def _bins(low: float, high: float, width: float) -> tuple[Array, float]:
+    """Middles of bins no wider than `width`, and half their width."""
+    count = max(1, int(np.ceil((high - low) / width)))
+    edges = np.linspace(low, high, count + 1)
+    return (edges[1:] + edges[:-1]) / 2, (high - low) / (2 * count)

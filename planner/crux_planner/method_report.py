@@ -1,0 +1,92 @@
+"""Parts of the planner by themselves, for whoever measures them: the paper's methods without what follows them.
+
+What the functions need is imported when they are called: the thresholds alone cost nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import Scenario, ScenarioError
+
+from crux_planner.solvers import clock
+from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
+
+if TYPE_CHECKING:
+    from crux_planner.admm.methods import Decided
+    from crux_planner.checker import CheckReport
+
+__all__ = [
+    "FORCE_THRESHOLD_N",
+    "METHODS_HERE",
+    "POSITION_THRESHOLD_M",
+    "MethodReport",
+    "climb_alone",
+    "start_is_well_formed",
+    "walk_residuals",
+]
+
+LIMIT_S = 300.0
+METHODS_HERE = """what the paper's methods are here:
+  two_block    on climbs it begins with auto's own search, and its MIP block has (8b), which the paper
+               leaves to the NLP; on walks it has no MIP, but auto's search over gaits
+  multi_block  has no MIP: a shortest path a limb on climbs, a limb's steps all looked at on walks
+  benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
+  all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
+
+
+@dataclass(frozen=True)
+class MethodReport:
+    """What a method reached before the exact NLP, as a plan, and the checker's verdict on it."""
+
+    decided: Decided
+    plan: Any  # crux_msgs.plan_t
+    check: CheckReport
+
+
+def climb_alone(scenario: Scenario, method: str, **settings: Any) -> MethodReport:
+    """Run `method` on a climb; `settings` as `crux_planner.admm.methods.Task` has them. Raises InfeasibleError."""
+    from crux_planner.admm.methods import METHODS, Task
+    from crux_planner.checker import check_plan
+    from crux_planner.model.build import build_problem
+    from crux_planner.pipeline.message import plan_message
+    from crux_planner.search.equilibrium import StaticEquilibrium
+    from crux_planner.search.stances import ReachableSet
+    from crux_planner.swing.swing_cache import SwingCache
+
+    robot = load_robot(scenario.robot)
+    problem = build_problem(scenario, robot)
+    equilibrium = StaticEquilibrium(problem, problem.friction_share)
+    reach, swings = ReachableSet(problem), SwingCache(problem)
+    task = Task(problem, equilibrium, reach, swings, deadline=clock.now() + LIMIT_S, **settings)
+    decided = METHODS[method](task)
+    plan = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
+    return MethodReport(decided, plan, check_plan(plan, robot))
+
+
+def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dict[str, float]]:
+    """What `method` leaves between its blocks after each iteration of a walk; `settings` as WalkTask has them."""
+    from crux_planner.admm.walk_methods import METHODS, WalkTask
+    from crux_planner.model.walk_problem import build_walk
+
+    problem = build_walk(scenario, load_robot(scenario.robot))
+    return METHODS[method](WalkTask(problem, deadline=clock.now() + LIMIT_S, **settings)).residuals
+
+
+def start_is_well_formed(scenario: Scenario) -> bool:
+    """Whether a scenario of a climb would be planned at all, or found infeasible, and not be refused as wrong."""
+    from crux_planner.errors import InfeasibleError
+    from crux_planner.model.build import build_problem
+    from crux_planner.pipeline.explanation import check_start
+    from crux_planner.search.equilibrium import StaticEquilibrium
+
+    try:
+        problem = build_problem(scenario, load_robot(scenario.robot))
+        check_start(scenario, problem, StaticEquilibrium(problem, problem.friction_share))
+    except ScenarioError:
+        return False
+    except InfeasibleError:
+        return True
+    return True

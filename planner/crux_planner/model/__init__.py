@@ -1,0 +1,1 @@
+"""A scenario and a robot in numbers: P1, its grasps and footholds, kinematics, masses, shapes, gaits and schedules."""

@@ -1,0 +1,289 @@
+"""From a scenario and a robot description to the numbers of P1.
+
+Everything is expressed in the heading frame: W turned about its z so that the body starts with yaw 0;
+`pipeline/message.py` turns the plan back. What the scenario's author must mend is a ScenarioError; what the wall does
+not allow, an InfeasibleError.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Hold, Scenario
+
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import (
+    FACE_NAMES,
+    PAIR_NAMES,
+    Contact,
+    Grip,
+    GripperShape,
+    opening_for,
+    pad_height,
+    yaws_in_range,
+)
+from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.model.limits import SwingLimits, limb_masses
+from crux_planner.model.mass import composite_inertia
+from crux_planner.model.poses import body_and_ends, weights_of
+from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
+from crux_planner.model.shapes import limb_shape
+from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
+
+PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
+TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
+LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
+FRICTION_MARGIN = 0.1  # share of the limit surface left unused
+EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
+TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
+LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
+
+
+def build_problem(
+    scenario: Scenario, robot: Robot, *, off_centre: bool = False, boxes: AcceptanceBoxes | None = None
+) -> Problem:
+    """P1 of a scenario of patch contacts; with `off_centre`, grasps near the ends of wide faces too.
+
+    `boxes` are the robot's, where another problem has them already: they take most of the time.
+
+    Raises ScenarioError and InfeasibleError.
+    """
+    if scenario.contact.model != "patch":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected patch: this is about climbs")
+    if scenario.contact.max_normal_N > robot.gripper.max_finger_force_N:
+        most = f"expected at most {robot.gripper.max_finger_force_N:g} N, what a finger of {robot.name} can press"
+        raise wrong(scenario, "contact.max_normal_N", f"{scenario.contact.max_normal_N:g}", most)
+    bounds = robot.body
+    body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
+    heading, start, goal = body_and_ends(scenario, body)
+    margins = scenario.planner.margins
+    torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
+    last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
+    effort = np.stack([limb.effort_Nm for limb in robot.limbs])
+    shape, boxes = _gripper_shape(robot), boxes or _boxes(robot)
+    limits = _swing_limits(scenario, robot, boxes, margins.get("clearance_m", robot.grasp.swing_clearance_m))
+    cuboids = _cuboids(scenario, heading)
+    contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
+    begin = start_contacts(scenario, contacts, unusable)
+    contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
+    return Problem(
+        steps=scenario.horizon.steps,
+        dt_s=scenario.horizon.dt_s,
+        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        mass_kg=robot.total_mass_kg,
+        inertia_b=start_inertia(robot, start, [contacts[i] for i in begin]),
+        patch=Patch(contact.patch_k_m, contact.max_normal_N, contact.spine_shear_N, contact.spine_twist_Nm),
+        cuboids=cuboids,
+        hold_names=[hold.name for hold in scenario.holds],
+        contacts=contacts,
+        limb_contacts=_limb_contacts(scenario, robot, contacts, begin, float(goal.rpy_rad[2])),
+        start_contacts=(begin[0], begin[1], begin[2], begin[3]),
+        start=start,
+        goal=Goal(goal, tolerance_m, tolerance_rad, _goal_grasps(scenario, robot, unusable)),
+        boxes=boxes,
+        gripper_yaw_rad=robot.grasp.gripper_yaw_rad,
+        body=body,
+        shape=shape,
+        swing=limits,
+        weights=weights_of(scenario, Weights()),
+        friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
+        limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        limb_shape=limb_shape(robot),
+        torque_limits_Nm=torque_share * effort,
+        last_torques_Nm=last_torque_share * effort,
+        heading_rad=heading,
+        limit_surface=scenario.planner.limit_surface,
+    )
+
+
+def _gripper_shape(robot: Robot) -> GripperShape:
+    return GripperShape(
+        *robot.gripper.opening_m,
+        robot.gripper.open_opening_m,
+        robot.gripper.pad_radius_m,
+        robot.gripper.finger_height_m,
+    )
+
+
+def _boxes(robot: Robot) -> AcceptanceBoxes:
+    """(9a) for every tilt and gripper yaw, from the pads' least height on a hold to the highest swing."""
+    return acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            robot.grasp.pad_height_m,
+            robot.grasp.pad_height_m[1] + robot.gripper.pad_radius_m + robot.grasp.swing_clearance_m,
+            robot.grasp.max_swing_height_m,
+            robot.body.max_tilt_rad,
+            robot.grasp.gripper_yaw_rad,
+        ),
+    )
+
+
+def _swing_limits(scenario: Scenario, robot: Robot, boxes: AcceptanceBoxes, clearance_m: float) -> SwingLimits:
+    """No swing is higher than what every limb reaches under the highest body."""
+    top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
+    return SwingLimits(
+        scenario.horizon.dt_s,
+        robot.grasp.approach_speed_m_s,
+        robot.grasp.yaw_rate_rad_s,
+        clearance_m,
+        PASSING_CLEARANCE_M,
+        min(robot.grasp.max_swing_height_m, top_m),
+    )
+
+
+def _limb_contacts(
+    scenario: Scenario, robot: Robot, contacts: list[Contact], begin: list[int], final_yaw_rad: float
+) -> list[list[int]]:
+    """By limb, the contacts that its gripper may turn to under the heading of the start and of the goal alike."""
+    low, high = robot.grasp.gripper_yaw_rad
+    usable = [
+        i
+        for i, c in enumerate(contacts)
+        if low + max(final_yaw_rad, 0.0) <= c.yaw_rad <= high + min(final_yaw_rad, 0.0) or i in begin
+    ]
+    hanging = [scenario.contact.spines_only.get(limb, 0) for limb in LIMB_NAMES]
+    return [[i for i in usable if contacts[i].spines_only == finger] for finger in hanging]
+
+
+def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
+    parts = scenario.cuboids
+    if not parts:
+        return Cuboids(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
+    foot = np.array([c.position_m for c in parts]) @ rotation_z(-heading)[:2, :2].T
+    return Cuboids(foot, np.array([c.size_m for c in parts]) / 2, np.array([c.yaw_rad - heading for c in parts]))
+
+
+def _contacts(
+    scenario: Scenario, robot: Robot, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, off_centre: bool
+) -> tuple[list[Contact], dict[tuple[int, int], str]]:
+    """All grasps the wall offers, and why a (hold, pair) offers none."""
+    contacts: list[Contact] = []
+    unusable: dict[tuple[int, int], str] = {}
+    contact, yaw_range = scenario.contact, robot.grasp.gripper_yaw_rad
+    palm = robot.gripper.finger_height_m - PASSING_CLEARANCE_M
+    for index, hold in enumerate(scenario.holds):
+        height = pad_height(hold.size_m[2], robot.grasp.pad_height_m, contact.patch_radius_m, palm)
+        for pair in (0, 1):
+            half = hold.size_m[pair] / 2
+            if height is None:
+                unusable[index, pair] = f"it is {hold.size_m[2]:g} m high, too low or too high for the gripper's pads"
+                continue
+            if hold.size_m[1 - pair] < 2 * contact.patch_radius_m:
+                unusable[index, pair] = f"its faces are narrower than the patch, {2 * contact.patch_radius_m:g} m"
+                continue
+            if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
+                slack = shape.largest_opening - shape.pad_radius
+                unusable[index, pair] = (
+                    f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * slack:g} m"
+                )
+                continue
+            middle = np.array([*cuboids.foot_w_m[index], height])
+            normal = cuboids.yaw_rad[index] + pair * np.pi / 2
+            axis = np.array([np.cos(normal), np.sin(normal), 0.0])
+            slack = hold.size_m[1 - pair] / 2 - contact.patch_radius_m - EDGE_RESERVE_M
+            sides = (0.0, slack, -slack) if off_centre and slack > EDGE_RESERVE_M else (0.0,)
+            for side in sides:
+                centre = middle + side * np.array([-axis[1], axis[0], 0.0])
+                opening = None
+                for clearance in (limits.clearance_m, min(limits.clearance_m, TIGHT_CLEARANCE_M)):
+                    opening = opening or opening_for(centre, axis, index, half, cuboids, shape, clearance)
+                if opening is None:
+                    continue
+                for yaw, swapped in yaws_in_range(normal, yaw_range):
+                    contacts.append(_contact(scenario, hold, index, pair, swapped, yaw, centre, opening))
+            if not contacts or (contacts[-1].hold, contacts[-1].pair) != (index, pair):
+                unusable[index, pair] = f"its neighbours leave the fingers no space to open ({limits.clearance_m:g} m)"
+    fingers = sorted(set(contact.spines_only.values()))
+    return contacts + [replace(c, spines_only=finger) for finger in fingers for c in contacts], unusable
+
+
+def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
+    """Every hold and face pair that the gripper spans at all, whatever stands beside it."""
+    grips = []
+    cuboids, radius = _cuboids(scenario, heading), scenario.contact.patch_radius_m
+    least, most = robot.gripper.opening_m
+    for index, hold in enumerate(scenario.holds):
+        low = max(robot.grasp.pad_height_m[0], radius)
+        high = min(robot.grasp.pad_height_m[1], hold.size_m[2] - radius)
+        for pair in (0, 1):
+            aside = hold.size_m[1 - pair] / 2 - radius
+            if low > high or aside < 0 or not 2 * least <= hold.size_m[pair] <= 2 * most:
+                continue
+            yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
+            centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
+            contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
+            grips.append(Grip(contact.from_above, aside, (low, high)))
+    return grips
+
+
+def _contact(
+    scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
+) -> Contact:
+    faces = slice(2 * pair, 2 * pair + 2)
+    spiny, friction = hold.spines[faces], hold.friction[faces]
+    alike = min(friction) == max(friction) and min(spiny) == max(spiny)
+    spines = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    return Contact(
+        hold=index,
+        pair=pair,
+        finger1_face=2 * pair + int(swapped),
+        yaw_rad=yaw,
+        centre_w_m=centre,
+        separation_m=hold.size_m[pair],
+        friction=min(friction),
+        spine_shear_N=spines[0] * min(spiny),
+        spine_twist_Nm=spines[1] * min(spiny),
+        open_m=opening,
+        better=None if alike else (max(friction), spines[0] * max(spiny), spines[1] * max(spiny)),
+    )
+
+
+def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
+    """The contacts of the scenario's start; `unusable` says why a hold and pair has none. Raises ScenarioError."""
+    chosen = []
+    for limb in LIMB_NAMES:
+        grasp = scenario.start.grasps[limb]
+        hold, pair = scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces)
+        finger = scenario.contact.spines_only.get(limb, 0)
+        found = [i for i, c in enumerate(contacts) if (c.hold, c.pair, c.spines_only) == (hold, pair, finger)]
+        if not found:
+            raise wrong(scenario, f"start.grasps.{limb}", f"{grasp.hold}, faces {grasp.faces}", unusable[hold, pair])
+        found = [i for i in found if grasp.finger1 in (None, FACE_NAMES[contacts[i].finger1_face])]
+        if not found:
+            beyond = "expected the other face: with this one the gripper would be turned beyond its range"
+            raise wrong(scenario, f"start.grasps.{limb}.finger1", str(grasp.finger1), beyond)
+        chosen.append(min(found, key=lambda i: abs(contacts[i].yaw_rad)))  # of equal ones the first: centred
+    return chosen
+
+
+def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int], str]) -> dict[int, tuple[int, int]]:
+    wanted = {}
+    for limb, grasp in scenario.goal.grasps.items():
+        key = (scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces))
+        if key in unusable:
+            raise InfeasibleError(
+                "goal grasp",
+                f"goal.grasps.{limb}: {grasp.hold} cannot be gripped by faces {grasp.faces}: {unusable[key]}",
+                proven=key not in {(g.contact.hold, g.contact.pair) for g in all_grips(scenario, robot, 0.0)},
+            )
+        wanted[LIMB_NAMES.index(limb)] = key
+    return wanted
+
+
+def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
+    """Inertia about the body's origin in the posture of the start."""
+    rotation = rotation_from_rpy(start.rpy_rad)
+    positions: dict[str, float] = {}
+    for limb, grasp in zip(robot.limbs, grasps, strict=True):
+        place = rotation.T @ (grasp.centre_w_m - start.position_m)
+        q, _ = inverse(limb, place, rotation.T @ rotation_z(grasp.yaw_rad))
+        positions.update(zip(limb.joint_names, q, strict=True))
+        positions.update(dict.fromkeys(limb.finger_joints, grasp.separation_m / 2))
+    return composite_inertia(robot, positions)

@@ -1,0 +1,136 @@
+"""Grasps a gripper can take: hold, face pair and gripper yaw, with what equation (10) fixes while it holds on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.cuboids import Cuboids
+
+PAIR_NAMES = ("x", "y")
+FACE_NAMES = ("+x", "-x", "+y", "-y")  # by number, as limb_knot_t has them
+
+
+@dataclass(frozen=True)
+class GripperShape:
+    """What of a gripper can touch the wall's cuboids; lengths in m."""
+
+    smallest_opening: float  # pad face to gripper centre
+    largest_opening: float
+    open_opening: float  # preferred for swings
+    pad_radius: float  # a finger reaches from its pad face one pad diameter outwards; half the width of the palm
+    finger_height: float  # above the pad centre, up to the palm
+
+    def half_length(self, opening_m: Array | float) -> Array:
+        """Half the length of its footprint: the palm carries the whole travel of the fingers."""
+        return np.maximum(self.largest_opening, np.asarray(opening_m) + 2 * self.pad_radius)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One way to grip one hold. Finger 1 sits at +e of the opening axis e."""
+
+    hold: int
+    pair: int  # 0: faces +x and -x, 1: +y and -y
+    finger1_face: int  # as limb_knot_t: 0 +x, 1 -x, 2 +y, 3 -y
+    yaw_rad: float  # of the gripper in W
+    centre_w_m: Array  # (3,)
+    separation_m: float
+    friction: float  # the smaller of the two faces'
+    spine_shear_N: float  # 0 where a face has no spines
+    spine_twist_Nm: float
+    open_m: float  # opening with which the gripper leaves and comes
+    spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
+    better: tuple[float, float, float] | None = None  # friction, spine shear and twist, where a face has more
+
+    @property
+    def from_above(self) -> Contact:
+        """The same with the better of its two faces on both sides: no grip carries more, for proofs and bounds."""
+        if self.better is None:
+            return self
+        friction, shear_N, twist_Nm = self.better
+        return replace(self, friction=friction, spine_shear_N=shear_N, spine_twist_Nm=twist_Nm, better=None)
+
+    @property
+    def grip_friction(self) -> float:
+        """Friction that the gripper can use: none beside a finger that does not press, for both share the shear (4)."""
+        return 0.0 if self.spines_only else self.friction
+
+    @property
+    def may_press(self) -> Array:
+        """1 for a finger that may press, 0 for one that may not, (2,)."""
+        return np.array([float(self.spines_only != finger) for finger in (1, 2)])
+
+    @property
+    def axis(self) -> Array:
+        """Opening axis e, the outward normal of finger 1's face."""
+        return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
+
+    @property
+    def tangent(self) -> Array:
+        """In the wall's plane, across the opening axis."""
+        return np.array([-np.sin(self.yaw_rad), np.cos(self.yaw_rad), 0.0])
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A hold and a face pair as proofs know them: the grasp may be `aside_m` to each side of the middle and anywhere
+    in `height_m`.
+    """
+
+    contact: Contact
+    aside_m: float
+    height_m: tuple[float, float]
+
+
+def pad_height(
+    hold_height_m: float, allowed_m: tuple[float, float], patch_radius_m: float, palm_above_pad_m: float
+) -> float | None:
+    """Height of the pads above the wall: mid-range, but the whole patch on the face and the palm above the hold.
+
+    None where the hold is too low or too high to be gripped.
+    """
+    low = max(allowed_m[0], patch_radius_m, hold_height_m - palm_above_pad_m)
+    high = min(allowed_m[1], hold_height_m - patch_radius_m)
+    if low > high:
+        return None
+    return float(np.clip((allowed_m[0] + allowed_m[1]) / 2, low, high))
+
+
+def yaws_in_range(axis_rad: float, allowed_rad: tuple[float, float]) -> list[tuple[float, bool]]:
+    """Gripper yaws that put the fingers on a face pair, and whether finger 1 is then on the minus face.
+
+    `axis_rad` is the direction of the plus face's normal; half turns swap the fingers.
+    """
+    first = int(np.ceil((allowed_rad[0] - axis_rad) / np.pi))
+    last = int(np.floor((allowed_rad[1] - axis_rad) / np.pi))
+    return [(axis_rad + n * np.pi, n % 2 != 0) for n in range(first, last + 1)]
+
+
+def opening_for(
+    contact_centre: Array,
+    axis: Array,
+    hold: int,
+    half_m: float,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    clearance_m: float,
+) -> float | None:
+    """Opening with which a gripper may leave this grasp: as near to the preferred one as its neighbours allow.
+
+    The middle of each finger keeps `clearance_m` to every other cuboid on its whole way from closed to open; to the
+    hold itself it keeps as much once open. None where the neighbours leave no such opening.
+    """
+    smallest = max(half_m + clearance_m - shape.pad_radius, shape.smallest_opening)
+    others = np.arange(len(cuboids.yaw_rad)) != hold
+    best = None
+    for opening in np.linspace(smallest, shape.largest_opening, 9):
+        swings = np.linspace(half_m, opening, 9) + shape.pad_radius
+        points = contact_centre + np.concatenate([swings, -swings])[:, None] * axis
+        if others.any() and cuboids.distance(points)[:, others].min() < clearance_m:
+            break
+        if best is None or abs(opening - shape.open_opening) < abs(best - shape.open_opening):
+            best = float(opening)
+    return best

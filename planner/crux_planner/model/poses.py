@@ -1,0 +1,76 @@
+"""What climbs and walks read from a scenario alike: poses in the heading frame, bounds of the body, weights of J."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from crux_contracts.scenario import BodyPose, Scenario
+
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.model.arrays import Array
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.problem import BodyBounds, Pose, Problem, Weights
+
+
+def pose_in_heading_frame(body: BodyPose, heading: float) -> Pose:
+    """A body pose of the scenario, turned so that the start has yaw 0."""
+    position = rotation_z(-heading) @ np.array(body.position_m)
+    rpy = np.array(body.rpy_rad) - np.array([0.0, 0.0, heading])
+    rpy[2] = math.remainder(rpy[2], 2 * math.pi)
+    return Pose(position, rpy)
+
+
+def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) -> None:
+    """Bounds (7) of the start and the goal pose."""
+    low, high = body.height_m
+    tilt_deg = math.degrees(body.max_tilt_rad)
+    if not low - 1e-9 <= start.position_m[2] <= high + 1e-9:
+        raise wrong(scenario, "start.body.position_m[2]", f"{start.position_m[2]:g}", f"expected {low:g}..{high:g} m")
+    if np.abs(start.rpy_rad[:2]).max() > body.max_tilt_rad + 1e-9:
+        shown = "{:g}, {:g}".format(*np.degrees(start.rpy_rad[:2]))
+        raise wrong(scenario, "start.body.rpy_deg", shown, f"expected roll and pitch within {tilt_deg:.1f} degrees")
+    reserve = scenario.goal.tolerance_m
+    if not low - reserve <= goal.position_m[2] <= high + reserve:
+        raise InfeasibleError(
+            "goal bounds",
+            f"goal.body.position_m[2]: the body can be {low:g}..{high:g} m above the wall, not {goal.position_m[2]:g}",
+            proven=True,
+        )
+    if np.abs(goal.rpy_rad[:2]).max() > body.max_tilt_rad + scenario.goal.tolerance_rad:
+        raise InfeasibleError(
+            "goal bounds",
+            f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
+            proven=True,
+        )
+
+
+def weights_of(scenario: Scenario, usual: Weights) -> Weights:
+    """The usual weights with those that the scenario names put in their place."""
+    given = scenario.planner.weights
+    return Weights(
+        position=given.get("body", usual.position),
+        orientation=given.get("body", usual.orientation),
+        velocity=usual.velocity,
+        wrench=given.get("wrench", usual.wrench),
+        lift=-given["lift"] if "lift" in given else usual.lift,
+        opening=-given["opening"] if "opening" in given else usual.opening,
+        switching=given.get("switching", usual.switching),
+    )
+
+
+def point_text(problem: Problem, position: Array) -> str:
+    """A place in W, for people."""
+    x, y, z = rotation_z(problem.heading_rad) @ position
+    return f"[{x:.2f}, {y:.2f}, {z:.3f}] m"
+
+
+def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:
+    """Heading of the start in W, start and goal in its frame, within the body's bounds.
+
+    Raises ScenarioError and InfeasibleError.
+    """
+    heading = scenario.start.body.rpy_rad[2]
+    start, goal = (pose_in_heading_frame(each.body, heading) for each in (scenario.start, scenario.goal))
+    check_body(scenario, body, start, goal)
+    return heading, start, goal

@@ -1,0 +1,168 @@
+"""P1 of one scenario in numbers: everything the search and the NLP need, SI units, limbs LF, RF, LR, RR.
+
+`w` in names is the heading frame, W turned about its z so that the body starts with yaw 0 (see model/build.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.schedule import SpeedLimits
+
+if TYPE_CHECKING:
+    from crux_planner.model.contacts import Contact, GripperShape
+    from crux_planner.model.cuboids import Cuboids
+    from crux_planner.model.limits import LimbMasses, SwingLimits
+    from crux_planner.model.shapes import LimbShape
+    from crux_planner.model.workspace import AcceptanceBoxes
+
+BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
+_GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
+_AIM_SHARE = 0.3  # of it that a plan uses up where it can: the rest is left to what tracks it
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Contact data of (2) and (3)."""
+
+    k_m: float  # of (2)
+    max_normal_N: float
+    spine_shear_N: float
+    spine_twist_Nm: float
+
+
+@dataclass(frozen=True)
+class BodyBounds:
+    """Bounds (7) of the body."""
+
+    height_m: tuple[float, float]
+    max_tilt_rad: float
+    max_speed_m_s: float
+    max_rate_rad_s: float
+
+    @property
+    def fastest_yaw_rad_s(self) -> float:
+        """Fastest change of yaw within the bounds of body rates and tilt."""
+        tilt = self.max_tilt_rad
+        return float((np.sin(tilt) + 1.0) / np.cos(tilt) * self.max_rate_rad_s)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of J, equation (6), per knot."""
+
+    position: float = 1.0  # Q, on (r - r_goal)^2 [1/m^2]
+    orientation: float = 1.0  # Q, on theta^2 [1/rad^2]
+    velocity: float = 10.0  # Q, on body velocity and rate
+    wrench: float = 1e-4  # R, on finger forces^2 [1/N^2] and (twist/k)^2
+    lift: float = -0.02  # zeta, on the height of grippers in the air [1/m]
+    opening: float = -0.02  # xi, on their finger separation [1/m]
+    switching: float = 0.3  # S, on changes of contact
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Body pose in W."""
+
+    position_m: Array
+    rpy_rad: Array
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where the climb ends; `grasps` maps a limb's index to (hold, pair)."""
+
+    body: Pose
+    tolerance_m: float
+    tolerance_rad: float
+    grasps: dict[int, tuple[int, int]]
+    aim_share: float = _GOAL_SHARE  # of the tolerances, for the body's last pose
+
+    @property
+    def position_slack_m(self) -> float:
+        """Half edge of the cube around the goal that lies well inside its tolerance."""
+        return _GOAL_SHARE * self.tolerance_m / 3**0.5
+
+    @property
+    def rotation_slack_rad(self) -> float:
+        """The same for roll, pitch and yaw."""
+        return _GOAL_SHARE * self.tolerance_rad / 3**0.5
+
+    @property
+    def aim_m(self) -> float:
+        """Half edge of the cube around the goal in which the body's last position is."""
+        return self.aim_share * self.tolerance_m / 3**0.5
+
+    @property
+    def aim_rad(self) -> float:
+        """The same for roll, pitch and yaw."""
+        return self.aim_share * self.tolerance_rad / 3**0.5
+
+
+@dataclass(frozen=True)
+class Problem:
+    """P1 of one scenario."""
+
+    steps: int  # N
+    dt_s: float
+    gravity_w: Array
+    mass_kg: float
+    inertia_b: Array
+    patch: Patch
+    cuboids: Cuboids  # holds first, then obstacles
+    hold_names: list[str]
+    contacts: list[Contact]
+    limb_contacts: list[list[int]]  # per limb, the contacts within its range of yaw
+    start_contacts: tuple[int, int, int, int]
+    start: Pose
+    goal: Goal
+    boxes: AcceptanceBoxes
+    gripper_yaw_rad: tuple[float, float]  # relative to the body
+    body: BodyBounds
+    shape: GripperShape
+    swing: SwingLimits
+    weights: Weights
+    friction_share: float  # of the limit surface that a plan may use
+    limb_masses: tuple[LimbMasses, ...]
+    limb_shape: LimbShape
+    torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
+    last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
+    heading_rad: float  # of this frame in W
+    limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
+    reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
+    tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
+    speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
+    turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
+
+    @property
+    def weight_N(self) -> Array:
+        """M g in W."""
+        return self.mass_kg * self.gravity_w
+
+    def aimed(self) -> Problem:
+        """The same with the body's last pose near the middle of the goal's tolerance."""
+        return replace(self, goal=replace(self.goal, aim_share=_AIM_SHARE))
+
+
+def turned_problem(problem: Problem, yaw_rad: float) -> Problem:
+    """The same problem in axes turned by `yaw_rad` about W's z (cuboids stay: nothing that turns asks for them)."""
+    if yaw_rad == 0.0:
+        return problem
+    to = rotation_z(-yaw_rad)
+
+    def pose(given: Pose) -> Pose:
+        return Pose(to @ given.position_m, given.rpy_rad - np.array([0.0, 0.0, yaw_rad]))
+
+    contacts = [replace(c, centre_w_m=to @ c.centre_w_m, yaw_rad=c.yaw_rad - yaw_rad) for c in problem.contacts]
+    return replace(
+        problem,
+        gravity_w=to @ problem.gravity_w,
+        contacts=contacts,
+        start=pose(problem.start),
+        goal=replace(problem.goal, body=pose(problem.goal.body)),
+    )

@@ -1,0 +1,58 @@
+"""Which limb moves when: contacts of a sequence, and of every knot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from crux_planner.model.arrays import Array
+
+LIMBS = ("LF", "RF", "LR", "RR")
+
+Stance = tuple[int, int, int, int]
+"""The contact of every limb."""
+Contacts = tuple[int | None, ...]
+"""Of every limb, None in the air."""
+SpeedLimits = Mapping[Contacts, float]
+"""Largest body speed [m/s] while exactly these contacts are held."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """From `before` to `after` the limbs `limbs` go to new contacts; the body lifts off and touches down in balance."""
+
+    before: Stance
+    after: Stance
+    limbs: tuple[int, ...]
+    lift_off: Array
+    touch_down: Array
+    yaw_rad: float = 0.0  # of the body meanwhile
+
+    @property
+    def support(self) -> tuple[int, ...]:
+        """Contacts of the limbs that stay."""
+        return tuple(c for limb, c in enumerate(self.before) if limb not in self.limbs)
+
+    @property
+    def held(self) -> Contacts:
+        """Of every limb, None in the air."""
+        return tuple(None if limb in self.limbs else c for limb, c in enumerate(self.before))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Contacts and gripper poses at the knots 0..N.
+
+    `contacts[k][limb]` is a contact's index, None in the air. `poses` (N + 1, 4, 5) holds x, y, z, yaw, opening (pad
+    face to gripper centre); at the first knot in the air a gripper still stands in its old grasp.
+    """
+
+    moves: list[Move]
+    contacts: list[list[int | None]]
+    poses: Array
+    yaw_rad: Array | None = None  # (N + 1,) of the body, where the search chose it
+
+    @property
+    def gait(self) -> list[str]:
+        """The limbs in the order in which they release."""
+        return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]

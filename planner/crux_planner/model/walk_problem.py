@@ -1,0 +1,225 @@
+"""The walking problem in numbers: P1 with point feet on z = 0, in the heading frame (see crux_planner.model.build).
+
+The gripper stands with both pads on the surface; its frame is one pad radius above the foot point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.model.arrays import Array
+from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
+from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.model.mass import centre_of_mass, composite_inertia
+from crux_planner.model.poses import body_and_ends, weights_of
+from crux_planner.model.problem import BodyBounds, Goal, Pose, Weights
+from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
+
+FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
+_UPRIGHT_SHARE = 1e-3  # of gravity along the surface: pressed on it no more than that, nothing stands
+_FOOT_MOVE_M = 0.05  # over which the limbs' pull on the centre of mass is measured
+FINAL_FOOT_M = 0.02  # of a foot at the end off its place under the body, along x and along y
+
+
+@dataclass(frozen=True)
+class MarginProfile:
+    """What a walk keeps clear of beyond (7) and (8): space for what the robot does not do as planned."""
+
+    least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
+    true_share: float  # the same with the limbs' own mass where it is and as it accelerates, while three feet stand
+    acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A corner of a limb's box (9a) that is left out: `normal_b` times the foot's place there is `most` at most."""
+
+    limb: int
+    normal_b: Array
+    most: float
+
+
+USUAL = MarginProfile(0.1275, 0.07, (1.0, 0.35))
+BOLD = MarginProfile(0.1275, 0.07, (2.0, 0.7))  # where strides are too long for the usual
+BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
+WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
+
+
+@dataclass(frozen=True)
+class WalkProblem:
+    """P1 of a walk."""
+
+    steps: int  # N
+    dt_s: float
+    gravity_w: Array
+    mass_kg: float
+    inertia_b: Array
+    friction: float  # of the cone a plan may use
+    wall_friction: float
+    max_normal_N: float  # of a foot
+    start_feet_w_m: Array  # (4, 2)
+    start: Pose
+    goal: Goal
+    goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start, or beside an obstacle there
+    foothold_ranges_w_m: FootholdRanges  # beside obstacles
+    boxes: AcceptanceBoxes  # of the foot points
+    cuts: tuple[Cut, ...]
+    body: BodyBounds
+    foot_speed_m_s: float
+    paces: tuple[float, float, float, float]  # of each foot, as a share of its speeds
+    foot_yaw_rad: tuple[float, float]  # relative to the body
+    foot_yaw_rate_rad_s: float
+    step_height_m: float
+    limbs_share: float  # of a foot's way over the body, how far it moves the centre of mass: limbs have mass too
+    neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
+    weights: Weights
+    profile: MarginProfile
+    opening_m: float  # of the fingers, all the time
+    heading_rad: float  # of this frame in W
+
+    @property
+    def pendulum_s2(self) -> float:
+        """By how much the centre of pressure is behind the centre of mass [m] for each m/s^2 of it."""
+        height = (self.start.position_m[2] + self.goal.body.position_m[2]) / 2
+        return float(height / -self.gravity_w[2])
+
+    def centre_of_pressure(self, places: Array) -> Array:
+        """Places (N + 1, ...) at the knots, less what moving masses at them by their acceleration do to the centre of
+        pressure.
+        """
+        ahead = np.zeros_like(places)
+        ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
+        centre_of_pressure: Array = places - self.pendulum_s2 / self.dt_s**2 * ahead
+        return centre_of_pressure
+
+
+def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
+    """P1 of a scenario with point contacts. Raises ScenarioError and InfeasibleError."""
+    if scenario.contact.model != "point":
+        raise wrong(scenario, "contact.model", scenario.contact.model, "expected point: this is about walks")
+    if scenario.holds:
+        raise wrong(scenario, "holds", scenario.holds[0].name, "expected none with contact.model point")
+    if scenario.contact.spine_shear_N or scenario.contact.spine_twist_Nm:
+        raise wrong(scenario, "contact.spine_shear_N", "above 0", "expected 0: feet on the surface have no spines")
+    walking = robot.walking
+    body = BodyBounds(robot.body.height_m, robot.body.max_tilt_rad, walking.max_speed_m_s, walking.max_rate_rad_s)
+    heading, start, goal = body_and_ends(scenario, body)
+    turn = abs(float(goal.rpy_rad[2]))
+    if turn > walking.foot_yaw_rad[1]:
+        raise InfeasibleError(
+            "goal bounds", f"goal.body.rpy_deg: the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
+        )
+    feet = np.array([scenario.start.feet[limb] for limb in LIMB_NAMES]) @ rotation_z(-heading)[:2, :2].T
+    boxes = _boxes(robot)
+    share, neutral = _limbs_pull(robot, start, feet)
+    goal_yaw = float(goal.rpy_rad[2])
+    goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T
+    slack = boxes.half_m[:2] - np.abs(goal_feet - goal.position_m[:2] - boxes.centre_b_m[:, :2]).max(axis=0)
+    ranges = foothold_ranges(scenario.obstacles, robot, heading, goal_yaw, feet, goal_feet, np.maximum(slack, 0.0))
+    problem = WalkProblem(
+        steps=scenario.horizon.steps,
+        dt_s=scenario.horizon.dt_s,
+        gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
+        mass_kg=robot.total_mass_kg,
+        inertia_b=composite_inertia(robot, posture(robot, start, feet)),
+        friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
+        wall_friction=scenario.wall.friction,
+        max_normal_N=scenario.contact.max_normal_N,
+        start_feet_w_m=feet,
+        start=start,
+        goal=Goal(goal, scenario.goal.tolerance_m, scenario.goal.tolerance_rad, {}),
+        goal_feet_w_m=np.clip(goal_feet, *ranges.last),
+        foothold_ranges_w_m=ranges,
+        boxes=boxes,
+        cuts=(),
+        body=body,
+        foot_speed_m_s=walking.foot_speed_m_s,
+        paces=(1.0, 1.0, 1.0, 1.0),
+        foot_yaw_rad=walking.foot_yaw_rad,
+        foot_yaw_rate_rad_s=walking.foot_yaw_rate_rad_s,
+        step_height_m=walking.step_height_m,
+        limbs_share=share,
+        neutral_feet_b_m=neutral,
+        weights=weights_of(scenario, WEIGHTS),
+        profile=USUAL,
+        opening_m=robot.gripper.opening_m[0],
+        heading_rad=heading,
+    )
+    _check_start(scenario, problem)
+    return problem
+
+
+def _boxes(robot: Robot) -> AcceptanceBoxes:
+    """(9a) of the feet, whose centres are their pads' radius above the surface."""
+    pad, walking = robot.gripper.pad_radius_m, robot.walking
+    boxes = acceptance_boxes(
+        robot.limbs,
+        WorkspaceRange(
+            robot.body.height_m,
+            (pad, pad),
+            pad + walking.step_height_m,
+            pad + walking.step_height_m,
+            robot.body.max_tilt_rad,
+            walking.foot_yaw_rad,
+        ),
+    )
+    return AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+
+
+def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
+    """Raise ScenarioError for a start foot out of reach, InfeasibleError where the surface is too steep to stand."""
+    rotation = rotation_from_rpy(problem.start.rpy_rad)
+    for limb, name in enumerate(LIMB_NAMES):
+        foot = np.append(problem.start_feet_w_m[limb], 0.0)
+        place = rotation.T @ (foot - problem.start.position_m)
+        beyond = np.abs(place - problem.boxes.centre_b_m[limb]) - problem.boxes.half_m
+        if beyond.max() > 0:
+            axis = int(np.argmax(beyond))
+            centre, half = problem.boxes.centre_b_m[limb][axis], problem.boxes.half_m[axis]
+            shown = "[{:g}, {:g}]".format(*scenario.start.feet[name])
+            raise wrong(
+                scenario,
+                f"start.feet.{name}",
+                shown,
+                f"out of reach by {1000 * beyond[axis]:.0f} mm: the foot is at {'xyz'[axis]} = {place[axis]:.3f} m "
+                f"in the body frame, {name} reaches {centre - half:.3f}..{centre + half:.3f} m",
+            )
+    along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
+    if along > problem.friction * max(across, 0.0):
+        needed = (
+            "no friction is enough"
+            if across <= _UPRIGHT_SHARE * along
+            else f"standing needs a friction of {along / across:.2f}"
+        )
+        raise InfeasibleError(
+            "equilibrium", f"wall.slope_deg: {needed}, wall.friction less its margin is {problem.friction:.2f}"
+        )
+
+
+def _limbs_pull(robot: Robot, start: Pose, feet: Array) -> tuple[float, Array]:
+    """How the feet's places move the centre of mass, linear about the start's posture: `limbs_share` and
+    `neutral_feet_b_m` of WalkProblem.
+    """
+    upright = Pose(start.position_m, np.zeros(3))
+    here = centre_of_mass(robot, posture(robot, upright, feet))
+    there = centre_of_mass(robot, posture(robot, upright, feet - np.array([_FOOT_MOVE_M, 0.0])))
+    share = float((here - there)[0]) / (4 * _FOOT_MOVE_M)
+    return share, feet - start.position_m[:2] - here[:2] / (4 * share)
+
+
+def posture(robot: Robot, start: Pose, feet: Array) -> dict[str, float]:
+    """Joint positions by name with the body at a pose and the feet (4, 2) on the surface."""
+    rotation = rotation_from_rpy(start.rpy_rad)
+    positions: dict[str, float] = {}
+    for limb, foot in zip(robot.limbs, feet, strict=True):
+        gripper = np.array([*foot, robot.gripper.pad_radius_m])
+        q, _ = inverse(limb, rotation.T @ (gripper - start.position_m), rotation.T)
+        positions.update(zip(limb.joint_names, q, strict=True))
+        positions.update(dict.fromkeys(limb.finger_joints, robot.gripper.opening_m[0]))
+    return positions

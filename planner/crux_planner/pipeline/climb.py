@@ -1,0 +1,238 @@
+"""Planning a climb: contact search, schedule, quasi-static body path, exact NLP, independent check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+from crux_contracts.scenario_reader import MAX_STEPS
+
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
+from crux_planner.checker import check_plan
+from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
+from crux_planner.model.build import build_problem
+from crux_planner.model.schedule import Move
+from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.explanation import check_start, explain
+from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.session import Climb, Progress, Work, begin, method_settings
+from crux_planner.pipeline.solve_and_check import finish, solve_and_check
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
+from crux_planner.search.torque_limits import TorqueLimits
+from crux_planner.solvers import clock
+from crux_planner.solvers.worker import Worker
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.solution import start_from_path
+
+QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
+GREED = 2.0  # the factor by which a sequence may be slower after that
+WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
+LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
+TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
+TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
+LONGER = 2  # times as long a horizon is tried where nothing is found
+ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
+
+
+def plan(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    method: str = "auto",
+    time_limit_s: float | None = None,
+    progress: Progress | None = None,
+    log: Callable[[str], None] | None = None,
+    prove_s: float | None = None,
+    worker: Worker | None = None,
+) -> PlanResult:
+    """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
+
+    The gap is what a bound beside the planning, in `worker`, proves of plans of as many steps with a fixed amount of
+    work; with `prove_s`, it goes on for up to so long.
+
+    Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
+    """
+    work, deadline = begin(scenario, method, time_limit_s, progress, log)
+    with work.part("problem", 0.0):
+        problem = build_problem(scenario, robot)
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
+        check_start(scenario, problem, equilibrium)
+        reach, swings = ReachableSet(problem), SwingCache(problem)
+    climb = Climb(scenario, robot, work, deadline, method, problem, equilibrium, reach, swings)
+    worker = worker or Worker(log=work.log)
+    work.bound = ClimbBoundWorker(worker, problem, prove_s)
+    try:
+        if method != "auto":
+            return _plan_by_method(climb)
+        result = _plan_anyhow(climb)
+    except InfeasibleError as none:
+        work.bound = None
+        worker.stop()  # what it bounds is of no use any more
+        reason, late = none, work.cut_short
+        if method == "auto":
+            reason = _cause(climb, none)
+        raise reason.out_of_time() if reason is none and (late or climb.late) else reason from None
+    finally:
+        worker.stop()
+    result.method, result.seconds = method, time.monotonic() - work.began
+    return result
+
+
+def _plan_anyhow(climb: Climb) -> PlanResult:
+    """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+    work = climb.work
+
+    def level(quick: bool) -> PlanResult:
+        return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
+
+    try:
+        return level(quick=True)
+    except InfeasibleError as none_quick:
+        none_level = none_quick
+    bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
+    if none_level.constraint != TIME_LIMIT:
+        if bound is not None:
+            bound.stop()
+        return plan_wider(climb, none_level, solve_and_check)
+    try:
+        return plan_wider(climb, none_level, solve_and_check, share=WIDER_SHARE)
+    except InfeasibleError as none_wider:
+        if none_wider.proven or climb.late:
+            raise
+        work.bound = bound
+        return level(quick=False)
+    finally:
+        if bound is not None and work.bound is None:
+            bound.stop()
+
+
+def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
+    """Why there is no plan: before another cause is blamed, whether a longer horizon has one."""
+    if none.proven or none.constraint == TIME_LIMIT or isinstance(none, HorizonError):
+        return none
+    given = climb.problem.steps
+    steps = min(max([LONGER * given, *(short.needed for short in climb.work.too_short)]), MAX_STEPS)
+    if steps > given and not climb.late:
+        longer = replace(
+            climb, scenario=rewritten(climb.scenario, steps=steps), problem=replace(climb.problem, steps=steps)
+        )
+        try:
+            _plan_level(longer, quick=True)
+            found = True
+        except InfeasibleError:
+            found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE)) is not None
+        if found:
+            text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
+            return HorizonError(f"{text}; allow as many", steps)
+    return none
+
+
+def _plan_level(climb: Climb, quick: bool) -> PlanResult:
+    """The body level, with one heading, and grasps in the middle of their faces.
+
+    `quick`: only by the quickest sequences of contacts, and only while these are found soon.
+    """
+    failures: list[InfeasibleError] = []
+    tighter = _tighter(climb)
+    for at_once in (1, 2):
+        if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
+            break
+
+        def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
+            with climb.work.part("contacts", 0.1):
+                moves, seen = _search(climb, at_once, quick)
+            if moves is not None:
+                return solve_and_check(climb, moves)
+            failures.append(explain(climb.problem, climb.equilibrium, climb.reach, climb.swings, seen, at_once))
+            return None
+
+        climb = _within_torques(climb, climb.problem.friction_share)
+        result, climb = attempts(
+            climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=climb.deadline
+        )
+        if result is not None:
+            result.gap = _proven_gap(climb.work, result.cost)
+            return result
+        climb.swings.allow_all()
+    raise failures[0]
+
+
+def _tighter(given: Climb) -> Callable[[Climb, InfeasibleError], Climb | None]:
+    """A remedy where the check refuses what grips carry: more is left for what moves between the knots, once."""
+    tight = TIGHTER * given.problem.friction_share
+
+    def tighter(climb: Climb, failure: InfeasibleError) -> Climb | None:
+        if not failure.constraint.startswith("limit_surface") or climb.problem.friction_share <= tight:
+            return None
+        return _within_torques(climb, tight)
+
+    return tighter
+
+
+def _within_torques(climb: Climb, friction_share: float) -> Climb:
+    """The climb with a share of the limit surface, and balance within joint torques."""
+    problem = replace(climb.problem, friction_share=friction_share)
+    return replace(climb, problem=problem, equilibrium=TorqueLimits(problem, friction_share))
+
+
+def _plan_by_method(climb: Climb) -> PlanResult:
+    """One of the paper's methods decides the contacts; the exact NLP and the check are the same for all."""
+    from crux_planner.admm.methods import METHODS, Task
+
+    work = climb.work
+    failures: list[InfeasibleError] = []
+    aimed = climb.problem.aimed()
+    if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
+        climb = replace(climb, problem=aimed)
+
+    def attempt(climb: Climb) -> PlanResult | InfeasibleError:
+        problem = climb.problem
+        equilibrium = StaticEquilibrium(problem, problem.friction_share)
+        with work.part("contacts", 0.1):
+            settings = method_settings(climb)
+            task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
+            decided = METHODS[climb.method](task)
+        alone = plan_message(climb.scenario, climb.robot, problem, decided.schedule, decided.solution, climb.method)
+        with work.part("check", 0.4):
+            alone_report = check_plan(alone, climb.robot)
+        found = finish(climb, decided.schedule, start_from_path(problem, decided.path, decided.schedule.yaw_rad))
+        if isinstance(found, PlanResult):
+            found.gap = _proven_gap(work, found.cost)
+            found.method, found.seconds = climb.method, time.monotonic() - work.began
+            found.iterations, found.history = decided.iterations, decided.residuals
+            worst = alone_report.to_json()["worst"][:1]
+            found.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+        else:
+            work.log(f"refused: {found}")
+        return found
+
+    result, _ = attempts(
+        climb, attempt, (_tighter(climb), without_blamed), failures, most=ATTEMPTS, until=climb.deadline
+    )
+    if result is None:
+        raise failures[0]
+    return result
+
+
+def _proven_gap(work: Work, cost: float) -> float | None:
+    """How far above a proven lower bound the cost is; None where there is no bound."""
+    if work.bound is None:
+        return None
+    with work.part("bound", 0.95):
+        return work.bound.gap(cost)
+
+
+def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
+    """The quickest moves if they are found with so much work, else any that are quick enough."""
+    greed, busy_until = GREED, np.inf
+    if quick:
+        greed, busy_until = 1.0, time.process_time() + QUICKEST_SHARE * (climb.deadline - clock.now())
+    oracles = climb.problem, climb.equilibrium, climb.reach, climb.swings
+    return search(*oracles, at_once=at_once, greed=greed, deadline=climb.deadline, busy_until=busy_until)

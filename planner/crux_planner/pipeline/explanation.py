@@ -1,0 +1,189 @@
+"""What to tell the user when a start cannot be used or the search finds no way: which constraint, which limb, where."""
+
+from __future__ import annotations
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import Scenario
+
+from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.poses import point_text
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Stance
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.swing.swing_cache import SwingCache
+
+_LACKING_N = 0.01  # a balance that lacks less is met
+
+
+def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
+    """Raise ScenarioError where a start grasp is out of reach or the start is not in equilibrium."""
+    rotation = rotation_from_rpy(problem.start.rpy_rad)
+    for limb, name in enumerate(LIMB_NAMES):
+        contact = problem.contacts[problem.start_contacts[limb]]
+        place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
+        centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
+        beyond = np.abs(place - centre) - half
+        if beyond.max() > 0:
+            axis = int(np.argmax(beyond))
+            low, high = centre[axis] - half[axis], centre[axis] + half[axis]
+            raise wrong(
+                scenario,
+                f"start.grasps.{name}.hold",
+                problem.hold_names[contact.hold],
+                f"out of reach by {1000 * beyond[axis]:.0f} mm: the gripper would be at {'xyz'[axis]} = "
+                f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m",
+            )
+    stance = problem.start_contacts
+    if equilibrium.position(stance, *[problem.start.position_m] * 3) is None:
+        lacking = equilibrium.missing_force(stance, *[problem.start.position_m] * 2)
+        raise wrong(
+            scenario,
+            "start.grasps",
+            _stance_text(problem, stance),
+            f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
+            f"{_counted(problem, stance)}; give the grasped faces more friction, or the body another place",
+        )
+
+
+def explain(
+    problem: Problem,
+    equilibrium: StaticEquilibrium,
+    reach: ReachableSet,
+    swings: SwingCache,
+    report: SearchReport,
+    at_once: int,
+) -> InfeasibleError:
+    """Why the search found nothing."""
+    return (
+        _goal_out_of_reach(problem, reach)
+        or _chain_broken(problem, reach, swings)
+        or _timed_out(problem, report)
+        or _goal_unbalanced(problem, equilibrium, report)
+        or _lift_unbalanced(problem, equilibrium, reach, report, at_once)
+        or InfeasibleError(
+            "passage",
+            f"from {_stance_text(problem, report.nearest)} no gripper gets on: other grippers or cuboids stand in the "
+            "way of every swing",
+        )
+    )
+
+
+def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:
+    goal, slack = problem.goal.body.position_m, problem.goal.position_slack_m
+    for limb, ends in enumerate(goal_contacts(problem, reach)):
+        if ends:
+            continue
+        wanted = problem.goal.grasps.get(limb)
+        usable = [
+            c
+            for c in problem.limb_contacts[limb]
+            if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted
+        ]
+        if not usable:
+            return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
+        low, high = reach.low[limb, usable], reach.high[limb, usable]
+        beyond = np.maximum(low - slack - goal, goal - slack - high).max(axis=1)
+        nearest = int(np.argmin(beyond))
+        hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
+        place = point_text(problem, goal)
+        if wanted is None:
+            text = f"no hold within reach of {LIMB_NAMES[limb]} for the goal body at {place}: the nearest, {hold}, is"
+        else:
+            text = f"goal.grasps.{LIMB_NAMES[limb]}: {hold} is out of reach for the goal body at {place}: it is"
+        return LevelGoalError("reach", f"{text} {1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace")
+    return None
+
+
+def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> InfeasibleError | None:
+    """A limb whose holds do not lead from start to goal, even with all other limbs out of the way."""
+    for limb, table in enumerate(costs_to_go(problem, reach, swings)):
+        if problem.start_contacts[limb] in table:
+            continue
+        low, high = reach.low[limb], reach.high[limb]
+        line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
+        usable = problem.limb_contacts[limb]
+        inside = (
+            ((line[:, None] >= low[usable] - 1e-9) & (line[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
+        )
+        if not inside.all():
+            first = int(np.argmin(inside))
+            after = first + int(np.argmax(inside[first:])) if inside[first:].any() else len(line)
+            span = f"{point_text(problem, line[first])} and {point_text(problem, line[after - 1])}"
+            return InfeasibleError("reach", f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}")
+        hold = problem.hold_names[problem.contacts[problem.start_contacts[limb]].hold]
+        if swings.any_forbidden:
+            return InfeasibleError(
+                "passage", f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
+            )
+        return InfeasibleError(
+            "reach",
+            f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal: no body position has both the hold "
+            "it leaves and one nearer the goal within reach, or tall obstacles close every way",
+        )
+    return None
+
+
+def _timed_out(problem: Problem, report: SearchReport) -> InfeasibleError | None:
+    if not report.timed_out:
+        return None
+    return InfeasibleError(
+        TIME_LIMIT,
+        f"no sequence of contacts found in the time allowed ({report.expanded} stances looked at, nearest to the goal: "
+        f"{_stance_text(problem, report.nearest)}); allow more with --time-limit",
+    )
+
+
+def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: SearchReport) -> InfeasibleError | None:
+    """The search reached stances with the goal in reach, but the body cannot stand there."""
+    if report.nearest is None or report.nearest_cost > 1e-9:
+        return None
+    lacking = equilibrium.missing_force(report.nearest, *[problem.goal.body.position_m] * 2)
+    return InfeasibleError(
+        "equilibrium",
+        f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
+        f"{max(lacking, _LACKING_N):.1f} N{_counted(problem, report.nearest)}",
+    )
+
+
+def _lift_unbalanced(
+    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, report: SearchReport, at_once: int
+) -> InfeasibleError | None:
+    bounds = reach.of(report.nearest) if report.nearest is not None else None
+    if report.nearest is None or bounds is None or not report.lifts_without_balance:
+        return None
+    limbs = sorted(report.lifts_without_balance) if at_once == 1 else list(range(4))
+    shortages = []
+    for limb in limbs:
+        support = tuple(c for other, c in enumerate(report.nearest) if other != limb)
+        shortages.append((equilibrium.missing_force(support, *bounds), limb))
+    lacking, limb = min(shortages)
+    return InfeasibleError(
+        "equilibrium",
+        f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on "
+        f"{_stance_text(problem, report.nearest, without=limb)}: "
+        + (
+            f"friction and spines fall short by {lacking:.1f} N{_counted(problem, report.nearest)}"
+            if lacking >= _LACKING_N
+            else "the joints are too weak for what friction would hold"
+        ),
+    )
+
+
+def _counted(problem: Problem, stance: Stance) -> str:
+    """What a shortage of force leaves out, where it leaves something out."""
+    if all(problem.contacts[c].better is None for c in stance):
+        return ""
+    return " with the lesser of a grip's two faces counted for both"
+
+
+def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:
+    if stance is None:
+        return "the start"
+    return ", ".join(
+        f"{name} {problem.hold_names[problem.contacts[c].hold]}"
+        for i, (name, c) in enumerate(zip(LIMB_NAMES, stance, strict=True))
+        if i != without
+    )

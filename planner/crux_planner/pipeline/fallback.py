@@ -1,0 +1,162 @@
+"""What `auto` tries where level bodies and centred grasps find no plan: another heading, then grasps off the middle.
+
+Proofs that no plan exists come first where they are quick, and last where they need a search.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, gap
+from crux_planner.certificates.bound.climb import EFFORT, lower_bound
+from crux_planner.certificates.infeasibility.infeasible import Proof
+from crux_planner.errors import FOR_ITS_REACH, HorizonError, InfeasibleError
+from crux_planner.model.arrays import Flags
+from crux_planner.model.build import build_problem
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move
+from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Climb
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.goal_pose import aimed
+from crux_planner.search.heading_search import HeadingSearch
+from crux_planner.search.stances import ReachableSet
+from crux_planner.search.standing import clear_start
+from crux_planner.solvers import clock
+from crux_planner.swing.swing_cache import SwingCache
+
+GREED = 3.0
+ATTEMPTS = 8
+
+SolveAndCheck = Callable[[Climb, list[Move]], PlanResult | InfeasibleError]
+
+TILT_SLACK_M, RESERVE_M = 0.008, 0.0015  # of a tilting body, and what is kept of the boxes for terms of second order
+PASSING_M = 0.006  # between grippers that pass each other where they leave no more space; the check asks for 3 mm
+AIMS = 4  # goal poses tried, each with ends in reach that none before has
+LEVELS = ((False, 0.0, None), (True, TILT_SLACK_M, None), (True, TILT_SLACK_M, PASSING_M))
+"""Grasps off the middle, space for a tilt, and clearance of passing grippers, None: the usual."""
+SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
+GENTLER = ((1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER))  # of limit surface and speed, one after the other
+PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
+GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
+TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
+SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
+
+
+def plan_wider(
+    climb: Climb, none_level: InfeasibleError, solve_and_check: SolveAndCheck, share: float | None = None
+) -> PlanResult:
+    """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
+
+    With `share`, searches take at most that of the time left, and no long proof follows.
+    """
+    work, deadline = climb.work, climb.deadline
+    proof = Proof(climb.scenario, climb.robot, climb.problem)
+    with work.part("proof", 0.1):
+        impossible = proof.quick() or proof.goal_equilibrium(clock.now() + GOAL_PROOF_S)
+        if impossible is not None:
+            raise impossible
+        none_level = proof.instead_of(none_level)
+        impossible = proof.disconnected(clock.now() + FIRST_PROOF_S)
+    if impossible is not None:
+        raise _explained(none_level, impossible)
+    if none_level.constraint == "horizon":
+        raise none_level  # what follows takes longer still
+    now = clock.now()
+    search_s = max(SEARCH_S, SEARCH_SHARE * (deadline - now))
+    until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + search_s)
+    found = plan_turning(climb, solve_and_check, until)
+    if found is not None:
+        result, wide = found
+        with work.part("bound", 0.95):  # of the problem with this aim and these grasps
+            bound = lower_bound(replace(wide, steps=result.steps), (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
+            result.gap = gap(result.cost, bound)
+        return result
+    if share is not None:
+        raise none_level
+    with work.part("proof", 0.9):
+        impossible = proof.disconnected(min(deadline, clock.now() + LAST_PROOF_S))
+    raise none_level if impossible is None else _explained(none_level, impossible)
+
+
+def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> tuple[PlanResult, Problem] | None:
+    """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found until then,
+    or made of it until the deadline.
+    """
+    work, boxes = climb.work, climb.problem.boxes
+    aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
+    for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
+        if aim > 0 and aims[off_centre, aim - 1] is None:
+            break
+        if clock.now() > until:
+            work.cut_short = True
+            break
+        if (off_centre, aim) not in aims:
+            tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
+            with work.part("problem", 0.1):
+                wider = build_problem(climb.scenario, climb.robot, off_centre=off_centre, boxes=boxes)
+                aims[off_centre, aim] = aimed(wider, tried)
+        found = aims[off_centre, aim]
+        if found is None:
+            continue
+        wide = replace(found[0], reach_reserve_m=RESERVE_M, tilt_slack_m=tilt_m)
+        if passing_m is not None:
+            wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
+        if off_centre and (start := clear_start(wide, SwingCache(wide))) is not None:
+            wide = replace(wide, start_contacts=start)
+        now = clock.now()
+        result = _plan_aimed(climb, wide, found[1], solve_and_check, now + TURN_SHARE * (until - now))
+        if result is not None:
+            return result, wide
+    return None
+
+
+def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> InfeasibleError:
+    """What stops a level body names the place best; the proof is about all others too."""
+    return InfeasibleError(none_level.constraint, f"{none_level} (proven {FOR_ITS_REACH}: {impossible})", proven=True)
+
+
+def _plan_aimed(
+    climb: Climb, problem: Problem, ends: Flags, solve_and_check: SolveAndCheck, until: float
+) -> PlanResult | None:
+    """A plan whose search chooses headings; None where none is found until then, or made of it until the deadline."""
+    work, given, gentler = climb.work, problem, list(GENTLER)
+
+    def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:
+        if clock.now() > until:
+            work.cut_short = True
+            return None
+        with work.part("headings", 0.2):
+            headings = HeadingSearch(climb.problem, climb.reach, climb.swings, ends)
+            moves, seen = headings.search(greed=GREED, deadline=until)
+        work.cut_short |= seen.timed_out
+        if moves is None:
+            return None
+        equilibrium = StaticEquilibrium(climb.problem, climb.problem.friction_share)
+        found = solve_and_check(replace(climb, equilibrium=equilibrium), moves)
+        if isinstance(found, HorizonError):
+            work.too_short.append(found)
+        if isinstance(found, InfeasibleError):
+            work.log(f"refused: {found}")
+        return found
+
+    def gentle(climb: Climb, failure: InfeasibleError) -> Climb | None:
+        if not failure.constraint.startswith("limit_surface") or not gentler:
+            return None
+        share, speed = gentler.pop(0)
+        body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
+        return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
+
+    wide = replace(climb, problem=problem, reach=ReachableSet(problem), swings=SwingCache(problem))
+    return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0]
+
+
+def without_blamed(climb: Climb, failure: InfeasibleError) -> Climb | None:
+    """A remedy: the move that is to blame goes another way from now on, or none."""
+    if failure.blamed is None:
+        return None
+    climb.swings.forbid(*failure.blamed)
+    return climb

@@ -1,0 +1,237 @@
+"""From a solution to the plan message (crux_msgs.plan_t), turned back from the heading frame to W."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import crux_msgs
+import numpy as np
+from crux_contracts.interpolation import is_walk
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Hold, Scenario
+
+from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.model.arrays import Array
+from crux_planner.model.kinematics import rotation_z
+
+if TYPE_CHECKING:
+    from crux_planner.checker import CheckReport
+    from crux_planner.model.gait import Gait
+    from crux_planner.model.problem import Problem
+    from crux_planner.model.schedule import Schedule
+    from crux_planner.model.walk_problem import WalkProblem
+    from crux_planner.pipeline.session import Work
+    from crux_planner.trajectory.solution import Solution, WalkSolution
+
+
+@dataclass
+class PlanResult:
+    """What `crux_planner.plan` gives back; `ok` means that the plan passed the check."""
+
+    ok: bool
+    plan: Any  # crux_msgs.plan_t
+    check: Any  # crux_planner.checker.CheckReport
+    cost: float
+    iterations: int
+    gait: list[str]
+    position_residual_m: float
+    force_residual_N: float
+    method: str = "auto"
+    seconds: float = 0.0
+    gap: float | None = None
+    history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
+    alone: dict[str, Any] | None = None  # what a method reached before the exact NLP
+    timing: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, plan: Any, check: CheckReport, solution: Solution | WalkSolution, gait: list[str], work: Work
+    ) -> PlanResult:
+        """A plan that passed the check, of the exact problem's solution."""
+        return cls(
+            ok=True,
+            plan=plan,
+            check=check,
+            cost=solution.cost,
+            iterations=solution.iterations,
+            gait=gait,
+            position_residual_m=solution.position_residual_m,
+            force_residual_N=solution.force_residual_N,
+            timing=work.seconds,
+        )
+
+    @property
+    def scope(self) -> str:
+        """What the gap is about: the plans that the bound of the cost is below."""
+        if is_walk(self.plan):
+            return f"{FOR_ITS_REACH}, its accelerations and single steps"
+        return f"{FOR_ITS_REACH}, its swings and its places on the holds"
+
+    @property
+    def steps(self) -> int:
+        """N of the plan: what J and the gap are about."""
+        return int(self.plan.n_knots) - 1
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """Of the consensus where the method is an ADMM, else of the exact NLP's dynamics."""
+        if self.history:
+            return self.history[-1]
+        return {"position_m": self.position_residual_m, "force_N": self.force_residual_N}
+
+    def to_json(self) -> dict[str, Any]:
+        """The object `crux plan --json` prints."""
+        return {
+            "ok": self.ok,
+            "method": self.method,
+            "seconds": round(self.seconds, 3),
+            "cost": self.cost,
+            "gap": self.gap,
+            "scope": None if self.gap is None else self.scope,
+            "steps": self.steps,
+            "dt_s": self.plan.dt_s,
+            "iterations": self.iterations,
+            "residuals": self.residuals,
+            "history": self.history,
+            "alone": self.alone,
+            "gait": self.gait,
+            "check": {"ok": self.check.ok, "worst": self.check.to_json()["worst"]},
+            "timing": self.timing,
+        }
+
+
+def plan_message(
+    scenario: Scenario, robot: Robot, problem: Problem, schedule: Schedule, solution: Solution, method: str = "auto"
+) -> Any:
+    """The plan as a message, complete with its plan_id."""
+    plan = plan_header(scenario, robot, solution.cost, method)
+    plan.patch_k_m = problem.patch.k_m
+    plan.max_normal_n = problem.patch.max_normal_N
+    plan.spine_shear_n = problem.patch.spine_shear_N
+    plan.spine_twist_nm = problem.patch.spine_twist_Nm
+    plan.knots = _knots(problem, schedule, solution)
+    plan.n_knots = len(plan.knots)
+    plan.plan_id = plan_id(plan)
+    return plan
+
+
+def walk_message(
+    scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution, method: str = "auto"
+) -> Any:
+    """The plan of a walk, complete with its plan_id (msgs/PLAN.md, point feet)."""
+    plan = plan_header(scenario, robot, solution.cost, method)
+    plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
+    plan.max_normal_n = problem.max_normal_N
+    to_w, heading = rotation_z(problem.heading_rad), problem.heading_rad
+    xy, z = gait.blend @ solution.footholds, problem.step_height_m * gait.height
+    feet = np.concatenate([xy, z[..., None]], axis=2) @ to_w.T
+    yaws, stance = gait.yaw(float(problem.goal.body.rpy_rad[2])) + heading, gait.stance
+    forces = np.concatenate([solution.forces, solution.forces[-1:]]) @ to_w.T  # the last knot repeats the one before
+    for k, state in enumerate(solution.body):
+        knot = crux_msgs.plan_knot_t()
+        knot.time_s = k * problem.dt_s
+        knot.body_position_w_m = list(to_w @ state[0:3])
+        knot.body_rpy_rad = list(state[3:6] + np.array([0.0, 0.0, heading]))
+        knot.body_velocity_w_m_s = list(to_w @ state[6:9])
+        knot.body_angular_velocity_b_rad_s = list(state[9:12])
+        for limb in range(4):
+            foot = crux_msgs.limb_knot_t()
+            standing = bool(stance[k, limb])
+            foot.phase = foot.STANCE if standing else foot.AIR
+            foot.hold = -1
+            foot.finger1_face = foot.FACE_WALL if standing else foot.FACE_NONE
+            foot.friction = problem.wall_friction if standing else 0.0
+            foot.gripper_position_w_m = list(feet[k, limb])
+            foot.gripper_yaw_w_rad = float(yaws[k, limb])
+            foot.finger_separation_m = 2 * problem.opening_m
+            foot.finger_force_w_n = [*(forces[k, limb] / 2)] * 2 if standing else [0.0] * 6
+            foot.finger_moment_w_nm = [0.0] * 6
+            knot.limbs[limb] = foot
+        plan.knots.append(knot)
+    plan.n_knots = len(plan.knots)
+    plan.plan_id = plan_id(plan)
+    return plan
+
+
+def plan_header(scenario: Scenario, robot: Robot, cost: float, method: str = "auto") -> Any:
+    """A plan_t with all that does not depend on the contact model: names, hashes, gravity, goal tolerances, cuboids."""
+    plan = crux_msgs.plan_t()
+    plan.format = crux_msgs.plan_t.FORMAT
+    plan.scenario_name = scenario.name
+    plan.scenario_yaml = scenario.yaml_text
+    plan.scenario_sha256 = scenario.sha256
+    plan.robot_name = robot.name
+    plan.robot_sha256 = robot.hash
+    plan.method = method
+    plan.cost = cost
+    plan.dt_s = scenario.horizon.dt_s
+    plan.gravity_w_m_s2 = list(scenario.wall.gravity_w_m_s2)
+    plan.goal_tolerance_m = scenario.goal.tolerance_m
+    plan.goal_tolerance_rad = scenario.goal.tolerance_rad
+    plan.holds = [_hold(cuboid) for cuboid in scenario.cuboids]
+    plan.n_holds = len(plan.holds)
+    return plan
+
+
+def _hold(cuboid: Any) -> Any:
+    hold = crux_msgs.hold_t()
+    graspable = isinstance(cuboid, Hold)
+    hold.name = cuboid.name
+    hold.graspable = int(graspable)
+    hold.position_w_m = [*cuboid.position_m, 0.0]
+    hold.size_m = list(cuboid.size_m)
+    hold.yaw_rad = cuboid.yaw_rad
+    hold.friction = list(cuboid.friction) if graspable else [0.0] * 5
+    hold.spines = [int(s) for s in cuboid.spines] if graspable else [0] * 5
+    return hold
+
+
+def _knots(problem: Problem, schedule: Schedule, solution: Solution) -> list[Any]:
+    to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
+    body = solution.body
+    columns = [body[:, 0:3] @ to_w.T, body[:, 3:6] + heading, body[:, 6:9] @ to_w.T, body[:, 9:12]]
+    limbs = _limbs(problem, schedule, solution, to_w)
+    knots = []
+    for k, (position, rpy, velocity, rate) in enumerate(zip(*(part.tolist() for part in columns), strict=True)):
+        knot = crux_msgs.plan_knot_t()
+        knot.time_s = k * problem.dt_s
+        knot.body_position_w_m, knot.body_rpy_rad = position, rpy
+        knot.body_velocity_w_m_s, knot.body_angular_velocity_b_rad_s = velocity, rate
+        knot.limbs = limbs[4 * k : 4 * k + 4]
+        knots.append(knot)
+    return knots
+
+
+def _limbs(problem: Problem, schedule: Schedule, solution: Solution, to_w: Array) -> list[Any]:
+    """Of all knots, four each."""
+    from crux_planner.physics.dynamics import WRENCH_INPUTS  # with casadi, which walks do without
+    from crux_planner.physics.limit_surface import finger_forces
+
+    held = [problem.contacts[c] if c is not None else None for knot in schedule.contacts for c in knot]
+    loads = [*solution.wrenches, solution.wrenches[-1]]  # the last knot repeats the one before
+    none = np.zeros(WRENCH_INPUTS)
+    q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
+    axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
+    forces, moments = ((part @ to_w.T).reshape(-1, 6).tolist() for part in finger_forces(q, axes, tangents))
+    positions = (schedule.poses[..., :3] @ to_w.T).reshape(-1, 3).tolist()
+    yaws = (schedule.poses[..., 3].ravel() + problem.heading_rad).tolist()
+    separations = (2 * schedule.poses[..., 4].ravel()).tolist()
+    messages = []
+    for i, contact in enumerate(held):
+        message = crux_msgs.limb_knot_t()
+        message.gripper_position_w_m, message.gripper_yaw_w_rad = positions[i], yaws[i]
+        message.finger_separation_m = separations[i]
+        message.finger_force_w_n, message.finger_moment_w_nm = forces[i], moments[i]
+        if contact is None:
+            message.phase, message.hold = crux_msgs.limb_knot_t.AIR, -1
+            message.finger1_face, message.friction = crux_msgs.limb_knot_t.FACE_NONE, 0.0
+        else:
+            message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
+            message.finger1_face, message.friction = contact.finger1_face, contact.friction
+        messages.append(message)
+    return messages
+
+
+_UP = np.array([0.0, 0.0, 1.0])  # any: nothing is multiplied by it

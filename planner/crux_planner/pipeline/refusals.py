@@ -1,0 +1,90 @@
+"""What the check asks for where it refuses a plan: a slower body on some supports, on a walk a smaller workspace.
+
+Between two knots the wrenches of a climb lag behind a body that moves. On a walk, near the stretched limb, a foot that
+keeps its speed needs joints without bounds: the planner knows no joints, and learns from the check's joint speeds which
+corner of the limb's box (9a) to leave out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+
+from crux_planner.checker import CheckReport
+from crux_planner.errors import InfeasibleError
+from crux_planner.model.arrays import Array
+from crux_planner.model.gait import Gait
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.schedule import Contacts, SpeedLimits
+from crux_planner.model.walk_problem import Cut, WalkProblem
+from crux_planner.physics.speed_limits import WANTED_N
+from crux_planner.trajectory.solution import WalkSolution
+
+BETWEEN_KNOTS = "limit_surface_between_knots"
+_LEAST_CUT = 0.8  # of the speed is left at most, so that every cut counts
+_BEGUN, _BLENDED = 0.1, 0.45  # of an interval: its own motion counts from, that of the one before to
+_STILL_M_S = 1e-4  # slower is no motion
+CUTS = 3  # times in a row
+_LEFT_OUT = 0.12  # of the way from the middle of the box to the place
+_FAR = 0.85  # of the box, along an axis: nearer to the middle a limb is not stretched
+
+
+class TooFast(InfeasibleError):
+    """A plan that the check refuses for what happens between its knots; with `speed_limits` it may pass."""
+
+    def __init__(self, refused: InfeasibleError, speed_limits: SpeedLimits) -> None:
+        super().__init__(refused.constraint, str(refused))
+        self.speed_limits = speed_limits
+
+
+def slowed(
+    speed_limits: SpeedLimits, report: CheckReport, contacts: list[list[int | None]], speed_m_s: Array, dt_s: float
+) -> dict[Contacts, float] | None:
+    """`speed_limits` with the speeds that the report asks for; None where more than slowness is wanted.
+
+    `contacts` and `speed_m_s` (N + 1,), the largest component of the body's velocity, are those of the plan's knots.
+    """
+    cut = dict(speed_limits)
+    for violation in report.violations:
+        if violation.constraint != BETWEEN_KNOTS or violation.time_s is None:
+            return None
+        k = min(int(violation.time_s / dt_s + 1e-9), len(speed_m_s) - 2)
+        share = violation.time_s / dt_s - k
+        at = [j for j in (k - 1, k) if j >= 0 and (share < _BLENDED if j < k else share > _BEGUN)]
+        fastest = float(np.max(speed_m_s[at]))
+        if fastest < _STILL_M_S:
+            return None
+        allowed = fastest * min(WANTED_N / violation.amount, _LEAST_CUT)
+        for j in at:
+            held = tuple(contacts[j])
+            cut[held] = min(cut.get(held, np.inf), allowed)
+    return cut
+
+
+def bent(problem: WalkProblem, gait: Gait, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:
+    """The walk without the corners in which joints are too fast; None where that is not what is wrong."""
+    cuts = []
+    for violation in report.violations:
+        if violation.constraint == "joint_speed" and violation.limb is not None and violation.time_s is not None:
+            limb = LIMB_NAMES.index(violation.limb)
+            cut = _cut(problem, gait, solution, limb, int(violation.time_s / problem.dt_s))
+            cuts += [] if cut is None else [cut]
+    return replace(problem, cuts=(*problem.cuts, *cuts)) if cuts else None
+
+
+def _cut(problem: WalkProblem, gait: Gait, solution: WalkSolution, limb: int, knot: int) -> Cut | None:
+    """What leaves out the corner that the foot is nearest to about a knot."""
+    about = np.clip(np.arange(knot - 1, knot + 3), 0, problem.steps)
+    plan = np.einsum("kj,ja->ka", gait.blend[about, limb], solution.footholds)
+    feet = np.column_stack([plan, problem.step_height_m * gait.height[about, limb]])
+    rotation = rotation_from_rpy(solution.body[about, 3:6])
+    places = np.einsum("kba,kb->ka", rotation, feet - solution.body[about, :3])
+    centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
+    shares = (places - centre) / half
+    corner = shares[int(np.argmax((shares**2).sum(axis=1)))]
+    if np.abs(corner).max() < _FAR:
+        return None
+    normal = corner / half
+    return Cut(limb, normal, float(normal @ centre + (1.0 - _LEFT_OUT) * corner @ corner))

@@ -1,0 +1,183 @@
+"""Planning again from the middle of a route, quickly: everything that does not depend on the start is kept.
+
+A `Planner` keeps the problem in numbers, the oracles of the search with all they have answered (balance, reach, ways)
+and the compiled equations. A plan made again starts at rest on a stance of the old one, and goes to the same goal.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import BodyPose, Scenario
+
+from crux_planner.errors import InfeasibleError
+from crux_planner.model.arrays import Array
+from crux_planner.model.build import build_problem, start_contacts, start_inertia
+from crux_planner.model.poses import check_body, pose_in_heading_frame
+from crux_planner.model.problem import Pose, Problem
+from crux_planner.model.schedule import Move, Schedule
+from crux_planner.pipeline.climb import plan
+from crux_planner.pipeline.fallback import plan_turning
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
+from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
+from crux_planner.pipeline.session import Climb, Work
+from crux_planner.pipeline.solve_and_check import finish, in_time, solve_and_check
+from crux_planner.search.body_path import knot_path
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.torque_limits import TorqueLimits
+from crux_planner.solvers import clock
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.solution import Start, start_from_path
+from crux_planner.trajectory.stage_functions import StageFunctions
+
+TIME_LIMIT_S = 10.0
+TURNING_S = 4.0  # at most, for the searches that choose headings
+_SLACK_M = 1e-3
+SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
+
+
+class Planner:
+    """Plans again and again on one wall, towards one goal."""
+
+    def __init__(self, scenario: Scenario, robot: Robot) -> None:
+        """Raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
+        self.scenario, self.robot = scenario, robot
+        self.problem = build_problem(scenario, robot)
+        self.equilibrium = TorqueLimits(self.problem, self.problem.friction_share)
+        self.reach, self.swings = ReachableSet(self.problem), SwingCache(self.problem)
+        self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
+
+    def replan(
+        self,
+        running: Any,
+        at_s: float,
+        *,
+        body: BodyPose | None = None,
+        without: Collection[str] = (),
+        time_limit_s: float = TIME_LIMIT_S,
+        log: Callable[[str], None] | None = None,
+    ) -> PlanResult:
+        """A checked plan from the stance that `running`, a plan of this wall, takes next at or after `at_s`.
+
+        `body` is where the body is meanwhile, if not where that plan has it; the holds in `without` are no holds any
+        more, but still in the way. The plan takes the steps the running one has left, or what the way takes if that is
+        more; ways are searched within what the scenario's horizon has left. `timing` has
+        stance, contacts, body, nlp and message, which are the planning, and the check. The running plan's own moves
+        are tried first, then others that lead back to them, then other headings and grasps (without a bound of the
+        cost); where all that finds nothing `plan` is asked, which also says why.
+        Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
+        """
+        began = time.monotonic()
+        work = Work(lambda _what, _share: None, log or (lambda _line: None))
+        with work.part("stance", 0.0):
+            deadline = clock.now() + time_limit_s
+            first = stance_knot(running, at_s)
+            scenario = scenario_at(self.scenario, running, first, body, without)
+            problem = self._from(scenario, without)
+            if body is not None:
+                check_body(scenario, problem.body, problem.start, problem.goal.body)
+            remaining = read_remaining(problem, running, first)
+        given = scenario, self.robot, work, deadline, "auto"
+        climb = Climb(*given, problem, self.equilibrium, self.reach, self.swings)
+        result = None
+        if remaining is not None and remaining.open_to(problem):
+            result = self._along(climb, remaining)
+        most = max(problem.steps, self.scenario.horizon.steps - first)
+        if result is None:
+            result = self._anew(climb, most, remaining)
+        if result is None:
+            scenario = rewritten(scenario, steps=most)
+            turning = replace(climb, scenario=scenario, problem=self.problem)
+            found = plan_turning(turning, self._solve_and_check, min(deadline, clock.now() + TURNING_S))
+            result = None if found is None else found[0]
+        if result is None:
+            work.log("the quick ways found no plan that passes the check; planning from scratch")
+            left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
+            scenario = rewritten(scenario, steps=left)
+            return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
+        result.seconds = time.monotonic() - began
+        return result
+
+    def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:
+        """The running plan's own moves, from the problem's start."""
+        begun = remaining.begun_at_rest(climb.problem)
+        timed = replace(climb, problem=replace(climb.problem, steps=begun.steps))
+        return self._finish(timed, begun.schedule, begun.start)
+
+    def _anew(self, climb: Climb, most: int, remaining: RemainingPlan | None) -> PlanResult | None:
+        """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
+        known = None if remaining is None else remaining.known(climb.problem)
+        with climb.work.part("contacts", 0.1):
+            oracles = replace(climb.problem, steps=most), self.equilibrium, self.reach, self.swings
+            moves, _ = search(*oracles, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
+        for spare in SPARE_KNOTS if moves is not None else ():
+            with climb.work.part("body", 0.3):
+                timed, schedule = in_time(climb, moves or [], spare)
+                path = knot_path(self._as_level(timed.problem), self.equilibrium, schedule)
+            if path is not None:
+                result = self._finish(timed, schedule, start_from_path(timed.problem, path))
+                if result is not None:
+                    return result
+        return None
+
+    def _solve_and_check(self, climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
+        """A checked plan for moves of a problem of its own, with the steps they need."""
+        climb, _ = in_time(climb, moves)
+        return solve_and_check(replace(climb, scenario=rewritten(climb.scenario, steps=climb.problem.steps)), moves)
+
+    def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
+        scenario = rewritten(climb.scenario, steps=climb.problem.steps)
+        problem = self._as_numbered_in(scenario, climb.problem)
+        functions = self.functions.started_elsewhere(problem)
+        found = finish(replace(climb, scenario=scenario, problem=problem), schedule, start, functions)
+        if isinstance(found, PlanResult):
+            return found
+        climb.work.log(f"refused: {found}")
+        return None
+
+    def _from(self, scenario: Scenario, without: Collection[str]) -> Problem:
+        """The problem with another start, in the same frame and with the same contacts, less those on some holds."""
+        problem = self.problem
+        start = pose_in_heading_frame(scenario.start.body, problem.heading_rad)
+        begin = start_contacts(scenario, self._as_numbered_in(scenario, problem).contacts, {})
+        lost = {self.scenario.hold_index(name) for name in without}
+        yaw = abs(float(start.rpy_rad[2]))  # speeds are bounded along axes of the first pose, not of this frame
+        speed = problem.body.max_speed_m_s / (math.cos(yaw) + math.sin(yaw))
+        return replace(
+            problem,
+            start=start,
+            body=replace(problem.body, max_speed_m_s=speed),
+            start_contacts=(begin[0], begin[1], begin[2], begin[3]),
+            limb_contacts=[
+                [c for c in usable if problem.contacts[c].hold not in lost] for usable in problem.limb_contacts
+            ],
+            steps=scenario.horizon.steps,
+            inertia_b=start_inertia(self.robot, start, [problem.contacts[c] for c in begin]),
+        )
+
+    def _as_numbered_in(self, scenario: Scenario, problem: Problem) -> Problem:
+        """The problem with its holds' numbers in a scenario where some have become obstacles."""
+        if len(scenario.holds) == len(self.scenario.holds):
+            return problem
+        numbers = {cuboid.name: i for i, cuboid in enumerate(scenario.cuboids)}
+        contacts = [replace(c, hold=numbers[problem.hold_names[c.hold]]) for c in problem.contacts]
+        return replace(problem, contacts=contacts)
+
+    def _as_level(self, problem: Problem) -> Problem:
+        """The problem as the path of a level body sees it: how the robot is tilted is left to the exact program."""
+        bounds = self.reach.of(problem.start_contacts)
+        position = problem.start.position_m if bounds is None else _inside(problem.start.position_m, *bounds)
+        return replace(problem, start=Pose(position, np.zeros(3)))
+
+
+def _inside(values: Array, low: Array, high: Array) -> Array:
+    """Values moved into bounds, with a little space where there is some."""
+    slack = np.minimum(_SLACK_M, (high - low) / 2)
+    return np.clip(values, low + slack, high - slack)

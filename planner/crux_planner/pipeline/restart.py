@@ -1,0 +1,89 @@
+"""Where a running plan can be left, and the scenario from there on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
+
+from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+def stances(running: Any) -> list[int]:
+    """The first knots at which all limbs hold on, one a stance: what a climb can be planned again from."""
+    holds = [tuple(int(limb.hold) for limb in knot.limbs) for knot in running.knots]
+    return [k for k, now in enumerate(holds) if min(now) >= 0 and (k == 0 or now != holds[k - 1])]
+
+
+def stance_knot(running: Any, at_s: float) -> int:
+    """The first knot at or after a time at which all limbs hold on. Raises InfeasibleError after the last one."""
+    k: int = max(0, math.ceil(at_s / running.dt_s - 1e-9))
+    while k < len(running.knots) and min(limb.hold for limb in running.knots[k].limbs) < 0:
+        k += 1
+    if k >= len(running.knots):
+        end_s = (len(running.knots) - 1) * running.dt_s
+        raise InfeasibleError("time", f"the plan ends at {end_s:g} s: nothing to plan again from at {at_s:g} s")
+    return k
+
+
+def scenario_at(
+    scenario: Scenario, running: Any, k: int, body: BodyPose | None = None, without: Collection[str] = ()
+) -> Scenario:
+    """The scenario with the stance at knot k of a plan for its start, the body there or elsewhere, and the steps left.
+
+    Holds in `without` become obstacles. Raises ScenarioError for a name that is no hold's, InfeasibleError where a limb
+    is on that hold, or should end on it.
+    """
+    knot = running.knots[k]
+    position, rpy_deg = knot.body_position_w_m, np.degrees(knot.body_rpy_rad).tolist()
+    if body is not None:
+        position, rpy_deg = body.position_m, list(body.rpy_deg)
+    held = {name: running.holds[limb.hold].name for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
+    for place, grasps in (("start", held), ("goal", {name: g.hold for name, g in scenario.goal.grasps.items()})):
+        for limb, hold in grasps.items():
+            if hold in without:
+                raise InfeasibleError(f"{place} grasp", f"{place}.grasps.{limb}: {hold} is no hold any more")
+    start = {
+        "body": {"position_m": [float(v) for v in position], "rpy_deg": rpy_deg},
+        "grasps": {
+            name: {
+                "hold": held[name],
+                "faces": PAIR_NAMES[limb.finger1_face // 2],
+                "finger1": FACE_NAMES[limb.finger1_face],
+            }
+            for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)
+        },
+    }
+    return rewritten(scenario, start=start, steps=max(1, len(running.knots) - 1 - k), without=without)
+
+
+def rewritten(
+    scenario: Scenario, *, steps: int, start: dict[str, Any] | None = None, without: Collection[str] = ()
+) -> Scenario:
+    """The scenario with other steps, another start if one is given, and some holds become obstacles."""
+    if start is None and not without and steps == scenario.horizon.steps:
+        return scenario
+    content = yaml.load(scenario.yaml_text, Loader=_LOADER)
+    content["horizon"]["steps"] = int(np.int64(steps))
+    if start is not None:
+        content["start"] = start
+    names = [hold["name"] for hold in content["holds"]]
+    for name in without:
+        if name not in names:
+            raise wrong(scenario, "without", name, f"expected one of the holds {', '.join(names)}")
+    lost = [hold for hold in content["holds"] if hold["name"] in without]
+    if lost:
+        content["holds"] = [hold for hold in content["holds"] if hold["name"] not in without]
+        kept = ("name", "position_m", "size_m", "yaw_deg")
+        as_obstacles = [{key: hold[key] for key in kept if key in hold} for hold in lost]
+        content["obstacles"] = [*content.get("obstacles", []), *as_obstacles]
+    return parse_scenario(yaml.dump(content, Dumper=_DUMPER, sort_keys=False), scenario.path)

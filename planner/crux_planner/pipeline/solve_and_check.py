@@ -1,0 +1,207 @@
+"""From a schedule to a checked plan: body path, exact P1, message, check; and what is to blame where one is refused."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+
+from crux_planner.checker import CheckReport, check_plan
+from crux_planner.errors import HorizonError, InfeasibleError, unsolved
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move, Schedule
+from crux_planner.physics.cost import plan_cost
+from crux_planner.physics.speed_limits import foreseen
+from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.message import PlanResult, plan_message
+from crux_planner.pipeline.refusals import TooFast, slowed
+from crux_planner.pipeline.session import Climb
+from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.event_cost import EventCost, Timed
+from crux_planner.search.improve import improve
+from crux_planner.search.schedule import at_knots, least_durations, scheduled
+from crux_planner.solvers import clock
+from crux_planner.trajectory.exact import solve_within_torques
+from crux_planner.trajectory.solution import Start, start_from_path
+from crux_planner.trajectory.stage_functions import StageFunctions
+from crux_planner.trajectory.waiting import without_waiting
+
+SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
+IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """A climb's problem, and where the times of its moves are chosen already, these."""
+
+    problem: Problem
+    timed: Timed | None
+
+
+def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
+    """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
+    work, as_given = climb.work, climb.problem
+    with work.part("improve", 0.3):
+        costs = EventCost(as_given, climb.equilibrium, climb.reach, climb.swings)
+        level = moves and not as_given.turns  # its estimates are of a level body that takes steps
+        busy_until = time.process_time() + IMPROVING_SHARE * (climb.deadline - clock.now())
+        timed = improve(costs, moves, climb.deadline, busy_until=busy_until) if level else None
+    stances = [held for move in moves for held in (move.before, move.held, move.after)]
+    slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
+    problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
+    failures: list[InfeasibleError] = []
+
+    def as_unforeseen(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
+        if (
+            not isinstance(failure, HorizonError)
+            or choice.problem.speed_limits == as_given.speed_limits
+            or failures[1:]
+        ):
+            return None
+        failures.clear()  # the check may forgive what was foreseen
+        return _Choice(as_given, None)
+
+    def slower(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
+        if not isinstance(failure, TooFast):
+            return None
+        return _Choice(replace(choice.problem, speed_limits=failure.speed_limits), None)
+
+    def untimed(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
+        return None if choice.timed is None or isinstance(failure, HorizonError) else replace(choice, timed=None)
+
+    result, _ = attempts(
+        _Choice(problem, timed),
+        lambda choice: _schedule_and_finish(replace(climb, problem=choice.problem), choice.timed, moves),
+        (as_unforeseen, slower, untimed),
+        failures,
+        most=SLOWINGS + (timed is not None),
+        until=climb.deadline,
+    )
+    return result or failures[0]
+
+
+def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
+    with climb.work.part("body", 0.4):
+        try:
+            schedule = (
+                at_knots(climb.problem, climb.swings, timed.moves, timed.stances, timed.swings)
+                if timed is not None
+                else evenly(climb, moves)
+            )
+        except HorizonError as too_short:
+            return too_short
+        aimed, path = path_to_goal(climb.problem, climb.equilibrium, schedule)
+    if path is None:
+        text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
+        return InfeasibleError("body", text).blaming(longest(climb.problem, schedule.moves))
+    return finish(replace(climb, problem=aimed), schedule, start_from_path(aimed, path, schedule.yaw_rad))
+
+
+def evenly(climb: Climb, moves: list[Move]) -> Schedule:
+    """The moves as they are, the time to spare spread over stances and swings. Raises HorizonError."""
+    problem = climb.problem
+    moves = smooth_events(problem, climb.equilibrium, climb.reach, climb.swings, moves)
+    return scheduled(problem, climb.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+
+
+def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:
+    """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
+    problem, swings = climb.problem, climb.swings
+    moves = smooth_events(problem, climb.equilibrium, climb.reach, swings, moves)
+    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+    needed = int(sum(part.sum() for part in least_durations(problem, swings, moves, step)))
+    problem = replace(problem, steps=max(problem.steps, needed) + spare)
+    return replace(climb, problem=problem), scheduled(problem, swings, moves, step)
+
+
+def path_to_goal(
+    problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule
+) -> tuple[Problem, BodyPath | None]:
+    """A body path to the middle of the goal's tolerance where there is one, else to where it may end at all."""
+    aimed = problem.aimed()
+    path = knot_path(aimed, equilibrium, schedule)
+    return (aimed, path) if path is not None else (problem, knot_path(problem, equilibrium, schedule))
+
+
+def finish(
+    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None = None
+) -> PlanResult | InfeasibleError:
+    """The exact NLP and the check for a schedule, whatever method found it: without its waits, unless that fails or the
+    scenario keeps them.
+    """
+    if climb.scenario.planner.idle != "keep":
+        problem, shorter, begun = without_waiting(climb.problem, schedule, start)
+        if problem.steps < climb.problem.steps:
+            attempt = _finish_as_it_is(replace(climb, problem=problem), shorter, begun, functions)
+            if isinstance(attempt, PlanResult):
+                return attempt
+            climb.work.log(f"refused without its waits: {attempt}")
+    return _finish_as_it_is(climb, schedule, start, functions)
+
+
+def _finish_as_it_is(
+    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None
+) -> PlanResult | InfeasibleError:
+    problem, work = climb.problem, climb.work
+    if work.bound is not None:
+        work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
+    with work.part("nlp", 0.5):
+        solution = solve_within_torques(problem, schedule, start, climb.deadline, functions)
+    if not solution.solved:
+        return unsolved(gait(schedule), solution.status).blaming(longest(problem, schedule.moves))
+    with work.part("message", 0.8):
+        message = plan_message(climb.scenario, climb.robot, problem, schedule, solution, climb.method)
+    with work.part("check", 0.8):
+        report = check_plan(message, climb.robot)
+    if not report.ok:
+        speed = np.abs(solution.body[:, 6:9]).max(axis=1)
+        speed_limits = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
+        refused = _refused(report) if speed_limits is None else TooFast(_refused(report), speed_limits)
+        return refused.blaming(_blamed(report, schedule, problem))
+    return PlanResult.of(message, report, solution, schedule.gait, work)
+
+
+def gait(schedule: Schedule) -> str:
+    """The limbs in the order in which they release, as text."""
+    return ", ".join(schedule.gait) or "without a step"
+
+
+def _refused(report: CheckReport) -> InfeasibleError:
+    first = max(report.violations, key=lambda v: v.amount)
+    who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
+    when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
+    return InfeasibleError(
+        first.constraint,
+        f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
+        f"{first.amount:.3g} {first.unit} {first.detail}".rstrip(),
+    )
+
+
+def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> tuple[int, int] | None:
+    """The move during which the check found the worst violation of a limb; else the longest."""
+    for violation in sorted(report.violations, key=lambda v: -v.amount):
+        if violation.limb is None or violation.time_s is None:
+            continue
+        limb, k = LIMB_NAMES.index(violation.limb), int(violation.time_s / problem.dt_s)
+        if (move := _move_at(schedule, k, limb)) is not None:
+            return move
+    return longest(problem, schedule.moves)
+
+
+def _move_at(schedule: Schedule, k: int, limb: int) -> tuple[int, int] | None:
+    """The move of a limb that is in the air at a knot."""
+    before = [c for knot in schedule.contacts[: k + 1] if (c := knot[limb]) is not None]
+    after = [c for knot in schedule.contacts[k:] if (c := knot[limb]) is not None]
+    return (before[-1], after[0]) if before and after and before[-1] != after[0] else None
+
+
+def longest(problem: Problem, moves: list[Move]) -> tuple[int, int] | None:
+    """The move over the greatest distance."""
+    pairs = [(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs]
+    contacts = problem.contacts
+    if not pairs:
+        return None
+    return max(pairs, key=lambda p: float(abs(contacts[p[1]].centre_w_m - contacts[p[0]].centre_w_m).sum()))

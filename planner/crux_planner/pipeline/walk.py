@@ -1,0 +1,232 @@
+"""Planning a walk: gaits by local search on J or by one of the paper's methods; the exact problem; the check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
+
+from crux_planner.admm.walk_contact_block import WalkContacts
+from crux_planner.certificates.bound.bound_worker import BoundWorker
+from crux_planner.certificates.bound.walk import lower_bound
+from crux_planner.checker import check_plan
+from crux_planner.checker.report import CheckReport
+from crux_planner.errors import InfeasibleError, unsolved, wrong
+from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
+from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.message import PlanResult, walk_message
+from crux_planner.pipeline.refusals import CUTS, bent
+from crux_planner.pipeline.session import Progress, Session, begin, method_settings
+from crux_planner.solvers import clock
+from crux_planner.solvers.worker import Worker, spare_cores
+from crux_planner.trajectory.waiting import walk_without_waiting
+from crux_planner.trajectory.walk_exact import of_knots, solve
+from crux_planner.trajectory.walk_qp import WalkKnots
+
+FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
+PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
+GENTLER = 3  # times
+ATTEMPTS = 3  # gaits of a search that get an exact solution
+_SPEEDS = ("swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
+_FRICTION = ("limit_surface", "limit_surface_between_knots")
+
+
+@dataclass(frozen=True)
+class Walk(Session):
+    """A walk with the margins it is planned with, and as it was asked for; what its worker has to spare."""
+
+    problem: WalkProblem
+    asked: WalkProblem
+    worker: Worker
+
+
+class RefusedError(InfeasibleError):
+    """The check refuses a walk; `paces` are shares of each foot's speeds at which its joints keep theirs."""
+
+    def __init__(self, report: CheckReport) -> None:
+        worst = max(report.violations, key=lambda v: v.amount)
+        text = f"every walk found fails the check: {worst.constraint} by {worst.amount:.3g} {worst.unit}"
+        super().__init__(worst.constraint, text)
+        paces = dict.fromkeys(LIMB_NAMES, 1.0)
+        for joint in report.joints:
+            if joint.peak_speed_rad_s > joint.speed_limit_rad_s:
+                paces[joint.limb] = min(
+                    paces[joint.limb], PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
+                )
+        self.paces = tuple(paces.values())
+
+
+def plan(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    method: str = "auto",
+    time_limit_s: float | None = None,
+    progress: Progress | None = None,
+    log: Callable[[str], None] | None = None,
+    worker: Worker | None = None,
+) -> PlanResult:
+    """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
+    work, deadline = begin(scenario, method, time_limit_s, progress, log)
+    worker = worker or Worker(log=work.log)
+    try:
+        with work.part("problem", 0.0):
+            problem = build_walk(scenario, robot)
+        result = _plan(Walk(scenario, robot, work, deadline, method, problem, problem, worker))
+    except InfeasibleError as none:
+        raise none.out_of_time() if clock.now() > deadline else none from None
+    finally:
+        worker.stop()
+    result.method, result.seconds = method, time.monotonic() - work.began
+    return result
+
+
+def _plan(walk: Walk) -> PlanResult:
+    """With the usual margins, then bolder where nothing was found; gentler where the check refused what was found."""
+    attempt = _by_search if walk.method == "auto" else _by_method
+    failures: list[InfeasibleError] = []
+    for profile in (USUAL, BOLD, BOLDEST):
+        given = replace(walk, problem=replace(walk.asked, profile=profile))
+        remedies = (_slower_feet, _slower, _less_friction)
+        result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.deadline)
+        if result is not None:
+            return result
+        if failures[-1].constraint == "horizon" or walk.late:
+            break
+    raise failures[0]
+
+
+def _slower_feet(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    if not isinstance(refused, RefusedError) or min(refused.paces) >= 1.0:
+        return None
+    return replace(walk, problem=slower(walk.problem, refused.paces))
+
+
+def _slower(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    too_fast = refused.constraint in _SPEEDS
+    return replace(walk, problem=gentler(walk.problem, 1.0, SPEED_SHARE)) if too_fast else None
+
+
+def _less_friction(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    slips = refused.constraint in _FRICTION
+    return replace(walk, problem=gentler(walk.problem, FRICTION_SHARE, 1.0)) if slips else None
+
+
+def slower(problem: WalkProblem, paces: Sequence[float]) -> WalkProblem:
+    """The walk with feet as much slower as their joints ask for."""
+    lf, rf, lr, rr = (pace * share for pace, share in zip(problem.paces, paces, strict=True))
+    return replace(problem, paces=(lf, rf, lr, rr))
+
+
+def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
+    """The walk with a share of its friction and of its speeds."""
+    body = replace(problem.body, max_speed_m_s=speed * problem.body.max_speed_m_s)
+    return replace(
+        problem,
+        friction=friction * problem.friction,
+        foot_speed_m_s=speed * problem.foot_speed_m_s,
+        foot_yaw_rate_rad_s=speed * problem.foot_yaw_rate_rad_s,
+        body=body,
+    )
+
+
+def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
+    return _first_good(walk, WalkContacts(walk.problem, workers=_team(walk.worker)).search(walk.deadline))
+
+
+def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
+    """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
+    from crux_planner.admm.walk_methods import METHODS, WalkTask
+
+    scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
+    if method not in METHODS:
+        raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
+    workers = _team(walk.worker)
+    contacts = WalkContacts(problem, workers=workers)
+    try:
+        with work.part("contacts", 0.1):
+            contacts.begin(walk.deadline)
+            decided = METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
+    except InfeasibleError as none:
+        return none
+    gait = decided.knots.gait
+    alone = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
+    with work.part("check", 0.4):
+        alone_report = check_plan(alone, walk.robot)
+    result = _first_good(walk, contacts.near(gait, walk.deadline))
+    if isinstance(result, PlanResult):
+        result.iterations, result.history = decided.iterations, decided.residuals
+        worst = alone_report.to_json()["worst"][:1]
+        result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+    return result
+
+
+def _team(worker: Worker) -> list[Worker]:
+    """What the search shares its work with, where the machine has a second core."""
+    return [worker] if spare_cores() else []
+
+
+def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | InfeasibleError:
+    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
+    fails or the scenario keeps them.
+    """
+    failure: InfeasibleError | None = None
+    bound = BoundWorker(walk.worker, np.inf)
+    for _ in range(ATTEMPTS):
+        try:
+            with walk.work.part("contacts", 0.1):
+                knots = next(found, None)
+        except InfeasibleError as none:
+            return failure or none
+        if knots is None:
+            break
+        attempt = _finish(walk, bound, knots)
+        if isinstance(attempt, PlanResult):
+            return attempt
+        failure = failure or attempt
+    bound.stop()
+    assert failure is not None
+    return failure
+
+
+def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
+    """The exact problem and the check for a gait, whatever found it: without its waits, unless that fails or the
+    scenario keeps them.
+    """
+    if walk.scenario.planner.idle != "keep":
+        shorter, moving = walk_without_waiting(walk.problem, knots)
+        if shorter.steps < walk.problem.steps:
+            attempt = _finish_as_it_is(replace(walk, problem=shorter), bound, moving)
+            if isinstance(attempt, PlanResult):
+                return attempt
+            walk.work.log(f"refused without its waits: {attempt}")
+    return _finish_as_it_is(walk, bound, knots)
+
+
+def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
+    problem, work, gait = walk.problem, walk.work, knots.gait
+    bounded = replace(walk.asked, profile=problem.profile, steps=problem.steps)
+    bound.start((bounded.steps, bounded.profile), lower_bound, bounded)
+    for _ in range(1 + CUTS):
+        with work.part("nlp", 0.5):
+            solution = solve(problem, knots, walk.deadline)
+        if not solution.solved:
+            return unsolved(", ".join(gait.names), solution.status)
+        with work.part("check", 0.8):
+            message = walk_message(walk.scenario, walk.robot, problem, gait, solution, walk.method)
+            report = check_plan(message, walk.robot)
+        less = None if report.ok else bent(problem, gait, solution, report)
+        if less is None:
+            break
+        problem = less
+    if not report.ok:
+        return RefusedError(report)
+    result = PlanResult.of(message, report, solution, gait.names, work)
+    with work.part("bound", 0.95):
+        result.gap = bound.gap(result.cost)
+    return result

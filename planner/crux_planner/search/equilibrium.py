@@ -1,0 +1,149 @@
+"""Static balance on a set of grasps: is there a body position within bounds, and a wrench for every gripper?
+
+The oracle of the search. Balance (8) is linear (physics.dynamics.static_map), the limit surface (2)+(3) enters as its
+inner polytope, scaled by a margin. Least-norm wrenches, one product with a stored matrix, settle most queries; a small
+QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and twist of a finger, net force along the axis.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
+
+_SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
+WRENCH = 5  # QP variables a gripper: w and the smaller normal force n of its two fingers
+FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact
+MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
+_POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
+
+
+class StaticEquilibrium:
+    """Balance queries of one problem; contacts are indices into `problem.contacts`."""
+
+    def __init__(self, problem: Problem, margin: float) -> None:
+        self.problem, self.margin = problem, margin
+        self.queries = self.solves = 0
+        self.maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
+        self.friction = np.array([c.grip_friction for c in problem.contacts])
+        self.directions, self.reach, spine = polytope_directions(problem.patch.k_m)
+        box = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in problem.contacts])
+        self.spine = margin * box @ spine.T  # (C, 26)
+        self.max_normal_N = margin * problem.patch.max_normal_N
+        # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
+        self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
+        self.weight_moment = skew(problem.weight_N)  # balance: sum of moments about the origin = weight_moment @ r
+        # Twists count as the forces at the patch's rim that make them.
+        self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
+        self._least_norm: dict[tuple[int, ...], Array] = {}
+        self._known: dict[tuple[Any, ...], Array | None] = {}
+
+    def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+        """A body position in [low, high], near `wanted`, in balance on the contacts `support`; None if none exists."""
+        self.queries += 1
+        support = tuple(sorted(support))
+        key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
+        if key not in self._known:
+            near = np.clip(wanted, low, high)
+            settled = self._least_norm_fits(support, near)
+            self._known[key] = near if settled else self._solve(support, low, high, wanted)
+        return self._known[key]
+
+    def right_side(self, position: Array) -> Array:
+        """What the grippers' forces and moments about the origin must sum to, (6,)."""
+        return np.concatenate([-self.problem.weight_N, self.weight_moment @ position])
+
+    def limit_rows(self, contact: int) -> tuple[Array, Array]:
+        """(A, b), A @ (s1, s2, m, F, n) <= b: limit surface and largest normal force, at the margin."""
+        rows = np.zeros((len(self.reach) + 2, WRENCH))
+        rows[:-2, :3] = self.directions
+        rows[:-2, 4] = -self.margin * self.reach * self.friction[contact]
+        rows[-2:, 3:] = [[1.0, 1.0], [-1.0, 1.0]]
+        return rows, np.concatenate([self.spine[contact], self.press_N[contact]])
+
+    def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
+        """Least force [N] that balance lacks for body positions in [low, high].
+
+        Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
+        """
+        n = 3 + WRENCH * len(support)
+        limits, bounds, wrench_low, wrench_high = self._limits(support)
+        rows = np.hstack([np.zeros((len(limits), 3)), limits])
+        low, high = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
+        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about_middle[3:] /= MOMENT_ARM_M
+        weighted = about_middle @ self._balance_matrix(support)
+        target = about_middle @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
+        cost = weighted.T @ weighted + 1e-9 * np.eye(n)
+        found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()
+        return float(np.linalg.norm(weighted @ found.x - target)) if found.solved else float("inf")
+
+    def _least_norm_fits(self, support: tuple[int, ...], position: Array) -> bool:
+        if support not in self._least_norm:
+            effort = np.tile(self.effort, len(support))
+            self._least_norm[support] = np.linalg.pinv(self._joined(support) / effort) / effort[:, None]
+        index = list(support)
+        right = self.right_side(position)
+        wrench = (self._least_norm[support] @ right).reshape(-1, 4)
+        residual = self._joined(support) @ wrench.ravel() - right
+        load = self.margin * self.reach * self.friction[index][:, None]
+        excess = wrench[:, :3] @ self.directions.T - self.spine[index]
+        normal = np.where(excess > 0, excess / np.maximum(load, 1e-12), 0.0).max(axis=1)
+        press = normal[:, None] + wrench[:, 3:] * np.array([1.0, -1.0])
+        return bool(np.abs(residual).max() < 1e-6 and (press <= self.press_N[index]).all())
+
+    def _joined(self, support: tuple[int, ...]) -> Array:
+        return np.concatenate(self.maps[list(support)], axis=1)
+
+    def _balance_matrix(self, support: tuple[int, ...]) -> Array:
+        """(6, 3 + 5 m): of (body position, wrenches), equal to (-M g, 0) in balance."""
+        matrix = np.zeros((6, 3 + WRENCH * len(support)))
+        matrix[3:, :3] = -self.weight_moment
+        for i, c in enumerate(support):
+            matrix[:, 3 + WRENCH * i : 7 + WRENCH * i] = self.maps[c]
+        return matrix
+
+    def _limits(self, support: tuple[int, ...]) -> tuple[Array, Array, Array, Array]:
+        """Limit rows and bounds of the wrenches of all grippers in `support`."""
+        n = WRENCH * len(support)
+        parts = [self.limit_rows(c) for c in support]
+        rows = np.zeros((sum(len(b) for _, b in parts), n))
+        for i, (a, _) in enumerate(parts):
+            rows[i * len(a) : (i + 1) * len(a), WRENCH * i : WRENCH * (i + 1)] = a
+        high = np.tile([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N], len(support))
+        low = -high
+        low[4::WRENCH] = 0.0
+        return rows, np.concatenate([b for _, b in parts]), low, high
+
+    def _solve(
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted: Array,
+        further: tuple[Array, Array] | None = None,
+    ) -> Array | None:
+        """A body position in balance near `wanted`; `further` are rows (A, b) on (position, wrenches), A x <= b."""
+        self.solves += 1
+        n = WRENCH * len(support)
+        limits, bounds, wrench_low, wrench_high = self._limits(support)
+        equilibrium = self._balance_matrix(support)
+        cost = np.concatenate(
+            [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
+        )
+        linear = np.concatenate([-_POSITION_WEIGHT * wanted, np.zeros(n)])
+        rows = np.hstack([np.zeros((len(limits), 3)), limits])
+        if further is not None:
+            rows, bounds = np.vstack([rows, further[0]]), np.concatenate([bounds, further[1]])
+        right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
+        lows, highs = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        qp = Qp(np.diag(cost), linear, (equilibrium, right), (rows, None, bounds), lows, highs, **_SETTINGS)
+        found = qp.solve()
+        return np.clip(found.x[:3], low, high) if found.solved else None

@@ -1,0 +1,81 @@
+"""Which pose within the goal's tolerances to aim at: one that leaves every limb the most holds.
+
+The tolerances (some 10 mm and 3 degrees, and with them a tilt) move the acceptance boxes by centimetres against the
+wall, so that a goal may be in reach of holds only at one edge of what it allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Flags
+from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.problem import Goal, Pose, Problem
+
+_SAMPLES = 4000
+_USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and around it
+_RESERVE_M = 0.0005  # to the boxes' faces
+_NEW = 100.0  # an end not tried counts more than any choice
+_STRAYING = 1.0  # share of a limb's choice that the whole tolerance is worth
+
+
+def aimed(problem: Problem, tried: Sequence[Flags] = ()) -> tuple[Problem, Flags] | None:
+    """The problem with a goal pose that suits the wall, and which contacts (4, C) are in reach there; None if none.
+
+    `tried` are the contacts of poses aimed at before: the new one reaches others, as many as there are.
+    """
+    goal = problem.goal
+    share = _unit_balls(_SAMPLES)  # (n, 2, 3)
+    position = goal.body.position_m + _USED_SHARE * goal.tolerance_m * share[:, 0]
+    position[:, 2] = np.clip(position[:, 2], *problem.body.height_m)
+    rpy = goal.body.rpy_rad + _USED_SHARE * goal.tolerance_rad * share[:, 1]
+    most = _USED_SHARE * problem.body.max_tilt_rad
+    rpy[:, :2] = np.clip(rpy[:, :2], -most, most)
+    reached = _reached(problem, position, rpy) & _usable(problem, rpy[:, 2])
+    holds = np.array([c.hold for c in problem.contacts])
+    starts = np.unique(holds, return_index=True)[1]
+    order = np.argsort(holds, kind="stable")
+    by_hold = np.logical_or.reduceat(reached[..., order], np.searchsorted(holds[order], holds[starts]), axis=2)
+    choice = by_hold.sum(axis=2)  # (n, 4) holds
+    worth = np.where(choice > 0, np.log(np.maximum(choice, 1)), -np.inf).sum(axis=1)
+    worth -= _STRAYING * np.linalg.norm(share, axis=2).sum(axis=1)
+    if tried:
+        new = (reached & ~np.logical_or.reduce(tried)).any(axis=2).sum(axis=1)  # limbs that have another end there
+        worth = np.where(new > 0, worth + _NEW * new, -np.inf)
+    best = int(np.argmax(worth))
+    if not np.isfinite(worth[best]):
+        return None
+    pose = Pose(position[best], rpy[best])
+    there = Goal(pose, _LEFT_SHARE * goal.tolerance_m, _LEFT_SHARE * goal.tolerance_rad, goal.grasps)
+    return replace(problem, goal=there, turns=True), reached[best]
+
+
+def _unit_balls(count: int) -> Array:
+    """Points (count, 2, 3) of two unit balls, the middle first, more towards the rims; always the same ones."""
+    random = np.random.default_rng(0)
+    points = random.normal(size=(count, 2, 3))
+    points *= (random.random((count, 2)) ** (1 / 6) / np.linalg.norm(points, axis=2))[..., None]
+    points[0] = 0.0
+    return points
+
+
+def _reached(problem: Problem, position: Array, rpy: Array) -> Flags:
+    """(n, 4, C) whether (9a) holds for each contact at body poses (n, 3), (n, 3)."""
+    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    place = (centres - position[:, None]) @ rotation_from_rpy(rpy)  # (n, C, 3)
+    beyond = np.abs(place[:, None] - problem.boxes.centre_b_m[:, None]) - problem.boxes.half_m
+    return np.asarray((beyond <= -_RESERVE_M).all(axis=3))
+
+
+def _usable(problem: Problem, yaw: Array) -> Flags:
+    """(n, 4, C) whether a limb may use a contact at headings (n,), and end on it."""
+    low, high = problem.gripper_yaw_rad
+    fingers = np.array([c.spines_only for c in problem.contacts])
+    may = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
+    for limb, wanted in problem.goal.grasps.items():
+        may[limb] &= np.array([(c.hold, c.pair) == wanted for c in problem.contacts])
+    turned = np.array([c.yaw_rad for c in problem.contacts]) - yaw[:, None]
+    return np.asarray(may & ((turned >= low) & (turned <= high))[:, None])

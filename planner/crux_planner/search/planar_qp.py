@@ -1,0 +1,270 @@
+"""What a gait costs, nearly: P2a of a walk in the plane, a fifth of the size of trajectory.walk_qp's.
+
+The body keeps its height. Normal forces are shares of the weight and lateral forces follow from where they act, so
+that (8) is two rows a knot; tilting and turning cost no force here, but they are as slow as there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.gait import Gait, nominal_footholds, progress
+from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.physics.walk_bounds import (
+    apart_rows,
+    body_bounds,
+    foothold_bounds,
+    least_load_N,
+    rate_steps,
+    step_rows,
+)
+from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
+from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import Rows
+
+_BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
+_MOVED_SHARE = 0.5  # of a foot's least load that is left when the body has moved on
+_FREE = 1e3  # a bound beyond what matters
+_ITERATIONS = 30  # gaits that need more have no solution
+_ACCURACY = dict.fromkeys(("eps_abs", "eps_rel", "eps_duality_gap_abs", "eps_duality_gap_rel"), 1e-4)
+
+
+@dataclass(frozen=True)
+class FlatWalk:
+    """J, nearly; footholds (4 + S, 2), the body's states (N + 1, 12), foot forces (N, 4, 3) [N]; what each foot on the
+    ground costs, and what each in the air would save were it on the ground (N, 4).
+    """
+
+    gait: Gait
+    cost: float
+    footholds: Array
+    body: Array
+    forces: Array
+    worth: Array
+
+
+class FlatQp:
+    """The QP of one problem for any gait; rows that gaits have in common are built once."""
+
+    def __init__(self, problem: WalkProblem) -> None:
+        self.problem = problem
+        n, dt = problem.steps, problem.dt_s
+        self.across = -float(problem.gravity_w[2])
+        self.height = problem.pendulum_s2 * self.across
+        self.weight_N = problem.mass_kg * self.across
+        k = np.arange(n)
+        second = np.zeros((n, n + 1))  # a_k of explicit Euler, at rest after the last knot
+        second[k, k] += 1.0
+        second[k, k + 1] -= 2.0
+        second[k, np.minimum(k + 2, n)] += 1.0
+        self._second = second / dt**2
+        first = np.zeros((n, n + 1))
+        first[k, k], first[k, k + 1] = -1.0 / dt, 1.0 / dt
+        # variables: the body's of every knot, then loads, then footholds
+        self._at_loads = 5 * (n + 1)
+        motion = self.height / self.across * self._second - np.eye(n, n + 1)
+        tilting = self._second * np.diag(problem.inertia_b)[[1, 0], None, None] / self.weight_N
+        rows, columns, values = [], [], []
+        for axis, (turn, sign) in enumerate(((3, 1.0), (2, -1.0))):
+            for matrix, which in ((motion, axis), (sign * tilting[axis], turn)):
+                i, j = np.nonzero(matrix)
+                rows.append(n + 2 * i + axis)
+                columns.append(5 * j + which)
+                values.append(matrix[i, j])
+        self._motion = [np.concatenate(each) for each in (rows, columns, values)]
+        goal = problem.goal.body
+        self._goal = np.concatenate([goal.position_m[:2], goal.rpy_rad])
+        weights = problem.weights
+        self._pull = np.array([weights.position] * 2 + [weights.orientation] * 3)
+        self._linear = np.tile(-2 * self._pull * self._goal, n + 1)
+        self._first = first
+        self._hessian = self._body_hessian()
+
+    def _body_hessian(self) -> tuple[Indices, Indices, Array]:
+        """Rows, columns, values of Q on the body's pose and its rates."""
+        rates = 2 * self.problem.weights.velocity * self._first.T @ self._first
+        i, j = np.nonzero(rates)
+        knots = np.arange(self.problem.steps + 1)
+        rows, columns, values = [], [], []
+        for axis, weight in enumerate(self._pull):
+            rows += [5 * knots + axis, 5 * i + axis]
+            columns += [5 * knots + axis, 5 * j + axis]
+            values += [np.full(len(knots), 2 * weight), rates[i, j]]
+        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+
+    def solve(self, gait: Gait) -> FlatWalk | None:
+        """Minimise J; None where the gait has no solution."""
+        problem, n = self.problem, self.problem.steps
+        spots = foothold_bounds(problem, gait)
+        low, high = (each[:, _BODY].copy() for each in body_bounds(problem, gait))
+        if spots is None or (low > high).any():
+            return None
+        low[1] = high[1] = low[0]  # at rest
+        stance = gait.stance[:n]
+        k, i = np.nonzero(stance)
+        count, at_l = len(k), self._at_loads
+        at_h = at_l + count
+        size = at_h + 2 * len(gait.steps)
+        whole = gait.blend
+        blend, fixed = whole[:, :, 4:], whole[:, :, :4] @ problem.start_feet_w_m
+        places = nominal_footholds(problem, gait)
+        places[4:] = nominal = np.clip(places[4:], *spots)
+        feet = whole @ places
+        even = stance / stance.sum(axis=1, keepdims=True)
+        # loads sum to the weight; (8a), (8b) linear about even loads on nominal footholds
+        load = at_l + np.arange(count)
+        carried = np.einsum("ki,kij->kj", even, blend[:n])
+        here, which = np.nonzero(carried)
+        rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
+        columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
+        values = [np.ones(count), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
+        equal = _matrix(rows, columns, values, (3 * n, size))
+        lean = self.height / self.across * problem.gravity_w[:2] + carried @ nominal
+        right = np.concatenate([np.ones(n), lean.ravel()])
+        weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
+        others = np.arange(at_l, size)
+        own = np.concatenate([np.full(count, weight), np.full(size - at_h, 2 * FOOTHOLD_WEIGHT)])
+        hessian = _matrix([self._hessian[0], others], [self._hessian[1], others], [self._hessian[2], own], (size, size))
+        linear = np.concatenate([self._linear, np.zeros(count), -2 * FOOTHOLD_WEIGHT * nominal.ravel()])
+        least = least_load_N(problem) / self.weight_N
+        most = problem.max_normal_N / self.weight_N
+        found = Qp(
+            hessian,
+            linear,
+            (equal, right),
+            self._inequalities(gait, k, i, whole, fixed, places, at_h, size),
+            np.concatenate([np.maximum(low, -_FREE).ravel(), np.full(count, least), spots[0].ravel()]),
+            np.concatenate([np.minimum(high, _FREE).ravel(), np.full(count, most), spots[1].ravel()]),
+            max_iter=_ITERATIONS,
+            **_ACCURACY,
+        ).solve()
+        if not found.solved:
+            return None
+        values_x = found.x
+        body = values_x[:at_l].reshape(n + 1, 5)
+        loads = np.zeros((n, 4))
+        loads[k, i] = values_x[at_l:at_h]
+        footholds = np.vstack([problem.start_feet_w_m, values_x[at_h:].reshape(-1, 2)])
+        dual = found.multipliers
+        pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
+        worth = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
+        cost = self._cost(gait, body, loads, stance)
+        return FlatWalk(gait, cost, footholds, self._states(body), self._forces(body, loads, stance), worth)
+
+    def _states(self, body: Array) -> Array:
+        """(N + 1, 12): the height goes straight from start to goal."""
+        states = np.zeros((self.problem.steps + 1, BODY_STATES))
+        states[:, _BODY] = body
+        states[:, 2] = np.linspace(self.problem.start.position_m[2], self.problem.goal.body.position_m[2], len(body))
+        states[:-1, 6:] = np.diff(states[:, :6], axis=0) / self.problem.dt_s
+        return states
+
+    def _forces(self, body: Array, loads: Array, stance: Flags) -> Array:
+        lateral = self.problem.mass_kg * (self._second @ body[:, :2] - self.problem.gravity_w[:2])
+        share = stance / stance.sum(axis=1, keepdims=True)
+        forces: Array = np.concatenate([share[..., None] * lateral[:, None], self.weight_N * loads[..., None]], axis=2)
+        return forces
+
+    def _cost(self, gait: Gait, body: Array, loads: Array, stance: Flags) -> float:
+        """J; the feet in stance share the lateral force."""
+        problem, weights = self.problem, self.problem.weights
+        lateral = problem.mass_kg * (self._second @ body[:, :2] - problem.gravity_w[:2])
+        squares = self.weight_N**2 * float((loads**2).sum())
+        squares += float(((lateral**2).sum(axis=1) / stance.sum(axis=1)).sum())
+        total = float((self._pull * (body - self._goal) ** 2).sum())
+        total += weights.velocity * float(((self._first @ body) ** 2).sum())
+        return total + FORCE_SHARE * weights.wrench * squares + gait_cost(problem, gait)
+
+    def _inequalities(
+        self, gait: Gait, k: Indices, i: Indices, whole: Array, fixed: Array, nominal: Array, at_h: int, size: int
+    ) -> tuple[sp.csc_matrix, Array, Array]:
+        """(7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
+        rows, problem, blend = Rows(), self.problem, whole[:, :, 4:]
+        fastest = rate_steps(problem)[list(_BODY)] / problem.dt_s
+        speed = np.full(2, problem.body.max_speed_m_s)
+        for matrix, most in ((self._second, fastest), (self._first, speed)):
+            at, j = np.nonzero(matrix)
+            for axis in range(len(most)):
+                rows.entries(len(most) * at + axis, 5 * j + axis, matrix[at, j])
+            rows.close(np.tile(-most, problem.steps), np.tile(most, problem.steps))
+        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
+        yaw = way * float(problem.goal.body.rpy_rad[2])
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)[1:]
+        self._reach(rows, blend, fixed, yaw, turned, at_h)
+        self._three_feet(rows, gait, (k, i), blend, fixed, whole @ nominal, turned, at_h)
+        step_rows(rows, problem, gait, nominal, at_h)
+        apart_rows(rows, blend, fixed, at_h)
+        return rows.all(size, zeros=True)
+
+    def _reach(self, rows: Rows, blend: Array, fixed: Array, yaw: Array, turned: Array, at_h: int) -> None:
+        """(9a): offsets in the body frame, along and across."""
+        problem, n = self.problem, self.problem.steps
+        knots = np.arange(1, n + 1)
+        for limb in range(4):
+            centre, half = problem.boxes.centre_b_m[limb, :2], problem.boxes.half_m[:2]
+            moved, j = np.nonzero(blend[1:, limb])
+            for axis in (0, 1):
+                row = 2 * (knots - 1) + axis
+                for b in (0, 1):
+                    rows.entries(row, 5 * knots + b, -turned[:, axis, b])
+                    value = turned[moved, axis, b] * blend[1 + moved, limb, j]
+                    rows.entries(row[moved], at_h + 2 * j + b, value)
+                sign = 1 - 2 * axis
+                rows.entries(row, 5 * knots + 3 - axis, np.full(n, sign * self.height))
+                rows.entries(row, 5 * knots + 4, np.full(n, sign * centre[1 - axis]))
+            known = np.einsum("kab,kb->ka", turned, fixed[1:, limb])
+            known += np.outer(yaw[1:], centre[::-1] * [-1.0, 1.0])
+            rows.close((centre - half - known).ravel(), (centre + half - known).ravel())
+
+    def _three_feet(
+        self,
+        rows: Rows,
+        gait: Gait,
+        places: tuple[Indices, Indices],
+        blend: Array,
+        fixed: Array,
+        feet: Array,
+        turned: Array,
+        at_h: int,
+    ) -> None:
+        """The limbs' mass on three feet; the same feet when the body has moved on to the next knot."""
+        problem, n = self.problem, self.problem.steps
+        number = np.full((n, 4), -1)
+        number[places] = np.arange(len(places[0]))
+        three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
+        on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
+        corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
+        shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
+        spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
+        neutral = np.einsum("kba,b->ka", turned[np.maximum(three - 1, 0)], problem.neutral_feet_b_m.sum(axis=0))
+        together = problem.centre_of_pressure(blend.sum(axis=1))[three]
+        seen, j = np.nonzero(together)
+        for corner in range(3):
+            row = 3 * np.arange(len(three)) + corner
+            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
+            for b in (0, 1):
+                rows.entries(row, 5 * three + b, -4 * spread[:, corner, b])
+                rows.entries(row[seen], at_h + 2 * j + b, spread[seen, corner, b] * together[seen, j])
+                for ahead, share in enumerate((1.0, -2.0, 1.0)):
+                    value = 4 * share * inertia * spread[:, corner, b]
+                    rows.entries(row, 5 * np.minimum(three + ahead, n) + b, value)
+        known = np.einsum("kab,kb->ka", spread, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
+        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
+        for corner in range(3):
+            row = 3 * np.arange(len(three)) + corner
+            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
+            for b in (0, 1):
+                rows.entries(row, 5 * three + b, -shift[:, corner, b])
+                rows.entries(row, 5 * three + 5 + b, shift[:, corner, b])
+        rows.close(_MOVED_SHARE * problem.profile.least_share, np.inf, 3 * len(three))
+
+
+def _matrix(rows: list[Indices], columns: list[Indices], values: list[Array], shape: tuple[int, int]) -> sp.csc_matrix:
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return sp.csc_matrix((np.concatenate(values), where), shape)

@@ -1,0 +1,118 @@
+"""Balance that the motors can hold: the oracle of the search, with joint torques.
+
+For a level body at a given place the torques of a limb are linear in its gripper's wrench. Where the wrenches found
+first ask too much of a motor, a QP with torque rows looks for others, and for a better place of the body beside. Which
+limb is on a contact follows from where it is: the limbs' acceptance boxes lie in a quadrant each.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.physics.torque import JOINTS, joint_torques
+from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
+
+SLACK = 1.1  # of the NLP's limits: its body may tilt
+_ROUNDS = 3  # of linearising torques about where the body came to be
+_MOVED_M = 0.005  # torques are taken as exact so near to where they were linearised
+
+
+class TorqueLimits(StaticEquilibrium):
+    """Balance queries that count joint torques."""
+
+    def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
+        """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
+        super().__init__(problem, margin)
+        self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
+        self.gravity_w = problem.gravity_w
+        self._quadrant = np.sign(problem.boxes.centre_b_m[:, :2])
+        self._functions = [_torque_map(problem, limb) for limb in range(len(problem.limb_masses))]
+        self._strong: dict[tuple[Any, ...], Array | None] = {}
+
+    def turned(self, problem: Problem) -> TorqueLimits:
+        """The same for `problem`, which is this one's in turned axes: limbs and motors are the same."""
+        other = copy.copy(self)
+        StaticEquilibrium.__init__(other, problem, self.margin)
+        other.gravity_w, other._strong = problem.gravity_w, {}
+        return other
+
+    def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+        """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
+        support = tuple(sorted(support))
+        key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
+        if key not in self._strong:
+            self._strong[key] = self._held(support, low, high, wanted)
+        return self._strong[key]
+
+    def by_friction(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+        """As `StaticEquilibrium.position`, however strong the motors would have to be: much quicker."""
+        return super().position(support, low, high, wanted)
+
+    def _held(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+        place = super().position(support, low, high, wanted)
+        if place is None or self._least_norm_is_light(support, place):
+            return place
+        for start in (place, (low + high) / 2):
+            place = np.clip(start, low, high)
+            for _ in range(_ROUNDS):
+                found = self._solve_within(support, low, high, wanted, place)
+                if found is None:
+                    break
+                moved, place = float(np.abs(found - place).max()), found
+                if moved < _MOVED_M:
+                    return place
+        return None
+
+    def _least_norm_is_light(self, support: tuple[int, ...], place: Array) -> bool:
+        """Whether the wrenches of least norm are within the limit surface and the torques."""
+        if not self._least_norm_fits(support, place):
+            return False
+        wrench = (self._least_norm[support] @ self.right_side(place)).reshape(-1, 4)
+        for (rows, still, limit), w in zip(self._torques(support, place), wrench, strict=True):
+            if (np.abs(rows @ w + still) > limit).any():
+                return False
+        return True
+
+    def _torques(self, support: tuple[int, ...], place: Array) -> list[tuple[Array, Array, Array]]:
+        """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
+        parts = []
+        for index in support:
+            contact = self.problem.contacts[index]
+            side = np.where(contact.centre_w_m[:2] >= place[:2], 1.0, -1.0)
+            limb = int(np.argmax((self._quadrant == side).all(axis=1)))
+            rows, still = self._functions[limb](
+                place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w
+            )
+            parts.append((np.array(rows), np.array(still).ravel(), self.limits_Nm[limb]))
+        return parts
+
+    def _solve_within(
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, about: Array
+    ) -> Array | None:
+        """A body position in balance, with torques as they are at `about`."""
+        rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
+        right = np.zeros(len(rows))
+        for i, (torques, still, limit) in enumerate(self._torques(support, about)):
+            at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
+            rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
+            right[at] = np.concatenate([limit - still, limit + still])
+        return self._solve(support, low, high, wanted, (rows, right))
+
+
+def _torque_map(problem: Problem, limb: int) -> ca.Function:
+    """(place, centre, axis, tangent, gravity) -> A (6, 4), b (6,) of the torques A @ (s1, s2, m, F) + b, level body."""
+    names = ("place", "centre", "axis", "tangent", "gravity")
+    place, centre, axis, tangent, gravity = (ca.SX.sym(name, 3) for name in names)
+    w = ca.SX.sym("w", 4)
+    force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
+    torques = joint_torques(
+        problem.limb_masses[limb], place, ca.DM.zeros(3), centre, axis, force, 2 * w[2] * axis, gravity
+    )
+    still = ca.substitute(torques, w, ca.DM.zeros(4))
+    return ca.Function(f"torque_map_{limb}", [place, centre, axis, tangent, gravity], [ca.jacobian(torques, w), still])

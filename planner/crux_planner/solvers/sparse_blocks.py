@@ -1,0 +1,83 @@
+"""Sparse matrices put together block by block, and products with cross-product matrices, many at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from crux_planner.model.arrays import Array, Indices
+
+_INFINITE = 1e30  # as PIQP has it
+
+
+class Entries:
+    """Entries of a sparse matrix, gathered block by block."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Indices, Indices, Array]] = []
+
+    def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
+        self._parts.append((rows, columns, values))
+
+    def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
+        """Blocks (n, a, b) with their first rows and columns (n,)."""
+        a, b = values.shape[1:]
+        shape = (len(rows), a, b)
+        row = np.broadcast_to(rows[:, None, None] + np.arange(a)[:, None], shape)
+        column = np.broadcast_to(columns[:, None, None] + np.arange(b), shape)
+        self._parts.append((row.ravel(), column.ravel(), values.ravel()))
+
+    def dense(self, row: int, columns: Indices, values: Array) -> None:
+        """One block from `row` on, its columns anywhere."""
+        a, b = values.shape
+        rows = np.repeat(row + np.arange(a), b)
+        self._parts.append((rows, np.tile(columns, a), values.ravel()))
+
+    def matrix(
+        self, shape: tuple[int, int], more: sp.coo_matrix | None = None, *, zeros: bool = False
+    ) -> sp.coo_matrix:
+        """The sum of all entries and `more`; with `zeros`, those that are 0 stay part of its pattern."""
+        parts = [*self._parts, *([] if more is None else [(more.row, more.col, more.data)])]
+        rows, columns, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        solid = np.full(values.shape, True) if zeros else values != 0.0
+        return sp.coo_matrix((values[solid], (rows[solid], columns[solid])), shape)
+
+
+class Rows(Entries):
+    """low <= matrix @ x <= high, gathered group by group: `close` ends one, whose rows are numbered from 0."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+        self._low: list[Array] = []
+        self._high: list[Array] = []
+
+    def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
+        super().entries(self.count + rows, columns, values)
+
+    def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
+        super().blocks(self.count + rows, columns, values)
+
+    def dense(self, row: int, columns: Indices, values: Array) -> None:
+        super().dense(self.count + row, columns, values)
+
+    def close(self, low: Array | float, high: Array | float, rows: int | None = None) -> None:
+        """End a group with its bounds, numbers for as many `rows`."""
+        shape = (len(np.atleast_1d(high)) if rows is None else rows,)
+        self._low.append(np.broadcast_to(low, shape))
+        self._high.append(np.broadcast_to(high, shape))
+        self.count += shape[0]
+
+    def all(self, size: int, *, zeros: bool = False) -> tuple[sp.csc_matrix, Array, Array]:
+        """The matrix for x (size,), with its explicit zeros or without, and the bounds as PIQP has them."""
+        low, high = np.concatenate(self._low), np.concatenate(self._high)
+        matrix = self.matrix((self.count, size), zeros=zeros).tocsc()
+        return matrix, np.maximum(low, -_INFINITE), np.minimum(high, _INFINITE)
+
+
+def skews(v: Array) -> Array:
+    """(..., 3, 3) of (..., 3)."""
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return flat.reshape(*v.shape, 3)

@@ -1,0 +1,232 @@
+"""The way of a gripper from one grasp to the next: straight up, across above (or around) everything, straight down.
+
+Equation (14) is kept over the whole way as msgs/PLAN.md reads it between knots, not only at the knots: lifting and
+lowering run along the gripped faces with the fingers open, and everything in between is a polyline of one height.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact, GripperShape
+from crux_planner.model.cuboids import Cuboids
+from crux_planner.model.limits import SwingLimits
+
+STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
+HEIGHT_RESERVE_M = 0.002
+_SAMPLE_M = 0.01
+_BODY_SIDE = 0.5  # way that a metre nearer to the body is worth
+_CORNERS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])  # going round
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A way from one contact to another; `stations` are (x, y, z, yaw, opening) at the corners of the way.
+
+    Station 0 is above the old grasp, the last one above the new grasp. `legs` are the least numbers of intervals
+    between stations, `rise` and `fall` those of the vertical ways.
+    """
+
+    start: Contact
+    end: Contact
+    stations: Array
+    legs: tuple[int, ...]
+    rise: int
+    fall: int
+
+    @property
+    def intervals(self) -> int:
+        """Least number of knot intervals from the first knot in the air to touch-down."""
+        return self.rise + sum(self.legs) + self.fall
+
+    def poses(self, intervals: int) -> Array:
+        """(intervals + 1, 5) poses at knots, from the old grasp (fingers closed on it) to the new one."""
+        legs = list(self.legs)
+        for _ in range(intervals - self.intervals):  # spare time goes to the leg with the longest steps
+            steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
+            legs[int(np.argmax(steps))] += 1
+        first, last = _closed(self.start), _closed(self.end)
+        swings = [_line(_open(self.start), self.stations[0], self.rise)]
+        swings += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
+        swings += [_line(self.stations[-1], _open(self.end), self.fall)]
+        poses: Array = np.vstack([first, *[way[1:] for way in swings[:-1]], swings[-1][1:-1], last])
+        return poses
+
+
+def plan_swing(
+    start: Contact,
+    end: Contact,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    *,
+    body_line_w_m: Array | None = None,
+    skip: int = 0,
+) -> Swing | None:
+    """The best way found from `start` to `end`, or None where tall cuboids leave none.
+
+    The best way is short and, where there is a choice, on the side of the body, whose path runs along `body_line_w_m`
+    (2, 2): there the limb itself keeps off what its gripper goes around. `skip` leaves out the best ones.
+    """
+    for corners in _candidate_ways(start, end, cuboids, shape, limits, body_line_w_m):
+        way = _stations(start, end, corners)
+        height = _clear_height(start, end, way, cuboids, shape, limits)
+        if height is None:
+            continue
+        if skip > 0:
+            skip -= 1
+            continue
+        way[:, 2] = max(height, start.centre_w_m[2], end.centre_w_m[2])
+        reach = STEP_SHARE * limits.speed_m_s * limits.dt_s
+        turn = STEP_SHARE * limits.yaw_rate_rad_s * limits.dt_s
+        steps = np.abs(np.diff(way, axis=0))
+        legs = [max(1, int(np.ceil(np.linalg.norm(s[:3]) / reach)), int(np.ceil(s[3] / turn))) for s in steps]
+        rise = max(1, int(np.ceil((way[0, 2] - start.centre_w_m[2]) / reach)))
+        fall = max(1, int(np.ceil((way[-1, 2] - end.centre_w_m[2]) / reach)))
+        return Swing(start, end, way, tuple(legs), rise, fall)
+    return None
+
+
+def column_gap(points: Array, cuboids: Cuboids) -> Array:
+    """Least plan-view distance (V,) of points (..., 3) to each cuboid."""
+    gaps: Array = cuboids.plan_distance(points).reshape(-1, len(cuboids.yaw_rad)).min(axis=0)
+    return gaps
+
+
+def footprint(pose: Array, half_length: Array | float) -> Array:
+    """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4); half lengths (...) or one for all."""
+    along = np.linspace(-1.0, 1.0, 9) * np.asarray(half_length)[..., None]
+    axis = np.stack([np.cos(pose[..., 3]), np.sin(pose[..., 3]), np.zeros(pose.shape[:-1])], axis=-1)
+    points: Array = pose[..., None, :3] + along[..., None] * axis[..., None, :]
+    return points
+
+
+def gripper_gap(a: Array, b: Array) -> float:
+    """Least plan-view distance between the centre lines of gripper footprints (..., 9, 3)."""
+    first, second = a.reshape(-1, 3)[:, :2], b.reshape(-1, 3)[:, :2]
+    return float(np.linalg.norm(first[:, None] - second[None], axis=-1).min())
+
+
+def palm_gap(a: Array, b: Array, half_width: float) -> float:
+    """Least plan-view distance of palms (x, y, yaw, half length), (n, 4) and (m, 4): rectangles that do not cross."""
+
+    def apart(corners_of: Array, boxes: Array) -> float:
+        x, y, yaw, length = (corners_of[:, None, i] for i in range(4))
+        along, across = length * np.array([1, 1, -1, -1]), half_width * np.array([1, -1, 1, -1])
+        points = np.stack(
+            [x + along * np.cos(yaw) - across * np.sin(yaw), y + along * np.sin(yaw) + across * np.cos(yaw)], axis=-1
+        )
+        way = points[:, :, None] - boxes[:, :2]  # (n, 4, m, 2)
+        c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
+        beyond = np.abs(np.stack([c * way[..., 0] + s * way[..., 1], c * way[..., 1] - s * way[..., 0]], axis=-1))
+        beyond = np.maximum(beyond - np.stack([boxes[:, 3], np.full(len(boxes), half_width)], axis=-1), 0.0)
+        return float(np.linalg.norm(beyond, axis=-1).min())
+
+    return min(apart(a, b), apart(b, a))
+
+
+def contact_pose(contact: Contact) -> Array:
+    """(x, y, z, yaw) of a grasp."""
+    return np.append(contact.centre_w_m, contact.yaw_rad)
+
+
+def _clear_height(
+    start: Contact, end: Contact, way: Array, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
+) -> float | None:
+    """Height at which the polyline passes over all it must pass over; None where a cuboid is too tall for that."""
+    samples = _dense(way)
+    fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
+    columns = footprint(samples, shape.half_length(samples[:, 4]))
+    own_top = cuboids.top_m[[start.hold, end.hold]]
+    cuboids = cuboids.near(columns, limits.clearance_m)
+    under = column_gap(fingers, cuboids) < limits.clearance_m
+    beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
+    top = cuboids.top_m
+    height = max(float(own_top.max()), top[under].max(initial=0.0)) + limits.clearance_m
+    # What the palm passes over, or stands beside, must be lower than the palm.
+    height = max(height, (top[beside] + limits.body_clearance_m - shape.finger_height).max(initial=0.0))
+    return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None
+
+
+def _candidate_ways(
+    start: Contact,
+    end: Contact,
+    cuboids: Cuboids,
+    shape: GripperShape,
+    limits: SwingLimits,
+    body_line: Array | None,
+) -> list[list[Array]]:
+    """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
+    a, b = start.centre_w_m[:2], end.centre_w_m[:2]
+    swings: list[list[Array]] = [[]]
+    tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
+    line = a + np.linspace(0, 1, 21)[:, None] * (b - a)
+    length, width = float(shape.half_length(max(start.open_m, end.open_m))), shape.pad_radius
+    for v in tall:
+        if cuboids.plan_distance(line)[:, v].min() > length + limits.body_clearance_m:
+            continue
+        c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])
+        turns = np.array([start.yaw_rad, end.yaw_rad]) - cuboids.yaw_rad[v]
+        slack = limits.clearance_m + np.array(
+            [
+                (length * np.abs(np.cos(turns)) + width * np.abs(np.sin(turns))).max(),
+                (length * np.abs(np.sin(turns)) + width * np.abs(np.cos(turns))).max(),
+            ]
+        )
+        to_w = np.array([[c, -s], [s, c]])
+        corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
+        for i in range(4):  # past one corner, or along one side
+            swings += [[corners[i]], [corners[i], corners[i - 1]], [corners[i - 1], corners[i]]]
+
+    def badness(corners: list[Array]) -> float:
+        aside = 0.0 if body_line is None or not corners else max(_beside(corner, body_line) for corner in corners)
+        return _length([a, *corners, b]) + _BODY_SIDE * aside
+
+    return sorted(swings, key=badness)
+
+
+def _stations(start: Contact, end: Contact, corners: list[Array]) -> Array:
+    """Stations (x, y, 0, yaw, opening) above the old grasp, at the corners, above the new grasp."""
+    plan = np.array([start.centre_w_m[:2], *corners, end.centre_w_m[:2]])
+    lengths = np.linalg.norm(np.diff(plan, axis=0), axis=1)
+    share = np.concatenate([[0.0], np.cumsum(lengths)]) / max(lengths.sum(), 1e-9)
+    share[-1] = 1.0
+    yaw = start.yaw_rad + share * (end.yaw_rad - start.yaw_rad)
+    opening = start.open_m + share * (end.open_m - start.open_m)
+    return np.column_stack([plan, np.zeros(len(plan)), yaw, opening])
+
+
+def _dense(way: Array) -> Array:
+    """The polyline sampled every centimetre (and every twentieth of a radian)."""
+    pieces = []
+    for a, b in itertools.pairwise(way):
+        n = int(np.ceil(max(np.linalg.norm(b[:3] - a[:3]) / _SAMPLE_M, abs(b[3] - a[3]) / 0.05, 1.0)))
+        pieces.append(_line(a, b, n))
+    return np.vstack(pieces)
+
+
+def _closed(contact: Contact) -> Array:
+    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.separation_m / 2])
+
+
+def _open(contact: Contact) -> Array:
+    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.open_m])
+
+
+def _line(a: Array, b: Array, intervals: int) -> Array:
+    return a + np.linspace(0.0, 1.0, intervals + 1)[:, None] * (b - a)
+
+
+def _beside(point: Array, line: Array) -> float:
+    """Distance of a point (2,) from a segment (2, 2)."""
+    along = line[1] - line[0]
+    share = np.clip((point - line[0]) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(point - line[0] - share * along))
+
+
+def _length(points: list[Array]) -> float:
+    return float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())

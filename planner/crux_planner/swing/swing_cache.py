@@ -1,0 +1,135 @@
+"""Which swings exist and which of them other grippers leave free; everything computed once and kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.swing.swing import Swing, contact_pose, footprint, gripper_gap, palm_gap, plan_swing
+
+_CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
+
+
+class SwingCache:
+    """The swings of one problem; contacts are indices into `problem.contacts`."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._skipped: dict[tuple[int, int], int] = {}
+        self._swings: dict[tuple[int, int], Swing | None] = {}
+        self._columns: dict[tuple[int, int], Array] = {}
+        self._gaps: dict[tuple[int, int, int], bool] = {}
+        shape = problem.shape
+        poses = np.stack([contact_pose(c) for c in problem.contacts])
+        self._standing = footprint(
+            poses, shape.half_length(max(c.separation_m / 2 for c in problem.contacts)) - shape.pad_radius
+        )
+        self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m
+
+    def swing(self, start: int, end: int) -> Swing | None:
+        """The way from one contact to another, None where there is none."""
+        key = (start, end)
+        if key not in self._swings:
+            a, b = self.problem.contacts[start], self.problem.contacts[end]
+            problem, skip = self.problem, self._skipped.get(key, 0)
+            self._swings[key] = (
+                plan_swing(
+                    a,
+                    b,
+                    problem.cuboids,
+                    problem.shape,
+                    problem.swing,
+                    body_line_w_m=np.stack([problem.start.position_m[:2], problem.goal.body.position_m[:2]]),
+                    skip=skip,
+                )
+                if start != end
+                else None
+            )
+        return self._swings[key]
+
+    def intervals(self, start: int, end: int) -> int:
+        """Least knot intervals of an existing way."""
+        swing = self.swing(start, end)
+        assert swing is not None
+        return swing.intervals
+
+    def free(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
+        """Whether all `moves` exist, end on different free holds, and keep clear of the grippers on `support`."""
+        contacts = self.problem.contacts
+        holds = [contacts[c].hold for c in support] + [contacts[end].hold for _, end in moves]
+        if len(set(holds)) < len(holds):
+            return False
+        if any(self.swing(*move) is None for move in moves):
+            return False
+        if not all(self._clear(move, c) for move in moves for c in support):
+            return False
+        if len(moves) == 2:  # two grippers in the air at once keep clear wherever each of them is
+            return self._apart(self._column(moves[0]), self._column(moves[1]))
+        return True
+
+    def apart(self, standing: int, other: int) -> bool:
+        """Whether grippers on two contacts keep clear of each other."""
+        return self._apart(self._standing[standing][None], self._standing[other][None])
+
+    @property
+    def any_forbidden(self) -> bool:
+        """Whether some way was found wrong."""
+        return bool(self._skipped)
+
+    def forbid(self, start: int, end: int) -> None:
+        """Never use this way from one contact to the other again; the next best takes its place, if there is one."""
+        self._skipped[start, end] = self._skipped.get((start, end), 0) + 1
+        self._forget((start, end))
+
+    def passed_over(self, start: int, end: int) -> int:
+        """How many of the best ways from one contact to another are left out."""
+        return self._skipped.get((start, end), 0)
+
+    def pass_over(self, start: int, end: int, best: int) -> None:
+        """Leave out that many of the best ways from one contact to another."""
+        self._skipped[start, end] = best
+        self._forget((start, end))
+
+    def allow_all(self) -> None:
+        """Forget what was forbidden."""
+        for move in self._skipped:
+            self._forget(move)
+        self._skipped.clear()
+
+    def _forget(self, move: tuple[int, int]) -> None:
+        self._swings.pop(move, None)
+        self._columns.pop(move, None)
+        for key in [key for key in self._gaps if key[:2] == move]:
+            del self._gaps[key]
+
+    def _clear(self, move: tuple[int, int], standing: int) -> bool:
+        key = (*move, standing)
+        if key not in self._gaps:
+            self._gaps[key] = self._apart(self._column(move), self._standing[standing][None])
+        return self._gaps[key]
+
+    def _apart(self, a: Array, b: Array) -> bool:
+        """Whether footprints (n, 9, 3) and (m, 9, 3) keep clear: as capsules, and as the rectangles that palms are."""
+        if gripper_gap(a, b) < self._touching:
+            return False
+        width = self.problem.shape.pad_radius
+        corners = palm_gap(_palms(a, width), _palms(b, width), width)
+        return corners >= _CORNER_SHARE * self.problem.swing.body_clearance_m
+
+    def _column(self, move: tuple[int, int]) -> Array:
+        """Footprint of a gripper all along a swing."""
+        if move not in self._columns:
+            swing, shape = self.swing(*move), self.problem.shape
+            assert swing is not None
+            poses = swing.poses(max(3 * swing.intervals, 12))
+            self._columns[move] = footprint(poses, shape.half_length(float(poses[:, 4].max())) - shape.pad_radius)
+        return self._columns[move]
+
+
+def _palms(footprints: Array, half_width: float) -> Array:
+    """(n, 4) x, y, yaw and half length of the palms whose round ends lie around footprints (n, 9, 3)."""
+    way = footprints[:, -1, :2] - footprints[:, 0, :2]
+    middle = (footprints[:, -1, :2] + footprints[:, 0, :2]) / 2
+    length = np.linalg.norm(way, axis=1) / 2 + half_width
+    return np.column_stack([middle, np.arctan2(way[:, 1], way[:, 0]), length])

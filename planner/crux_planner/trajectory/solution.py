@@ -1,0 +1,75 @@
+"""What the exact P1 starts from and what it gives, whichever method solves it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+
+if TYPE_CHECKING:
+    from crux_planner.search.body_path import BodyPath
+
+Place = tuple[int, int]
+"""A knot and a limb in stance there."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2) per knot and limb in stance, and how it went."""
+
+    body: Array
+    wrenches: list[dict[int, Array]]
+    cost: float
+    iterations: int
+    status: str
+    solved: bool
+    position_residual_m: float
+    force_residual_N: float
+    torque_shares: dict[Place, float]  # largest joint torque in a knot's interval over its limit, by limb in stance
+
+
+@dataclass(frozen=True)
+class WalkSolution:
+    """Body states (N + 1, 12), foot forces (N, 4, 3) [N], footholds (4 + S, 2) and how it went."""
+
+    body: Array
+    forces: Array
+    footholds: Array
+    cost: float
+    iterations: int
+    status: str
+    solved: bool
+    position_residual_m: float
+    force_residual_N: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`; `near`: of a problem much like
+    this one.
+    """
+
+    body: Array
+    wrenches: list[dict[int, Array]]
+    near: bool = False
+
+
+def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:
+    """The quasi-static path: orientation turned evenly, or the heading as given; velocities from the steps."""
+    n = problem.steps
+    body = np.zeros((n + 1, BODY_STATES))
+    body[:, 0:3] = path.positions
+    body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
+    if yaw_rad is not None:
+        body[:, 5] = yaw_rad
+        body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
+    body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
+    wrenches = [
+        {limb: np.array([s1, s2, m, n + max(f, 0.0), n + max(-f, 0.0)]) for limb, (s1, s2, m, f, n) in knot.items()}
+        for knot in path.wrenches
+    ]
+    return Start(body, wrenches)

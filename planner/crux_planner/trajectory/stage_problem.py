@@ -1,0 +1,278 @@
+"""The exact P1 of one schedule as a chain of stages: bounds, rows and derivatives as arrays over all knots.
+
+Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns, limit surface (2)+(3), and joint
+torques where they are asked for; one vector in this order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.model.arrays import Array, Flags, Indices
+from crux_planner.model.contacts import Contact
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.bounds import body_bounds, reach_bounds, wrench_bounds
+from crux_planner.physics.dynamics import WRENCH_INPUTS
+from crux_planner.physics.torque import INTERVAL_TORQUES
+from crux_planner.trajectory.stage_functions import COLUMN, POSE, SPINE_WEIGHT, StageFunctions
+
+PINNED = 1e8  # weight that holds what is fixed
+_RELAXED = 1e-8  # bounds give so much, so that there is an inside
+_AWAY = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """All that a Newton step needs, at one point."""
+
+    cost: float
+    body_slope: Array  # (N + 1, 12) of the cost
+    body_hessian: Array  # (N + 1, 12, 12) of the Lagrangian
+    column_slope: Array  # (N, 4, 8)
+    column_hessian: Array  # (N, 4, 8, 8)
+    cross: Array  # (N, 4, 12, 8)
+    next_states: Array  # (N, 12)
+    state_map: Array  # (N, 12, 12)
+    into_state: Array  # (N, 4, 12, 8)
+    rows: Array  # (R,)
+    reach: Array  # (N, 12, 6), knots 1..N
+    surface: Array  # (N, 4, m, 8)
+    torques: list[Array]  # per limb (P, 12, 17)
+
+
+class StageProblem:
+    """One schedule's P1 with x[0] fixed; air columns stay zero."""
+
+    def __init__(
+        self, functions: StageFunctions, problem: Problem, schedule: Schedule, limited: frozenset[tuple[int, int]]
+    ) -> None:
+        self.functions, self.problem = functions, problem
+        n = self.knots = problem.steps
+        contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
+        self.stance: Flags = np.array([[c is not None for c in knot] for knot in contacts])
+        up = [0.0, 0.0, 0.0, *_AWAY, 0.0, 1.0, 0.0]
+        self.grasps = np.array(
+            [[up if c is None else [*c.centre_w_m, *c.axis, *c.tangent] for c in k] for k in contacts]
+        )
+        friction = np.array([[0.0 if c is None else c.grip_friction for c in knot] for knot in contacts])
+        self.friction = problem.friction_share * friction
+        self.maps = functions.wrench_maps(self.grasps.reshape(-1, 9)).reshape(n, 4, 6, WRENCH_INPUTS)
+        self.maps = self.maps * self.stance[..., None, None]
+        self.rough = self.stance & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
+        self.by_spines = self.stance & ~self.rough
+        self.grippers = schedule.poses[1:, :, :3].reshape(n, 12)
+        self.limited: list[Indices] = [
+            np.array(sorted(k for k, other in limited if other == limb), dtype=int) for limb in range(4)
+        ]
+        self._set_bounds(schedule, contacts)
+
+    def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
+        problem, n = self.problem, self.knots
+        low, high = body_bounds(problem, schedule)
+        self.first, self.last = low[0], (low[-1] + high[-1]) / 2
+        fixed = low >= high - 1e-12
+        self.pinned = fixed[-1].astype(float)
+        body_low, body_high = np.where(fixed, -np.inf, low)[1:], np.where(fixed, np.inf, high)[1:]
+        reach_low, reach_high = reach_bounds(problem, schedule)
+        column_low, column_high = self._column_bounds(contacts)
+        self.fixed: Flags = column_low >= column_high
+        self.fixed_value = np.where(self.fixed, column_low, 0.0)
+        column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
+        m = self.functions.surface_rows
+        surface_low = np.where(self.rough[..., None], np.zeros(m), -np.inf)
+        torque = [np.tile(problem.torque_limits_Nm[limb], 2 * len(at)) for limb, at in enumerate(self.limited)]
+        lows = [body_low, reach_low, column_low, surface_low, *[-limit for limit in torque]]
+        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), *torque]
+        self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
+        self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
+        self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)
+        self.high = np.where(self.bounded[1], self.high + _RELAXED * np.maximum(1.0, np.abs(self.high)), np.inf)
+        sizes = [body_low.size, 12 * n, column_low.size, surface_low.size, *[limit.size for limit in torque]]
+        self._ends = np.cumsum(sizes)[:-1]
+
+    def _column_bounds(self, contacts: list[list[Contact | None]]) -> tuple[Array, Array]:
+        """Bounds (7) of wrenches and (3) of the spines' shares, (N, 4, 8), scaled."""
+        problem, scale = self.problem, self.functions.scale
+        low, high = (np.full((self.knots, 4, COLUMN), sign * np.inf) for sign in (-1, 1))
+        for contact, (knots, limbs) in _places(contacts):
+            bounds = wrench_bounds(problem, contact)
+            low[knots, limbs, :WRENCH_INPUTS], high[knots, limbs, :WRENCH_INPUTS] = bounds[0] / scale, bounds[1] / scale
+            spines = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm])
+            # Where the cone has shrunk to a ray spines carry all: their limits are those of the load itself.
+            share = slice(WRENCH_INPUTS, COLUMN) if contact.grip_friction > 0.0 else slice(0, 3)
+            high[knots, limbs, share] = problem.friction_share * spines / scale[:3]
+            low[knots, limbs, share] = -high[knots, limbs, share]
+        return low, high
+
+    def split(self, rows: Array) -> list[Array]:
+        """A vector of rows as body (N, 12), reach (N, 12), column (N, 4, 8), surface (N, 4, m) and torques
+        (P, 12)."""
+        n, parts = self.knots, np.split(rows, self._ends)
+        shapes = [
+            (n, BODY_STATES),
+            (n, 12),
+            (n, 4, COLUMN),
+            (n, 4, self.functions.surface_rows),
+            *[(-1, INTERVAL_TORQUES)] * 4,
+        ]
+        return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+    @property
+    def rows_without_torques(self) -> int:
+        """Rows that every problem of this schedule has."""
+        return int(self._ends[3])
+
+    def slack(self, values: Array) -> Array:
+        """(2, R): how far rows are inside their bounds; 1 where there is none."""
+        slack: Array = np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
+        return slack
+
+    def last_error(self, body: Array) -> float:
+        """How far off the fixed part of the last state is."""
+        return float((self.pinned * np.abs(body[-1] - self.last)).max())
+
+    def empty_columns(self) -> Array:
+        """(N, 4, 8) zeros."""
+        return np.zeros((self.knots, 4, COLUMN))
+
+    def next_states(self, body: Array, columns: Array) -> Array:
+        """(N, 12): where (8) leads from every knot."""
+        totals = np.einsum("klij,klj->ki", self.maps, columns[..., :WRENCH_INPUTS])
+        return self.functions.step(body[:-1], totals, np.zeros((self.knots, BODY_STATES)))[0]
+
+    def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
+        """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
+        shares: dict[tuple[int, int], float] = {}
+        for limb in range(4):
+            knots = np.flatnonzero(self.stance[:, limb])
+            torques = self.functions.torque_values(
+                limb, body[knots], columns[knots, limb, :WRENCH_INPUTS], self.grasps[knots, limb]
+            )
+            used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limb], 2)).max(axis=1)
+            shares.update(zip([(int(k), limb) for k in knots], used.tolist(), strict=True))
+        return shares
+
+    def rows(self, body: Array, columns: Array) -> Array:
+        """(R,) values."""
+        duals = np.zeros_like(self.low)
+        return self.derivatives(body, columns, np.zeros((self.knots, BODY_STATES)), duals).rows
+
+    def derivatives(self, body: Array, columns: Array, multipliers: Array, duals: Array) -> Derivatives:
+        """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows."""
+        f, n = self.functions, self.knots
+        _, on_reach, _, on_surface, *_ = self.split(duals)
+        q = columns[..., :WRENCH_INPUTS]
+        totals = np.einsum("klij,klj->ki", self.maps, q)
+        step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, multipliers)
+        reach, reach_slope, reach_hessian = f.reach(body[1:], self.grippers, on_reach)
+        flat = columns.reshape(-1, COLUMN)
+        surface, surface_slope, surface_hessian = f.surface(flat, self.friction.ravel(), on_surface.reshape(4 * n, -1))
+        body_cost, body_slope, body_hessian = f.body_cost(body)
+        column_cost, column_slope, column_hessian = f.column_cost(flat)
+        body_hessian[:-1] += step_hessian
+        body_hessian[1:, :POSE, :POSE] -= reach_hessian
+        column_hessian = (column_hessian - surface_hessian * self.rough.reshape(-1, 1, 1)).reshape(n, 4, COLUMN, COLUMN)
+        column_slope = column_slope.reshape(n, 4, COLUMN)
+        column_slope[..., :3] += 2 * SPINE_WEIGHT * self.by_spines[..., None] * columns[..., :3]
+        column_hessian[..., [0, 1, 2], [0, 1, 2]] += 2 * SPINE_WEIGHT * self.by_spines[..., None]
+        into = np.zeros((n, 4, BODY_STATES, COLUMN))
+        into[..., :WRENCH_INPUTS] = by_total[:, None] @ self.maps
+        cross = np.zeros((n, 4, BODY_STATES, COLUMN))
+        cross[..., :WRENCH_INPUTS] = step_cross[:, None] @ self.maps
+        torques, torque_slopes = [], []
+        for limb, at in enumerate(self.limited):
+            if len(at):
+                value, slope = f.torque(limb, body[at], q[at, limb], self.grasps[at, limb])
+            else:
+                value = np.zeros((0, INTERVAL_TORQUES))
+                slope = np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
+            torques.append(value)
+            torque_slopes.append(slope)
+        rows = [body[1:], reach, columns, surface, *torques]
+        spines = SPINE_WEIGHT * float((columns[self.by_spines][:, :3] ** 2).sum())
+        return Derivatives(
+            cost=float(body_cost.sum() + column_cost.sum()) + spines,
+            body_slope=body_slope,
+            body_hessian=body_hessian,
+            column_slope=column_slope,
+            column_hessian=column_hessian,
+            cross=cross,
+            next_states=step,
+            state_map=state_map,
+            into_state=into,
+            rows=np.concatenate([part.ravel() for part in rows]),
+            reach=reach_slope,
+            surface=surface_slope.reshape(n, 4, -1, COLUMN) * self.rough[..., None, None],
+            torques=torque_slopes,
+        )
+
+    def dual_residual(self, at: Derivatives, multipliers: Array, duals: Array) -> float:
+        """Largest entry of the Lagrangian's slope."""
+        body, columns = self._pulled(at, -duals)
+        body += at.body_slope
+        columns += at.column_slope
+        body[:-1] += np.einsum("kij,ki->kj", at.state_map, multipliers)
+        body[1:] -= multipliers
+        columns += np.einsum("klij,ki->klj", at.into_state, multipliers)
+        body[-1] *= 1.0 - self.pinned
+        columns[self.fixed] = 0.0
+        return max(float(np.abs(body[1:]).max()), float(np.abs(columns).max()))
+
+    def condensed(self, at: Derivatives, stiffness: Array, pull: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Hessians of body and columns, the cross terms, and both slopes, with the rows' barrier in them."""
+        on_body, on_reach, on_column, on_surface, *on_torques = self.split(stiffness)
+        body, columns, cross = at.body_hessian.copy(), at.column_hessian.copy(), at.cross.copy()
+        index = np.arange(BODY_STATES)
+        body[1:, index, index] += on_body
+        body[1:, :POSE, :POSE] += at.reach.swapaxes(-1, -2) @ (on_reach[..., None] * at.reach)
+        index = np.arange(COLUMN)
+        columns[..., index, index] += on_column + self.fixed * PINNED
+        columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
+        for limb, (knots, slope, weight) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
+            both = slope.swapaxes(-1, -2) @ (weight[..., None] * slope)
+            body[knots] += both[:, :BODY_STATES, :BODY_STATES]
+            columns[knots, limb, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, BODY_STATES:, BODY_STATES:]
+            cross[knots, limb, :, :WRENCH_INPUTS] += both[:, :BODY_STATES, BODY_STATES:]
+        body_slope, column_slope = self._pulled(at, -pull)
+        return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
+
+    def change(self, at: Derivatives, body: Array, columns: Array) -> Array:
+        """Of the rows, for a step."""
+        parts = [
+            body[1:],
+            np.einsum("kij,kj->ki", at.reach, body[1:, :POSE]),
+            columns,
+            np.einsum("klij,klj->kli", at.surface, columns),
+        ]
+        for limb, (knots, slope) in enumerate(zip(self.limited, at.torques, strict=True)):
+            both = np.concatenate([body[knots], columns[knots, limb, :WRENCH_INPUTS]], axis=1)
+            parts.append(np.einsum("pij,pj->pi", slope, both))
+        return np.concatenate([part.ravel() for part in parts])
+
+    def _pulled(self, at: Derivatives, forces: Array) -> tuple[Array, Array]:
+        """Transposed rows times forces: on the body (N + 1, 12) and on columns (N, 4, 8)."""
+        on_body, on_reach, on_column, on_surface, *on_torques = self.split(forces)
+        body = np.zeros((self.knots + 1, BODY_STATES))
+        body[1:] = on_body
+        body[1:, :POSE] += np.einsum("kij,ki->kj", at.reach, on_reach)
+        columns = on_column + np.einsum("klij,kli->klj", at.surface, on_surface)
+        for limb, (knots, slope, force) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
+            both = np.einsum("pij,pi->pj", slope, force)
+            body[knots] += both[:, :BODY_STATES]
+            columns[knots, limb, :WRENCH_INPUTS] += both[:, BODY_STATES:]
+        return body, columns
+
+
+def _places(contacts: list[list[Contact | None]]) -> list[tuple[Contact, tuple[list[int], list[int]]]]:
+    """Every contact with the knots and limbs that it is held at."""
+    found: dict[int, tuple[Contact, tuple[list[int], list[int]]]] = {}
+    for k, knot in enumerate(contacts):
+        for limb, contact in enumerate(knot):
+            if contact is not None:
+                _, (knots, limbs) = found.setdefault(id(contact), (contact, ([], [])))
+                knots.append(k)
+                limbs.append(limb)
+    return list(found.values())

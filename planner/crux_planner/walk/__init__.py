@@ -1,1 +1,0 @@
-"""Walking on point feet: footholds anywhere on the surface, Coulomb friction of the wall, no grasps."""

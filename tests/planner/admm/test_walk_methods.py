@@ -1,0 +1,152 @@
+"""Walks by the paper's methods, and their contact block against the exact problem."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import ScenarioError, parse_scenario
+from crux_planner import plan
+from crux_planner.admm.walk_contact_block import WalkContacts
+from crux_planner.admm.walk_limb_block import FootBlock, FootPlan
+from crux_planner.admm.walk_motion_block import WalkMotion
+from crux_planner.model.gait import Step, longest_step
+from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
+from crux_planner.physics.walk_cost import walk_cost
+from crux_planner.search.gait_search import FlatSearch
+from crux_planner.search.slots import Slots
+from crux_planner.solvers import clock
+from crux_planner.trajectory import walk_exact as exact
+from crux_planner.trajectory import walk_nlp as nlp
+from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.walk_qp import ContactQp, Reference
+
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
+ROBOT = load_robot("scaler")
+SLOPE = (SCENES / "walk-slope.yaml").read_text()
+
+
+@pytest.fixture(scope="module")
+def problem() -> WalkProblem:
+    return build_walk(parse_scenario(SLOPE), ROBOT)
+
+
+@pytest.mark.parametrize("method", ["two_block", "multi_block"])
+def test_a_walk_converges_and_passes_the_check(method: str) -> None:
+    lines: list[str] = []
+    result = plan(parse_scenario(SLOPE), ROBOT, method=method, log=lines.append)
+    shown = result.to_json()
+    assert result.check.ok
+    assert result.plan.method == method
+    assert shown["residuals"]["position_m"] <= 0.03
+    assert shown["residuals"]["force_N"] <= 0.5
+    assert shown["iterations"] == len(shown["history"]) == len(lines)
+    assert shown["alone"]["converged"]
+    assert sorted(shown["alone"]["gait"]) == sorted(result.gait)
+
+
+def test_a_method_that_walks_do_not_have_is_named() -> None:
+    with pytest.raises(ScenarioError, match="expected auto, two_block, multi_block, benchmark"):
+        plan(parse_scenario(SLOPE), ROBOT, method="paper_form")
+
+
+def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) -> None:
+    """Same gait: J and the motion are those that ipopt finds, (8b) holds by hand."""
+    gait = FlatSearch(problem).begin(np.inf).gait
+    first = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
+    assert first is not None
+    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), nlp.solve(problem, first, 10.0)
+    assert again.solved
+    assert by_ipopt.solved
+    assert again.cost == pytest.approx(by_ipopt.cost, rel=1e-3)
+    assert again.cost == pytest.approx(walk_cost(problem, gait, again.body, again.forces))
+    np.testing.assert_allclose(again.body[:, :3], by_ipopt.body[:, :3], atol=0.01)
+    # Moments by hand: what the forces do about the body's middle is what its rotation needs.
+    feet = np.concatenate([gait.blend @ again.footholds, problem.step_height_m * gait.height[..., None]], axis=2)[:-1]
+    moment = np.cross(feet - again.body[:-1, None, :3], again.forces).sum(axis=1)
+    wanted = np.diff(again.body[:, 9:12], axis=0) / problem.dt_s @ problem.inertia_b.T
+    np.testing.assert_allclose(moment, wanted, atol=0.05)  # body frame, and tilt is small
+
+
+def test_the_local_search_improves_on_regular_gaits_and_honours_the_consensus_term(problem: WalkProblem) -> None:
+    later = clock.now() + 60.0
+    block = WalkContacts(problem, Scales(force=0.0))
+    first = block.minimise(1.5, None, later)
+    regular = FlatSearch(problem).begin(np.inf)
+    assert first.knots.cost < regular.cost - 0.01
+    assert exact.solve(problem, first.knots, later).solved
+    moved = first.eta.body.copy()
+    moved[5:-5, 1] += 0.01
+    target = first.eta + (first.eta.times(0.0))
+    target.body[:] = moved
+    pulled = block.minimise(1000.0, target, later)
+    assert np.abs(pulled.eta.body[5:-5, 1] - moved[5:-5, 1]).mean() < 0.005
+    assert pulled.knots.value >= pulled.knots.cost - 1e-6
+
+
+def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> None:
+    gait = FlatSearch(problem).begin(np.inf).gait
+    knots = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
+    assert knots is not None
+    eta = Eta.of_points(knots.body, knots.feet(problem.step_height_m), knots.forces)
+    spoilt = eta + eta.times(0.0)
+    spoilt.forces[10, 0, 2] += 20.0
+    motion = WalkMotion(problem, Scales(force=0.03))
+    delta = motion.project(spoilt, 1.5)
+    assert motion.solved
+    force = delta.forces.sum(axis=1)
+    wanted = problem.mass_kg * (np.diff(delta.body[:, 6:9], axis=0) / problem.dt_s - problem.gravity_w)
+    np.testing.assert_allclose(force, wanted, atol=1e-3)
+    np.testing.assert_allclose(np.diff(delta.body[:, :3], axis=0), problem.dt_s * delta.body[:-1, 6:9], atol=1e-6)
+
+
+def test_feet_end_under_the_body(problem: WalkProblem) -> None:
+    walked = WalkContacts(problem, Scales()).minimise(0.0, None, clock.now() + 0.3)
+    feet = walked.eta.fingers[-1]
+    assert (np.abs(feet[:, :2] - problem.goal_feet_w_m) <= FINAL_FOOT_M + 1e-6).all()
+    assert feet[:, 2] == pytest.approx(np.zeros(4))
+
+
+def test_neighbours_change_few_binaries_and_keep_every_foot_walking() -> None:
+    slots = Slots((((3, 7),), ((9, 13),), ((15, 19),), ((21, 25),)))
+    alpha = slots.alpha(40)
+    assert alpha.sum() == 4 * 40 - 16
+    assert Slots.of(slots.gait(41)) == slots
+    seen = {other for _, other in slots.neighbours()}
+    assert slots not in seen
+    assert all(len(each) == 1 for other in seen for each in other.of_limb)
+    assert any((other.alpha(40) != alpha).sum() == 1 for other in seen)
+
+
+def test_a_foots_block_is_no_worse_than_any_step_tried_by_hand(problem: WalkProblem) -> None:
+    """The limb's MIP against sums over the knots, for slots and footholds drawn at random."""
+    random = np.random.default_rng(3)
+    n, rho, scales = problem.steps, 1.5, Scales(force=0.03)
+    feet = np.zeros((n + 1, 3))
+    feet[:, :2] = problem.start_feet_w_m[1] + np.linspace(0.0, 1.0, n + 1)[:, None] * [0.1, 0.0]
+    feet += random.normal(0.0, 0.01, feet.shape)
+    forces = np.array([2.0, 1.0, 24.0]) + random.normal(0.0, 6.0, (n, 3))
+    best = FootBlock(problem, 1).minimise(rho, feet, forces, np.zeros(n), scales)
+
+    def cost(plan: FootPlan) -> float:
+        gait = Slots(((), plan.slots, (), ())).gait(n + 1)
+        footholds = np.vstack([problem.start_feet_w_m, plan.footholds])
+        here = np.column_stack([(gait.blend @ footholds)[:, 1], problem.step_height_m * gait.height[:, 1]])
+        near = rho / 2 * ((here - feet) ** 2).sum() + rho / 2 * 0.03**2 * ((plan.forces - forces) ** 2).sum()
+        still = np.zeros((n + 1, 12))
+        still[:, :6] = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
+        return float(near) + walk_cost(problem, gait, still, plan.forces[:, None, :])
+
+    least = cost(best)
+    for _ in range(300):
+        lift = int(random.integers(2, 30))
+        land = min(lift + int(random.integers(3, 10)), n - 2)
+        there = problem.goal_feet_w_m[1] + random.uniform(-FINAL_FOOT_M, FINAL_FOOT_M, 2)
+        if np.linalg.norm(there - problem.start_feet_w_m[1]) > longest_step(problem, Step(1, lift, land)):
+            continue
+        lateral = np.clip(forces[:, :2] * random.uniform(0.5, 1.0), -3.0, 3.0)  # well inside the cone
+        pushed = np.column_stack([lateral, np.clip(forces[:, 2] * random.uniform(0.7, 1.0), 12.5, 60.0)])
+        pushed[lift:land] = 0.0
+        assert cost(FootPlan(((lift, land),), there[None, :], pushed)) >= least - 1e-9

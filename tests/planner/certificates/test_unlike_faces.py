@@ -1,0 +1,95 @@
+"""Holds whose opposite faces differ: what a known plan does is not denied, and it costs no less than the bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import crux_planner
+import numpy as np
+import pytest
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import Scenario
+from crux_planner.certificates.bound.climb import lower_bound
+from crux_planner.certificates.infeasibility.infeasible import Proof
+from crux_planner.checker import check_plan
+from crux_planner.model.arrays import Array
+from crux_planner.model.build import build_problem
+from crux_planner.pipeline.message import plan_header
+from crux_planner.solvers import clock
+from walls import scenario, two_rows
+
+ROBOT = load_robot("scaler")
+USED = 0.85  # of the limit surface, by the most loaded finger on each face
+
+
+def demand(limb: Any, k_m: float) -> tuple[Array, Array]:
+    """Normal forces (2,) of the fingers of a gripper in stance, and the friction (2,) that their loads ask for."""
+    force, moment = np.reshape(limb.finger_force_w_n, (2, 3)), np.reshape(limb.finger_moment_w_nm, (2, 3))
+    axis = np.array([np.cos(limb.gripper_yaw_w_rad), np.sin(limb.gripper_yaw_w_rad), 0.0])
+    normal = (force @ axis) * [1.0, -1.0]
+    along = force - (force @ axis)[:, None] * axis
+    return normal, np.hypot(np.linalg.norm(along, axis=1), (moment @ axis) / k_m) / normal
+
+
+@lru_cache
+def wall_and_plan(seed: int) -> tuple[Scenario, Any]:
+    """A wall on which every face has the friction that one plan needs of it, and that plan."""
+    random = np.random.default_rng(seed)
+    wall = two_rows(0.15, slope_deg=float(random.uniform(42.0, 50.0)))
+    wall["contact"].update(spine_shear_N=0, spine_twist_Nm=0, max_normal_N=37)
+    for part in wall["holds"]:
+        part["position_m"] = [round(c + random.uniform(-0.005, 0.005), 4) for c in part["position_m"]]
+        part["size_m"] = [0.06, 0.042, 0.06]
+    even = crux_planner.plan(scenario(wall), ROBOT).plan
+    friction = np.zeros((len(wall["holds"]), 5))
+    for knot in even.knots:
+        for limb in knot.limbs:
+            if limb.hold >= 0:
+                faces = [limb.finger1_face, limb.finger1_face ^ 1]
+                needed = demand(limb, even.patch_k_m)[1] / USED
+                friction[limb.hold, faces] = np.maximum(friction[limb.hold, faces], needed)
+    for part, of_faces in zip(wall["holds"], friction, strict=True):
+        part["friction"] = dict(zip(("+x", "-x", "+y", "-y", "top"), map(float, of_faces), strict=True))
+    read = scenario(wall)
+    plan = plan_header(read, ROBOT, even.cost)
+    for name in ("patch_k_m", "max_normal_n", "spine_shear_n", "spine_twist_nm", "knots", "n_knots"):
+        setattr(plan, name, getattr(even, name))
+    for knot in plan.knots:
+        for limb in knot.limbs:
+            if limb.hold >= 0:
+                limb.friction = float(friction[limb.hold, [limb.finger1_face, limb.finger1_face ^ 1]].min())
+    plan.plan_id = plan_id(plan)
+    return read, plan
+
+
+SEEDS = pytest.mark.parametrize("seed", range(3))
+
+
+@SEEDS
+def test_no_proof_denies_a_plan_that_presses_its_better_faces(seed: int) -> None:
+    read, known = wall_and_plan(seed)
+    assert check_plan(known, ROBOT).ok
+    proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), clock.now() + 20
+    assert (proof.quick() or proof.goal_equilibrium(until) or proof.disconnected(until)) is None
+
+
+@SEEDS
+def test_no_bound_is_above_a_plan_that_presses_its_better_faces(seed: int) -> None:
+    read, known = wall_and_plan(seed)
+    bound = lower_bound(replace(build_problem(read, ROBOT), steps=known.n_knots - 1), 1.1 * known.cost)
+    assert bound is not None
+    assert bound <= known.cost
+
+
+def test_spines_of_one_face_count_in_proofs_and_bounds() -> None:
+    wall = two_rows()
+    wall["holds"][0]["spines"] = {"-x": True, "+x": False}
+    contacts = build_problem(scenario(wall), ROBOT).contacts
+    unlike = [c for c in contacts if (c.hold, c.pair) == (0, 0)]
+    assert unlike
+    assert all(c.spine_shear_N == 0.0 and c.from_above.spine_shear_N == 5.0 for c in unlike)
+    alike = next(c for c in contacts if c.hold == 1)
+    assert alike.from_above is alike

@@ -1,0 +1,53 @@
+"""Grasps: heights, yaws and openings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from crux_planner.model.contacts import GripperShape, opening_for, pad_height, yaws_in_range
+from crux_planner.model.cuboids import Cuboids
+from hypothesis import given
+from hypothesis import strategies as st
+
+SHAPE = GripperShape(0.008, 0.066, 0.048, 0.012, 0.05)
+CLEARANCE_M = 0.024
+
+
+def test_pads_stand_mid_range_with_the_patch_on_the_face_and_the_palm_above_the_hold() -> None:
+    assert pad_height(0.06, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.035)
+    assert pad_height(0.05, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.03)  # the patch must end below the top
+    assert pad_height(0.08, (0.02, 0.05), 0.02, 0.04) == pytest.approx(0.04)  # the palm must stay above it
+    assert pad_height(0.03, (0.02, 0.05), 0.02, 0.04) is None
+    assert pad_height(0.12, (0.02, 0.05), 0.02, 0.04) is None
+
+
+@given(st.floats(-7, 7))
+def test_yaws_are_half_turns_apart_and_every_axis_has_one_in_range(axis: float) -> None:
+    found = yaws_in_range(axis, (-1.75, 1.75))
+    assert found
+    for yaw, swapped in found:
+        assert -1.75 <= yaw <= 1.75
+        halves = (yaw - axis) / np.pi
+        assert halves == pytest.approx(round(halves), abs=1e-9)
+        assert swapped == (round(halves) % 2 != 0)
+
+
+def wall(*places: tuple[float, float]) -> Cuboids:
+    return Cuboids(np.array(places), np.full((len(places), 3), 0.03), np.zeros(len(places)))
+
+
+def test_a_lone_hold_is_left_with_the_preferred_opening() -> None:
+    opening = opening_for(np.array([0, 0, 0.035]), np.array([1.0, 0, 0]), 0, 0.03, wall((0, 0)), SHAPE, CLEARANCE_M)
+    assert opening == pytest.approx(SHAPE.open_opening)
+
+
+def test_a_neighbour_makes_the_fingers_open_less_or_not_at_all() -> None:
+    centre, axis = np.array([0, 0, 0.035]), np.array([1.0, 0, 0])
+    for distance in (0.125, 0.121):
+        opening = opening_for(centre, axis, 0, 0.03, wall((0, 0), (distance, 0)), SHAPE, CLEARANCE_M)
+        assert opening is not None
+        assert distance - 0.03 - (opening + SHAPE.pad_radius) >= CLEARANCE_M - 1e-12  # to the neighbour
+        assert opening + SHAPE.pad_radius - 0.03 >= CLEARANCE_M - 1e-12  # to the hold itself
+    assert opening_for(centre, axis, 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M) is None
+    across = opening_for(centre, np.array([0, 1.0, 0]), 0, 0.03, wall((0, 0), (0.1, 0)), SHAPE, CLEARANCE_M)
+    assert across == pytest.approx(SHAPE.open_opening)

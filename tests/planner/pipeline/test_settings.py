@@ -1,0 +1,119 @@
+"""`planner.weights`, `planner.margins` and `planner.time_limit_s` of a scenario: each changes the plan as it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import ScenarioError, load_scenario
+from crux_planner.errors import InfeasibleError
+from crux_planner.model.build import build_problem
+from crux_planner.model.walk_problem import build_walk
+from crux_planner.pipeline import climb
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.solvers import clock
+from walls import scenario, two_rows
+
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
+
+
+def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
+    content = two_rows(slope_deg=slope_deg)
+    content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
+    result = climb.plan(scenario(content), robot)
+    assert result.check.ok
+    return result
+
+
+@pytest.fixture(scope="module")
+def usual(robot: Robot) -> PlanResult:
+    return planned(robot)
+
+
+def body_error(result: PlanResult) -> float:
+    """Sum of |r - r_goal|^2 [m^2]."""
+    body = np.array([knot.body_position_w_m for knot in result.plan.knots])
+    return float(((body - [0.15, 0.0, 0.185]) ** 2).sum())
+
+
+def effort(result: PlanResult) -> float:
+    """Sum of the fingers' squared forces [N^2]."""
+    return float(sum(np.square(foot.finger_force_w_n).sum() for knot in result.plan.knots[:-1] for foot in knot.limbs))
+
+
+def highest_m(result: PlanResult) -> float:
+    return float(max(foot.gripper_position_w_m[2] for knot in result.plan.knots for foot in knot.limbs))
+
+
+def test_a_heavy_body_weight_brings_the_body_to_the_goal_sooner(robot: Robot, usual: PlanResult) -> None:
+    assert body_error(planned(robot, weights={"body": 100.0})) < 0.9 * body_error(usual)
+
+
+def test_a_heavy_wrench_weight_spares_the_fingers(robot: Robot) -> None:
+    assert effort(planned(robot, weights={"wrench": 1e-3})) < effort(planned(robot, weights={"body": 100.0}))
+
+
+def test_the_switching_weight_counts_every_change_of_contact(robot: Robot, usual: PlanResult) -> None:
+    dearer = planned(robot, weights={"switching": 1.3})
+    changes = 2 * len(usual.gait)
+    assert len(dearer.gait) == len(usual.gait)
+    assert dearer.cost - usual.cost == pytest.approx(1.0 * changes, abs=0.05)
+
+
+def test_the_friction_margin_leaves_more_of_the_limit_surface(robot: Robot, usual: PlanResult) -> None:
+    careful = planned(robot, margins={"friction": 0.3})
+    assert careful.check.friction_margin_N > 1.3 * usual.check.friction_margin_N
+    assert effort(careful) > effort(usual)
+
+
+def test_the_clearance_margin_lifts_swings_higher(robot: Robot, usual: PlanResult) -> None:
+    assert highest_m(planned(robot, margins={"clearance_m": 0.034})) > highest_m(usual) + 0.008
+
+
+def test_the_torque_margin_bounds_the_joints(robot: Robot) -> None:
+    content = two_rows()
+    content["planner"] = {"margins": {"torque": 0.5}}
+    full = np.stack([limb.effort_Nm for limb in robot.limbs])
+    np.testing.assert_allclose(build_problem(scenario(content), robot).torque_limits_Nm, 0.5 * full)
+
+
+def test_the_torque_margin_holds_between_the_knots_too(robot: Robot) -> None:
+    result = planned(robot, margins={"torque": 0.6})
+    shares = [joint.peak_torque_Nm / joint.effort_limit_Nm for joint in result.check.joints]
+    assert 0.38 < max(shares) < 0.404  # it binds, and between the knots a load may be a hundredth above them
+
+
+def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    deadlines: list[float] = []
+
+    def level(*given: Any) -> PlanResult:
+        deadlines.append(given[0].deadline)
+        raise InfeasibleError("time limit", "as made up")
+
+    def wider(*_given: Any, **_share: Any) -> PlanResult:
+        raise InfeasibleError("time limit", "as made up")
+
+    monkeypatch.setattr(climb, "_plan_level", level)
+    monkeypatch.setattr(climb, "plan_wider", wider)
+    content = two_rows()
+    content["planner"] = {"time_limit_s": 4.0}
+    began = clock.now()
+    with pytest.raises(InfeasibleError, match="as made up"):
+        climb.plan(scenario(content), robot)
+    assert len(deadlines) == 2  # the quickest sequence, and after other headings any
+    assert max(deadlines) - began < 4.0 - 0.8 + 0.1
+
+
+@pytest.mark.parametrize(
+    ("build", "scene", "right"),
+    [(build_problem, "walk-flat", "point: expected patch"), (build_walk, "climb-one-step", "patch: expected point")],
+)
+def test_walks_and_climbs_are_not_taken_for_each_other(
+    robot: Robot, build: Callable[..., object], scene: str, right: str
+) -> None:
+    with pytest.raises(ScenarioError, match=f"contact.model: {right}"):
+        build(load_scenario(SCENES / f"{scene}.yaml"), robot)

@@ -1,0 +1,158 @@
+"""The local search on J and its quick estimate of J."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from crux_contracts.robot import Robot
+from crux_planner.model.build import build_problem
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move
+from crux_planner.search.body_path import knot_path
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.event_cost import EventCost, Timed
+from crux_planner.search.improve import improve
+from crux_planner.search.schedule import at_knots
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.solvers import clock
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.exact import solve_within_torques
+from crux_planner.trajectory.solution import start_from_path
+from walls import scenario, two_rows
+
+
+@dataclass(frozen=True)
+class Wall:
+    problem: Problem
+    moves: list[Move]
+    costs: EventCost
+
+    @property
+    def quickest(self) -> Timed:
+        """The moves as quick as can be after waiting."""
+        problem, swings = self.problem, self.costs.swings
+        in_air = np.array([swings.intervals(m.before[m.limbs[0]], m.after[m.limbs[0]]) for m in self.moves])
+        stances = np.ones(len(self.moves) + 1, dtype=int)
+        stances[-1] = 2
+        stances[0] += problem.steps - stances.sum() - in_air.sum()
+        return Timed(self.moves, stances, in_air)
+
+    def exact_cost(self, timed: Timed) -> float:
+        """J of the exact NLP."""
+        problem, costs = self.problem, self.costs
+        schedule = at_knots(problem, costs.swings, timed.moves, timed.stances, timed.swings)
+        path = knot_path(problem, costs.equilibrium, schedule)
+        assert path is not None
+        solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
+        assert solution.solved
+        return solution.cost
+
+
+def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs: bool = True) -> Wall:
+    content = two_rows(all_limbs=all_limbs)
+    content["planner"] = {"weights": weights or {}}
+    problem = build_problem(scenario(content), robot)
+    equilibrium, reach, swings = (
+        StaticEquilibrium(problem, problem.friction_share),
+        ReachableSet(problem),
+        SwingCache(problem),
+    )
+    later = clock.now() + 30
+    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=later)
+    assert moves is not None
+    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
+
+
+@pytest.fixture(scope="module")
+def wall(robot: Robot) -> Wall:
+    return wall_of(robot)
+
+
+def improved(wall: Wall) -> Timed:
+    timed = improve(wall.costs, wall.moves, clock.now() + 30)
+    assert timed is not None
+    return timed
+
+
+def test_the_other_order_at_another_time_is_found(robot: Robot) -> None:
+    """Two front limbs go up; either first, on either faces, with the time to spare in any stance."""
+    free = wall_of(robot, all_limbs=False)
+    problem, costs = free.problem, free.costs
+    assert [move.limbs for move in free.moves] == [(0,), (1,)]
+    held = free.moves[-1].after
+    found = costs.estimate(improved(free))
+    assert found is not None
+    holds = {limb: problem.contacts[held[limb]].hold for limb in (0, 1)}
+    ends = {
+        limb: [c for c in problem.limb_contacts[limb] if problem.contacts[c].hold == holds[limb]] for limb in (0, 1)
+    }
+    nowhere = np.zeros(3)
+    for order, left, right in itertools.product(((0, 1), (1, 0)), ends[0], ends[1]):
+        stance, moves = problem.start_contacts, []
+        for limb in order:
+            after = (*stance[:limb], (left, right)[limb], *stance[limb + 1 :])
+            moves.append(Move(stance, (after[0], after[1], after[2], after[3]), (limb,), nowhere, nowhere))
+            stance = moves[-1].after
+        if not all(costs.swings.free([(m.before[m.limbs[0]], m.after[m.limbs[0]])], m.support) for m in moves):
+            continue
+        late = replace(free, moves=moves).quickest
+        spare = late.stances[0] - 1
+        for where in range(3):
+            stances = np.array([1, 1, 2])
+            stances[where] += spare
+            other = costs.estimate(replace(late, stances=stances))
+            assert other is None or other.cost > 0.999 * found.cost
+
+
+def test_the_estimate_is_near_the_exact_cost(wall: Wall) -> None:
+    late = wall.quickest
+    early = replace(late, stances=np.array([1, 1, 1, 1, late.stances[0] + 1]))
+    for timed in (late, early):
+        estimate = wall.costs.estimate(timed)
+        assert estimate is not None
+        assert estimate.cost == pytest.approx(wall.exact_cost(timed), rel=0.03)
+
+
+def test_the_improved_sequence_is_cheaper_by_the_exact_cost(wall: Wall) -> None:
+    timed = improved(wall)
+    assert wall.exact_cost(timed) < wall.exact_cost(wall.quickest)
+    assert timed.stances.sum() + timed.swings.sum() == wall.problem.steps
+    assert [move.before for move in timed.moves[1:]] == [move.after for move in timed.moves[:-1]]
+    ends = [wall.problem.contacts[c] for c in timed.moves[-1].after]
+    assert {limb: (c.hold, c.pair) for limb, c in enumerate(ends)} == wall.problem.goal.grasps
+
+
+def test_a_detour_is_left_out(wall: Wall) -> None:
+    """A limb that goes to its goal over another hold goes straight there."""
+    last = wall.moves[-1]
+    limb = last.limbs[0]
+    others = [c for c in wall.problem.limb_contacts[limb] if wall.problem.contacts[c].hold not in held(wall, last)]
+    stops = [
+        c
+        for c in others
+        if wall.costs.swings.swing(last.before[limb], c) and wall.costs.swings.swing(c, last.after[limb])
+    ]
+    for stop in stops:
+        a, b, c, d = (stop if i == limb else c for i, c in enumerate(last.before))
+        over = (a, b, c, d)
+        detour = [replace(last, after=over), replace(last, before=over)]
+        timed = improve(wall.costs, [*wall.moves[:-1], *detour], clock.now() + 30, estimates=10_000)
+        if timed is not None:
+            assert len(timed.moves) == len(wall.moves)
+            return
+    pytest.fail("no detour to try")
+
+
+def held(wall: Wall, move: Move) -> set[int]:
+    return {wall.problem.contacts[c].hold for c in (*move.before, *move.after)}
+
+
+def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None:
+    """zeta and xi of (6) lengthen the swings."""
+    usual = int(improved(wall).swings.sum())
+    assert usual == wall.quickest.swings.sum()
+    for weights in ({"lift": 3.0}, {"opening": 3.0}):
+        assert improved(wall_of(robot, weights)).swings.sum() > usual

@@ -1,0 +1,157 @@
+"""The exact P1: derivatives against finite differences, the stagewise method against ipopt, torques kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_planner.model.build import build_problem
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.schedule import scheduled
+from crux_planner.search.stances import ReachableSet, search
+from crux_planner.solvers import clock
+from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory import exact
+from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
+from crux_planner.trajectory.interior_point import Outcome, Point, first_point
+from crux_planner.trajectory.solution import start_from_path
+from crux_planner.trajectory.stage_functions import StageFunctions
+from crux_planner.trajectory.stage_problem import StageProblem
+from walls import scenario, two_rows
+
+SLIPPERY = {"+x": 0.0, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 2.2}
+WALLS: dict[str, dict[str, Any]] = {
+    "rough": {},
+    "steep": {"slope_deg": 90.0},
+    "polytope": {"planner": {"limit_surface": "inner"}},
+    "one hold by its spines": {"slippery": "RF-high"},
+}
+
+
+@lru_cache
+def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
+    options = WALLS[name]
+    wall = two_rows(slope_deg=options.get("slope_deg", 45.0), steps=32)
+    wall.update({key: options[key] for key in ("planner",) if key in options})
+    if "slippery" in options:
+        wall["contact"]["spine_shear_N"] = 40
+        next(part for part in wall["holds"] if part["name"] == options["slippery"])["friction"] = SLIPPERY
+    problem = build_problem(scenario(wall), load_robot("scaler"))
+    equilibrium, reach, swings = (
+        StaticEquilibrium(problem, problem.friction_share),
+        ReachableSet(problem),
+        SwingCache(problem),
+    )
+    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    assert moves is not None
+    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    schedule = scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
+    path = knot_path(problem, equilibrium, schedule)
+    assert path is not None
+    return problem, schedule, path
+
+
+def stages_at_random(seed: int) -> tuple[StageProblem, Point]:
+    problem, schedule, path = instance("rough")
+    some_torques = frozenset(
+        (k, limb) for k in range(0, 30, 7) for limb in range(4) if schedule.contacts[k][limb] is not None
+    )
+    stages = StageProblem(StageFunctions(problem), problem, schedule, some_torques)
+    random = np.random.default_rng(seed)
+    body = start_from_path(problem, path).body
+    body += 0.005 * random.standard_normal(body.shape)
+    columns = 0.3 * random.standard_normal((problem.steps, 4, 8)) * stages.stance[..., None]
+    columns[..., 3:5] += 2.0 * stages.stance[..., None]
+    point = first_point(stages, body, columns)
+    point.multipliers = random.standard_normal(point.multipliers.shape)
+    return stages, point
+
+
+def test_slopes_and_hessians_are_those_of_finite_differences() -> None:
+    stages, point = stages_at_random(3)
+    random = np.random.default_rng(4)
+    step_body, step_columns = random.standard_normal(point.body.shape), random.standard_normal(point.columns.shape)
+    step_body[0] = 0.0
+    step_columns *= stages.stance[..., None] & ~stages.fixed
+    duals = random.uniform(0.0, 1.0, len(stages.low))
+    duals[stages.rows_without_torques :] = 0.0  # their curvature is left out of the Hessian
+    h = 1e-6
+    at = stages.derivatives(point.body, point.columns, point.multipliers, duals)
+    above, below = (
+        stages.derivatives(point.body + s * step_body, point.columns + s * step_columns, point.multipliers, duals)
+        for s in (h, -h)
+    )
+    slope = float((at.body_slope * step_body).sum() + (at.column_slope * step_columns).sum())
+    assert (above.cost - below.cost) / (2 * h) == pytest.approx(slope, rel=1e-6)
+    np.testing.assert_allclose(
+        (above.rows - below.rows) / (2 * h), stages.change(at, step_body, step_columns), atol=2e-5, rtol=1e-5
+    )
+    ahead = np.einsum("kij,kj->ki", at.state_map, step_body[:-1])
+    ahead += np.einsum("klij,klj->ki", at.into_state, step_columns)
+    np.testing.assert_allclose((above.next_states - below.next_states) / (2 * h), ahead, atol=1e-6)
+
+    def lagrangian_slope(d: Any) -> tuple[np.ndarray, np.ndarray]:
+        body, columns = (part.copy() for part in stages.condensed(d, np.zeros_like(duals), duals)[3:])
+        body[:-1] += np.einsum("kij,ki->kj", d.state_map, point.multipliers)
+        columns += np.einsum("klij,ki->klj", d.into_state, point.multipliers)
+        return body, columns
+
+    (body_above, columns_above), (body_below, columns_below) = lagrangian_slope(above), lagrangian_slope(below)
+    body = np.einsum("kij,kj->ki", at.body_hessian, step_body)
+    body[:-1] += np.einsum("klij,klj->ki", at.cross, step_columns)
+    columns = np.einsum("klij,klj->kli", at.column_hessian, step_columns)
+    columns += np.einsum("klij,ki->klj", at.cross, step_body[:-1])
+    np.testing.assert_allclose((body_above - body_below) / (2 * h), body, atol=2e-4)
+    free = ~stages.fixed & stages.stance[..., None]
+    np.testing.assert_allclose(((columns_above - columns_below) / (2 * h))[free], columns[free], atol=2e-4)
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, schedule, path = instance(name)
+    problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
+    functions = StageFunctions(problem)
+    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
+    monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
+    assert solution.solved
+    assert other.solved
+    assert solution.position_residual_m < 1e-8
+    assert solution.force_residual_N < 1e-4
+    assert solution.cost == pytest.approx(other.cost, abs=2e-3)
+
+
+def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
+    problem, schedule, path = instance("steep")
+    weaker = problem.torque_limits_Nm * 0.85
+    problem = replace(problem, torque_limits_Nm=weaker)
+    start = start_from_path(problem, path)
+    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 30.0)
+    assert max(unlimited.torque_shares.values()) > 1.05
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
+    assert solution.solved
+    assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
+    everywhere = frozenset(unlimited.torque_shares)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 30.0)
+    assert max(by_ipopt.torque_shares.values()) <= 1.0 + 1e-3
+    assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
+
+
+def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, schedule, path = instance("rough")
+    expected = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
+
+    def give_up(_stages: StageProblem, point: Point, *_more: Any) -> Outcome:
+        return Outcome(point, 0, False, np.inf)
+
+    monkeypatch.setattr(exact, "minimise", give_up)
+    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
+    assert solution.solved
+    assert solution.cost == pytest.approx(expected.cost, abs=2e-3)
