@@ -49,6 +49,7 @@ Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noe
   engaged_ = false;
   test_.reset();
   retry_.reset();
+  return_ = Return::kNone;
   reference_ = {};
   if (plan_) {
     reference_ = play(*plan_, clock_.now());
@@ -62,6 +63,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
   supervise(in);
   if (engaged_) {
     if (supervisor_.state() == SupervisorState::kClimbing && slipping_limb() < 0) advance_clock(reference_, in.dt_s);
+    find_hold_again(in.operator_command, in.dt_s);
     reference_ = play(*plan_, clock_.now());
     retry_.apply(reference_);
     control(in, reference_);
@@ -155,6 +157,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
     faults_.forgive();
     test_.reset();
     retry_.reset();
+    return_ = Return::kNone;
     for (SlipWatch& slip : slips_) slip = SlipWatch(robot_.stance);
     rearm_cycles_ = kRearmCycles;
     engaged_ = false;
@@ -185,32 +188,6 @@ void ControlCore::engage(const PlanReference& reference) noexcept {
   }
   engaged_ = true;
   engaged_time_s_ = 0.0;
-}
-
-void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noexcept {
-  PerLimb<LimbEvents> events;
-  for (int l = 0; l < kLimbs; ++l) events[l] = limbs_[l].events(reference.limbs[l], body_.body_W(), dt_s);
-  if (!started_) {
-    settling_limb_ = -1;
-    for (int l = 0; l < kLimbs && settling_limb_ < 0; ++l) {
-      if (reference.limbs[l].gripping() && !events[l].gripped) settling_limb_ = l;
-    }
-    started_ = settling_limb_ < 0 && engaged_time_s_ >= robot_.supervisor.settle_time_s;
-    if (engaged_time_s_ >= robot_.supervisor.settle_time_s) settling_time_s_ += dt_s;
-  }
-  for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
-    const LimbReference& limb = reference.limbs[l];
-    if (retry_.limb() == l) {
-      if (limb.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
-      events[l].gripped = false;
-      clock_.wait_anew();
-    }
-    if (!limb.closing()) continue;
-    if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) begin_test(l);
-    events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
-  }
-  if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
-  if (test_.limb() >= 0) clock_.wait_anew();  // a pull takes as long as its load is heavy, and ends by itself
 }
 
 PerLimb<Bearer> ControlCore::bearers(const PlanReference& reference) const noexcept {
@@ -316,81 +293,6 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   press_holds(reference, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
     limbs_[l].drive(reference.limbs[l], wrenches_W_[l], plan_->gravity_W_m_s2, body_.body_W(), engagement, dt_s);
-  }
-}
-
-Contact ControlCore::contact(const LimbReference& reference) const noexcept {
-  return {reference.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
-          reference.finger_opening_m};
-}
-
-double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  Contact trusted = contact(reference);
-  trusted.friction *= robot_.control.trusted_friction;
-  return std::max(reference.squeeze_N,
-                  required_grasp_force_N(wrench_W, reference.finger_axis_W(), trusted, robot_.control));
-}
-
-PerLimb<double> ControlCore::needs_N(const PlanReference& reference) const noexcept {
-  PerLimb<double> needs_N{};
-  for (int l = 0; l < kLimbs; ++l) {
-    const LimbReference& limb = reference.limbs[l];
-    if (limb.gripping() && !faults_.lost(l))
-      needs_N[l] = needed_grasp_force_N(wrenches_W_[l], limb.finger_axis_W(), contact(limb), robot_.control);
-  }
-  return needs_N;
-}
-
-void ControlCore::begin_test(int limb) noexcept {
-  if (test_.limb() >= 0) return;
-  PerLimb<double> bearable_N = needs_N(reference_);
-  for (int l = 0; l < kLimbs; ++l) {
-    const LimbReference& other = reference_.limbs[l];
-    bearable_N[l] = std::max(
-        bearable_N[l], testable_N(*plan_, clock_.now(), l, other.finger_axis_W(), contact(other), robot_.control));
-  }
-  const LimbReference& tested = reference_.limbs[limb];
-  test_.begin(limb, test_load_W(*plan_, clock_.now(), limb, tested.finger_axis_W(), contact(tested), robot_.control),
-              bearable_N);
-}
-
-void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
-  for (int l = 0; l < kLimbs; ++l) {
-    if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
-    if (test_.limb() == l)
-      test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N(reference), dt_s);
-    const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
-    if (climbs && test_.result(l) == GraspTest::Result::kFailed && retry_.begin(l)) {
-      test_.forget(l);
-      limbs_[l].aim_beside(retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
-    }
-  }
-}
-
-void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexcept {
-  if (plan_->point_feet) {
-    for (int l = 0; l < kLimbs; ++l) limbs_[l].grasp(reference.limbs[l], 0.0, dt_s);
-    return;
-  }
-  // The plan's squeeze, and at least what the load needs where the hold has less friction than it was planned with. The
-  // grasp leads the load: it is strong enough for what comes within the lead time as well, and for what its sensor
-  // feels beyond the plan. A sensor that fails leaves what it felt last.
-  const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
-  const PerLimb<Wrench> wrenches_ahead_W = balanced(bearers(ahead));
-  bool any_lost = false;
-  for (int l = 0; l < kLimbs; ++l) any_lost = any_lost || faults_.lost(l);
-  for (int l = 0; l < kLimbs; ++l) {
-    const LimbReference& now = reference.limbs[l];
-    double force_N = 0.0;
-    if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
-    if (test_.limb() == l) force_N = wanted_grasp_force_N(now, test_.load_W());
-    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = contact(now).max_normal_N;
-    if (now.gripping() && !faults_.distrusted(l))
-      force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
-    if (ahead.limbs[l].gripping()) {
-      force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
-    }
-    limbs_[l].grasp(now, force_N, dt_s);
   }
 }
 

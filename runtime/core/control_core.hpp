@@ -58,6 +58,9 @@ class ControlCore {
   SupervisorState state() const { return supervisor_.state(); }
 
  private:
+  /// Of a limb in the air to the hold it left, when another has lost its own.
+  enum class Return : std::uint8_t { kNone, kOnItsWay, kOver };
+
   void sense(const crux_msgs::control_input_t& in) noexcept;
   void supervise(const crux_msgs::control_input_t& in) noexcept;
   void watch_stance(double dt_s) noexcept;
@@ -65,6 +68,8 @@ class ControlCore {
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
+  /// Lets the clock run back in HOLDING, once, until a limb that is in the air while another has lost its hold grips.
+  void find_hold_again(int command, double dt_s) noexcept;
   void localise(const PlanReference& reference, double dt_s) noexcept;
   void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
@@ -114,6 +119,7 @@ class ControlCore {
   PlanReference reference_;     ///< of this cycle
   PerLimb<Wrench> wrenches_W_;  ///< that the limbs are to bear, of this cycle
   Vector3 com_W_m_ = Vector3::Zero();
+  Return return_ = Return::kNone;
   bool engaged_ = false;  ///< control has taken over from the nodes' own hold
   double engaged_time_s_ = 0.0;
   bool started_ = false;          ///< the plan's clock has left zero

@@ -1,6 +1,8 @@
 // A grasp that gives way when it is pulled is opened, shifted along the hold's faces and closed again.
 #pragma once
 
+#include <Eigen/Geometry>
+
 #include "core/reference_player.hpp"
 
 namespace crux {

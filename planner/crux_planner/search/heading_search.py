@@ -29,7 +29,7 @@ from crux_planner.swing.swing_cache import SwingCache
 HEADING_STEP_RAD = 0.07
 YAW_RESERVE_RAD = 0.01  # kept of the grippers' range of yaw
 SPARE_HEADINGS = 3  # beyond the start's and the goal's
-LIKENESS = 2.0  # knots that a state must be better than one alike (in all but heading and place on the holds) before it
+SIMILARITY = 2.0  # knots that a state must beat one alike by (in all but heading and place on the holds) before it
 CARRIED_M = 0.15  # way of the body while a limb swings, as the estimate of the way to go sees it
 _SETTLED = 1e-9
 
@@ -156,7 +156,7 @@ class HeadingSearch:
                 total = cost + more
                 if total < best.get(following.after, np.inf) - _SETTLED:
                     rank = (
-                        total + greed * self.estimate(following.after) + LIKENESS * like[self._likes(following.after)]
+                        total + greed * self.estimate(following.after) + SIMILARITY * like[self._likes(following.after)]
                     )
                     heapq.heappush(queue, (rank, next(counter), total, following, False))
         return None, report

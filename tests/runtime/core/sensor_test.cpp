@@ -117,6 +117,30 @@ TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
   EXPECT_GT(planned_force_N(2).norm(), 5.0);
 }
 
+TEST_F(Sensors, ALimbInTheAirGoesBackToItsHoldWhenAnotherHasLostItsOwn) {
+  const auto phase = [&] { return static_cast<LimbPhase>(run_.result.reference[0].phase); };
+  for (int i = 0; i < 6000 && phase() != LimbPhase::kSwing; ++i) run_.step();
+  ASSERT_EQ(phase(), LimbPhase::kSwing);
+  const auto gone = [](crux_msgs::control_input_t& in) { loosen(in, 2); };
+  ASSERT_LE(until_fault(gone, 200), 200);
+  expect_fault(FaultCode::kGripLost, 2, 7);
+  for (int i = 0; i < 6000 && phase() != LimbPhase::kStance; ++i) {
+    gone(run_.plant.input());
+    ASSERT_FALSE(run_.step().has_fault);
+    ASSERT_EQ(run_.core.state(), SupervisorState::kHolding);
+  }
+  EXPECT_EQ(phase(), LimbPhase::kStance);
+  EXPECT_GT(run_.plant.input().finger_force_n[0], robot().supervisor.min_stance_force_N);
+  EXPECT_GT(planned_force_N(0).norm(), 5.0);
+  double plan_time_s = 0.0;
+  for (int i = 0; i < 1500; ++i) {
+    if (i == 1000) plan_time_s = run_.result.state.plan_time_s;
+    gone(run_.plant.input());
+    run_.step();
+  }
+  EXPECT_EQ(run_.result.state.plan_time_s, plan_time_s) << "in the stance before the clock stands";
+}
+
 TEST_F(Sensors, AFingerForceThatReadsZeroIsNamedAndTheGripHoldsOnByItsOpening) {
   const double opening_m = run_.result.output.finger_opening_m[1];
   const auto zero = [](crux_msgs::control_input_t& in) { in.finger_force_n[1] = 0.0; };
