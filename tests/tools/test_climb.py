@@ -147,7 +147,7 @@ def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(
     assert one["/plan"] == other["/plan"]
 
 
-FAULTS = "version: 1\nfaults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.5}]"
+FAULTS = "version: 1\nfaults: [{at_s: 4.0, kind: loss, limb: RF, share: 0.3, for_s: 0.1}]"
 WORLD = (
     "version: 1\nname: rough\nholds: {all: {offset_m: {normal: [0, 0.003]}}}\n"
     "robot: {payload: {mass_kg: 0.5}, joints: {all: {backlash_rad: 0.002, setpoint_time_constant_s: 0.03}}}\n"
