@@ -82,14 +82,16 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
 
 void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   if (supervisor_.state() != SupervisorState::kHolding || return_ == Return::kOver || plan_->point_feet) return;
-  bool lost = false, in_air = false;
+  // Fingers that close have their hold before them, or press on it already: they are not opened.
+  bool lost = false, in_air = false, closes = false;
   for (int l = 0; l < kLimbs; ++l) {
     lost = lost || faults_.lost(l);
     in_air = in_air || !(reference_.limbs[l].gripping() || faults_.lost(l));
+    closes = closes || (reference_.limbs[l].closing() && !faults_.lost(l));
   }
   if (!lost) return;
   if (return_ == Return::kNone) {
-    const bool can = in_air && clock_.can_reverse(*plan_);
+    const bool can = in_air && !closes && retry_.limb() < 0 && clock_.can_reverse(*plan_);
     return_ = can ? Return::kOnItsWay : Return::kOver;
     if (!can) return;
     clock_.depart(*plan_, Motion::kReverse);

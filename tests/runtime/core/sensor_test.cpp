@@ -141,6 +141,23 @@ TEST_F(Sensors, ALimbInTheAirGoesBackToItsHoldWhenAnotherHasLostItsOwn) {
   EXPECT_EQ(run_.result.state.plan_time_s, plan_time_s) << "in the stance before the clock stands";
 }
 
+TEST_F(Sensors, AGripperThatHasClosedIsNotOpenedAgainWhenAnotherHasLostItsHold) {
+  const auto presses = [&] {
+    return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose) &&
+           run_.plant.input().finger_force_n[0] > 20.0;
+  };
+  for (int i = 0; i < 12000 && !presses(); ++i) run_.step();
+  ASSERT_TRUE(presses());
+  const auto gone = [](crux_msgs::control_input_t& in) { loosen(in, 2); };
+  ASSERT_LE(until_fault(gone, 200), 200);
+  expect_fault(FaultCode::kGripLost, 2, 7);
+  for (int i = 0; i < 2000; ++i) {
+    gone(run_.plant.input());
+    run_.step();
+    ASSERT_TRUE(presses()) << "cycle " << i;
+  }
+}
+
 TEST_F(Sensors, AFingerForceThatReadsZeroIsNamedAndTheGripHoldsOnByItsOpening) {
   const double opening_m = run_.result.output.finger_opening_m[1];
   const auto zero = [](crux_msgs::control_input_t& in) { in.finger_force_n[1] = 0.0; };
