@@ -106,7 +106,7 @@ def test_a_bus_that_is_away_is_neither_waited_for_nor_sent_on(bench: Host) -> No
     assert statuses(bench, LIMB) == [1] * 6
 
 
-def test_a_strangers_frame_reaches_the_nodes_and_the_bus(bench: Host) -> None:
+def test_a_rogue_hosts_frame_reaches_the_nodes_and_the_bus(bench: Host) -> None:
     bench.run(0, JOINT, GRIPPER)
     forged = can_codec.encode("JointCommand", {**JOINT, "Position_rad": 0.5}, 2, 3)
     bench.nodes.intrude(LIMB, forged.identifier, forged.data)

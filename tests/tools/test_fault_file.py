@@ -1,4 +1,4 @@
-"""Scheduled faults: what a file may say, what strangers put on a bus, and what is done to the runtime's process."""
+"""Scheduled faults: what a file may say, what rogue hosts put on a bus, and what is done to the runtime's process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from crux_tools.errors import UsageError
 from crux_tools.sim.disturbance import Disturbance
 from crux_tools.sim.fault_file import FOR_GOOD, KINDS, OF_THE_RUNTIME, ON_SOCKETCAN, Fault, read_faults
 from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
-from crux_tools.sim.strangers import SENDERS
+from crux_tools.sim.rogue_hosts import SENDERS
 
 DT_S = 0.002
 
@@ -104,7 +104,7 @@ def test_faults_of_interfaces_need_interfaces() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(SENDERS))
-def test_strangers_frames_are_whole_but_for_damaged_ones(kind: str) -> None:
+def test_rogue_hosts_frames_are_whole_but_for_damaged_ones(kind: str) -> None:
     for cycle in (0, 100, 70000):
         frames = list(SENDERS[kind](cycle))
         assert len(frames) >= 6

@@ -33,6 +33,26 @@ BUS_WORDS = {
 }
 
 
+def _add_world_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--world",
+        type=Path,
+        metavar="WORLD.yaml",
+        help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
+        "runtime know of it (tools/README.md has the keys, tools/worlds examples)",
+    )
+    parser.add_argument(
+        "--world-seed",
+        type=whole(0),
+        default=0,
+        metavar="N",
+        help="of the numbers that the world draws from distributions (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--drawn-world", type=Path, metavar="FILE.yaml", help="also write the world with all its numbers drawn"
+    )
+
+
 def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux climb`."""
     parser = subparsers.add_parser(
@@ -69,23 +89,7 @@ def add_parser(subparsers: Any) -> None:
         metavar="FILE.yaml",
         help="what goes wrong on the buses or with the runtime's process, and when (tools/README.md has the kinds)",
     )
-    parser.add_argument(
-        "--world",
-        type=Path,
-        metavar="WORLD.yaml",
-        help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
-        "runtime know of it (tools/README.md has the keys, tools/worlds examples)",
-    )
-    parser.add_argument(
-        "--world-seed",
-        type=whole(0),
-        default=0,
-        metavar="N",
-        help="of the numbers that the world draws from distributions (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--drawn-world", type=Path, metavar="FILE.yaml", help="also write the world with all its numbers drawn"
-    )
+    _add_world_options(parser)
     parser.add_argument(
         "--emulate",
         metavar="NODES",

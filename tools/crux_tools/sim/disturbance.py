@@ -14,7 +14,7 @@ from crux_tools.sim import can_interface
 from crux_tools.sim.fault_file import NODES, OF_THE_RUNTIME, ON_SOCKETCAN, Fault
 from crux_tools.sim.process_faults import ProcessFaults
 from crux_tools.sim.recorder import Truth
-from crux_tools.sim.strangers import SENDERS
+from crux_tools.sim.rogue_hosts import SENDERS
 from crux_tools.telemetry.summary import FaultNote
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
