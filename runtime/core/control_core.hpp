@@ -88,8 +88,7 @@ class ControlCore {
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors(double late_s) const noexcept;
-  /// A limb without inertia to speak of: legs that swing have some, and what slides on its hold, or sticks to it as it
-  /// opens, jerks the gripper.
+  /// A limb without inertia to speak of: legs that swing have some, and what slides on its hold as it is pulled.
   bool moves_slowly(int limb) const noexcept;
   PerLimb<Bearer> bearers(const PlanReference& reference) const noexcept;
   PerLimb<Wrench> balanced(const PerLimb<Bearer>& bearers) const noexcept;

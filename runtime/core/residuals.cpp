@@ -65,7 +65,7 @@ double ControlCore::utilisation(int limb) const noexcept {
 bool ControlCore::moves_slowly(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (reference.point_foot) return reference.load > kStandingLoad;
-  return reference.phase != LimbPhase::kOpen && test_.limb() != limb && retry_.limb() != limb;
+  return test_.limb() != limb && retry_.limb() != limb;
 }
 
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {

@@ -87,14 +87,6 @@ TEST_F(Sensors, AForceTorqueSensorThatReadsZeroIsNamedAndNotYieldedTo) {
   EXPECT_LT((offset_m(3) - before_m).norm(), 2e-4);
 }
 
-TEST_F(Sensors, AFingerThatSticksToItsHoldAsItOpensIsNoFault) {
-  const auto opens = [&] { return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kOpen); };
-  for (int i = 0; i < 6000 && !opens(); ++i) run_.step();
-  ASSERT_TRUE(opens());
-  const auto jerked = [&](crux_msgs::control_input_t& in) { in.ft_force_g_n[0] -= opens() ? 30.0 : 0.0; };
-  EXPECT_EQ(until_fault(jerked, 1000), 1001);
-}
-
 TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
   const double before_N = planned_force_N(2).norm();
   ASSERT_GT(before_N, 5.0);
