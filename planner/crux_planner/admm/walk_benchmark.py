@@ -21,9 +21,9 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
+from crux_planner.physics.bounds import FEET_APART_M, least_load_N, rate_steps, walk_bounds
+from crux_planner.physics.cost import FORCE_SHARE, walk_cost
 from crux_planner.physics.limit_surface import SMOOTHING_N
-from crux_planner.physics.walk_bounds import FEET_APART_M, body_bounds, least_load_N, rate_steps
-from crux_planner.physics.walk_cost import FORCE_SHARE, walk_cost
 from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.solvers.relaxation import Relaxed
 from crux_planner.trajectory.walk_qp import WalkKnots
@@ -95,7 +95,7 @@ class WalkBenchmark:
 
     def _bounds(self) -> tuple[Array, Array]:
         problem, n = self.problem, self.problem.steps
-        low_x, high_x = body_bounds(problem, None)
+        low_x, high_x = walk_bounds(problem, None)
         low_p = np.tile([-np.inf, -np.inf, 0.0], (n + 1, _FEET))
         high_p = np.tile([np.inf, np.inf, problem.step_height_m], (n + 1, _FEET))
         low_p[0] = high_p[0] = np.column_stack([problem.start_feet_w_m, np.zeros(_FEET)]).ravel()

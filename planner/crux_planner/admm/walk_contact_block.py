@@ -18,7 +18,7 @@ import numpy as np
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.gait import Gait
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.planar_qp import FlatWalk
 from crux_planner.search.slots import Change, Slots

@@ -11,7 +11,7 @@ from crux_planner.admm.walk_limb_block import FootPlan
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_cost import walk_cost
+from crux_planner.physics.cost import walk_cost
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.slots import LEAST_GAP, Slots
 from crux_planner.solvers.worker import Team

@@ -12,10 +12,10 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.physics.bounds import rate_steps, walk_bounds
 from crux_planner.physics.cost import body_cost
 from crux_planner.physics.dynamics import euler_step
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.walk_bounds import body_bounds, rate_steps
 from crux_planner.solvers.ipopt import AGAIN, Nlp
 from crux_planner.trajectory.consensus import Eta, Scales
 
@@ -44,7 +44,7 @@ class WalkMotion:
         rates = x[6:12, 1:] - x[6:12, :-1]
         parameters = ca.veccat(rho, to_x, to_p, to_u)
         nlp = {"x": ca.veccat(x, p, u), "p": parameters, "f": cost, "g": ca.veccat(steps, reach, rates)}
-        low, high = body_bounds(problem, None)
+        low, high = walk_bounds(problem, None)
         foot_low, foot_high = [-np.inf, -np.inf, 0.0] * _FEET, [np.inf, np.inf, problem.step_height_m] * _FEET
         force = np.full(3 * _FEET * n, _FORCE_BOUND_N / FORCE_UNIT_N)
         self._bounds = (

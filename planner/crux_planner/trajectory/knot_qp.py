@@ -14,7 +14,7 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds, wrench_bounds
-from crux_planner.physics.cost import plan_cost, wrench_weights
+from crux_planner.physics.cost import plan_cost, state_weights, wrench_weights
 from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.physics.reach import body_positions, turned_half
@@ -154,9 +154,7 @@ def _pull(
 def _body_cost(
     qp: SparseQp, problem: Problem, body: list[Indices], target: Eta | None, rho: float, scales: Scales
 ) -> None:
-    weights, goal = problem.weights, problem.goal.body
-    wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
-    q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
+    q, wanted = state_weights(problem)
     unit = np.array([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
     for k, index in enumerate(body):
         qp.squares(index[:, None], np.sqrt(q)[:, None], np.sqrt(q) * wanted, 1.0)

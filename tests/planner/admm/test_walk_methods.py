@@ -14,7 +14,7 @@ from crux_planner.admm.walk_limb_block import FootBlock, FootPlan
 from crux_planner.admm.walk_motion_block import WalkMotion
 from crux_planner.model.gait import Step, longest_step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
-from crux_planner.physics.walk_cost import walk_cost
+from crux_planner.physics.cost import walk_cost
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.slots import Slots
 from crux_planner.solvers import clock
