@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +26,7 @@ from crux_planner.solvers.worker import Team, Worker
 from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots
 
 if TYPE_CHECKING:
+    from crux_planner.admm.admm import ContactPlan
     from crux_planner.trajectory.consensus import Eta, Scales
 
 FLAT_GAITS = 60  # solved by the first search beyond its first ones
@@ -35,19 +35,6 @@ _LINEARISATIONS = 3  # of (8b) and (9a) about the answer
 _NEAR = 90  # gaits looked at near one that has no solution
 _SETTLED, _COMPARED = 12, 6  # walks in the plane given to the oracle, and how many at once for the best of them
 _BETTER = 2e-3  # of J, what is worth a change
-
-
-@dataclass(frozen=True)
-class WalkPlan:
-    """eta of the contact blocks with the contacts behind it."""
-
-    eta: Eta
-    knots: WalkKnots
-
-    @property
-    def gait(self) -> list[str]:
-        """Limbs in the order in which they lift off."""
-        return self.knots.gait.names
 
 
 class Lifted:
@@ -104,7 +91,7 @@ class WalkContacts:
         if not found:
             raise InfeasibleError("contacts", "no gait keeps the feet within reach and the body in balance")
 
-    def minimise(self, rho: float, target: Eta | None, deadline: float) -> WalkPlan:
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[WalkKnots]:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         if self._known is None:
             first = next(self.search(deadline))
@@ -113,9 +100,10 @@ class WalkContacts:
         if target is not None:
             best = self._improved(self._again(best, rho, target), rho, target, deadline)
         self._known = best
+        from crux_planner.admm.admm import ContactPlan
         from crux_planner.trajectory.consensus import Eta  # with casadi, which auto does without
 
-        return WalkPlan(Eta.of_points(best.body, best.feet(self.problem.step_height_m), best.forces), best)
+        return ContactPlan(Eta.of_points(best.body, best.feet(self.problem.step_height_m), best.forces), best)
 
     def near(self, gait: Gait, deadline: float) -> Iterator[WalkKnots]:
         """Walks by a gait, by its neighbours and its order of the feet at other times, by any order where it has none.

@@ -29,7 +29,6 @@ from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
 from crux_planner.swing.swing_cache import SwingCache
-from crux_planner.trajectory.solution import start_from_path
 
 QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
@@ -199,16 +198,17 @@ def _plan_by_method(climb: Climb) -> PlanResult:
             settings = method_settings(climb)
             task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
             decided = METHODS[climb.method](task)
-        alone = plan_message(climb.scenario, climb.robot, problem, decided.schedule, decided.solution, climb.method)
+        knots = decided.knots
+        reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
         with work.part("check", 0.4):
-            alone_report = check_plan(alone, climb.robot)
-        found = finish(climb, decided.schedule, start_from_path(problem, decided.path, decided.schedule.yaw_rad))
+            reached_report = check_plan(reached, climb.robot)
+        found = finish(climb, knots.schedule, knots.start())
         if isinstance(found, PlanResult):
             found.gap = _proven_gap(work, found.cost)
             found.method, found.seconds = climb.method, time.monotonic() - work.began
-            found.iterations, found.history = decided.iterations, decided.residuals
-            worst = alone_report.to_json()["worst"][:1]
-            found.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+            found.iterations, found.history = decided.iterations, decided.history
+            worst = reached_report.to_json()["worst"][:1]
+            found.method_report = {**decided.to_json(), "check": {"ok": reached_report.ok, "worst": worst}}
         else:
             work.log(f"refused: {found}")
         return found

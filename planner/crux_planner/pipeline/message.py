@@ -42,7 +42,7 @@ class PlanResult:
     seconds: float = 0.0
     gap: float | None = None
     history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
-    alone: dict[str, Any] | None = None  # what a method reached before the exact NLP
+    method_report: dict[str, Any] | None = None  # what a method reached before the exact NLP
     timing: dict[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -95,7 +95,7 @@ class PlanResult:
             "iterations": self.iterations,
             "residuals": self.residuals,
             "history": self.history,
-            "alone": self.alone,
+            "method_report": self.method_report,
             "gait": self.gait,
             "check": {"ok": self.check.ok, "worst": self.check.to_json()["worst"]},
             "timing": self.timing,

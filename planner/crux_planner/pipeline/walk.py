@@ -16,7 +16,7 @@ from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
-from crux_planner.errors import InfeasibleError, unsolved, wrong
+from crux_planner.errors import InfeasibleError, unsolved
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult, walk_message
@@ -141,28 +141,26 @@ def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
 
 def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
-    from crux_planner.admm.walk_methods import METHODS, WalkTask
+    from crux_planner.admm.methods import WALK_METHODS, WalkTask
 
     scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
-    if method not in METHODS:
-        raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     workers = _team(walk.worker)
     contacts = WalkContacts(problem, workers=workers)
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
+            decided = WALK_METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait
-    alone = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
+    reached = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
     with work.part("check", 0.4):
-        alone_report = check_plan(alone, walk.robot)
+        reached_report = check_plan(reached, walk.robot)
     result = _first_good(walk, contacts.near(gait, walk.deadline))
     if isinstance(result, PlanResult):
-        result.iterations, result.history = decided.iterations, decided.residuals
-        worst = alone_report.to_json()["worst"][:1]
-        result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+        result.iterations, result.history = decided.iterations, decided.history
+        worst = reached_report.to_json()["worst"][:1]
+        result.method_report = {**decided.to_json(), "check": {"ok": reached_report.ok, "worst": worst}}
     return result
 
 

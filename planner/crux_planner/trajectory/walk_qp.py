@@ -6,7 +6,7 @@ answer, again and again, the QP solves P1 of the gait.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +45,7 @@ class WalkKnots:
     consensus term, and what a newton more or less would change where a foot is off the ground (N, 4, 3).
     """
 
+    problem: WalkProblem
     gait: Gait
     body: Array
     forces: Array
@@ -52,6 +53,16 @@ class WalkKnots:
     cost: float
     value: float
     pull: Array
+
+    @property
+    def order(self) -> list[str]:
+        """Limbs in the order in which they lift off."""
+        return self.gait.names
+
+    def with_body(self, body: Array) -> WalkKnots:
+        """The same with other body states."""
+        cost = walk_cost(self.problem, self.gait, body, self.forces)
+        return replace(self, body=body, cost=cost, value=cost)
 
     def feet(self, step_height_m: float) -> Array:
         """(N + 1, 4, 3)."""
@@ -170,7 +181,7 @@ class ContactQp:
         pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
         cost = walk_cost(problem, gait, body, forces)
         near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
-        return WalkKnots(gait, body, forces, footholds, cost, near + gait_cost(problem, gait), pull)
+        return WalkKnots(problem, gait, body, forces, footholds, cost, near + gait_cost(problem, gait), pull)
 
     def _dynamics(self, of: _Layout) -> tuple[sp.csr_matrix, Array, Array]:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
