@@ -63,6 +63,11 @@ def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_ove
     squeeze = log.tables["/limb_telemetry"]
     squeeze = squeeze[squeeze["limb"] == RF]["grasp_force_reference_n"]
     assert squeeze.max() > 55
+    (friction,) = set(log.tables["/limb_reference"]["friction"][:4]) - {0.0}
+    grasp = log.tables["/limb_telemetry"]
+    slipped_at = grasp[grasp["limb"] == RF]["slip_friction"]
+    assert slipped_at.max() == pytest.approx(0.14 * friction, rel=0.25)  # what its hold really has
+    assert not grasp[grasp["limb"] != RF]["slip_friction"].any()
 
 
 @pytest.mark.parametrize("seed", [1, 2])
