@@ -19,6 +19,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Generic, Protocol, Self, TypeVar
 
+from crux_contracts import LIMB_NAMES
+
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
 from crux_planner.trajectory.consensus import Eta, Residuals
@@ -65,6 +67,17 @@ class Limbs(Protocol[K]):
     def minimise(self, rho: float, target: Eta) -> ContactPlan[K]:
         """Every limb's argmin of its share, joined; the body, in no limb's block, is the target's."""
         ...
+
+
+class LimbBlocks:
+    """The MIPs of all limbs, `make(*arguments, limb)` each."""
+
+    def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
+        self._blocks = [make(*arguments, limb) for limb in range(len(LIMB_NAMES))]
+
+    def __call__(self, limb: int, *question: Any) -> Any:
+        """The argmin of one limb."""
+        return self._blocks[limb].minimise(*question)
 
 
 class Motion(Protocol):

@@ -8,15 +8,15 @@ from typing import Any
 
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.admm import Decided, Settings, multi_block, two_block
+from crux_planner.admm.admm import Decided, LimbBlocks, Settings, multi_block, two_block
 from crux_planner.admm.benchmark import Benchmark
 from crux_planner.admm.climb_limbs import ClimbLimbs
 from crux_planner.admm.contact_block import ContactBlock
-from crux_planner.admm.limb_block import LimbBlocks
+from crux_planner.admm.limb_block import LimbBlock
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.walk_benchmark import WalkBenchmark
 from crux_planner.admm.walk_contact_block import WalkContacts
-from crux_planner.admm.walk_limb_block import FootBlocks
+from crux_planner.admm.walk_limb_block import FootBlock
 from crux_planner.admm.walk_limbs import WalkLimbs
 from crux_planner.admm.windows import Windows
 from crux_planner.model.problem import Problem
@@ -71,8 +71,8 @@ def decide_walk_two_block(task: WalkTask) -> Decided[WalkKnots]:
 def decide_multi_block(task: Task) -> Decided[KnotSolution]:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
     windows = Windows(task.problem, task.reach, task.swings)
-    with crew(len(LIMB_NAMES) - 1, LimbBlocks.__module__, log=task.report) as workers:
-        blocks = Team(workers, LimbBlocks, windows, task.equilibrium)
+    with crew(len(LIMB_NAMES) - 1, LimbBlock.__module__, log=task.report) as workers:
+        blocks = Team(workers, LimbBlocks, LimbBlock, windows, task.equilibrium)
         limbs = ClimbLimbs(windows, task.equilibrium, blocks, MULTI_SCALES, task.deadline)
         motion = MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0)
         return multi_block(limbs, motion, task, MULTI_RHO, MULTI_ITERATIONS)
@@ -80,8 +80,8 @@ def decide_multi_block(task: Task) -> Decided[KnotSolution]:
 
 def decide_walk_multi_block(task: WalkTask) -> Decided[WalkKnots]:
     """P3: one contact block a limb in parallel processes, which looks at all its steps, and one NLP."""
-    with crew(len(LIMB_NAMES) - 1, FootBlocks.__module__, log=task.report) as workers:
-        limbs = WalkLimbs(task.problem, Team(workers, FootBlocks, task.problem), WALK_SCALES)
+    with crew(len(LIMB_NAMES) - 1, FootBlock.__module__, log=task.report) as workers:
+        limbs = WalkLimbs(task.problem, Team(workers, LimbBlocks, FootBlock, task.problem), WALK_SCALES)
         motion = MotionBlock(task.problem, scales=WALK_SCALES, body_weight=1.0)
         return multi_block(limbs, motion, task, WALK_RHO, WALK_MULTI_ITERATIONS)
 

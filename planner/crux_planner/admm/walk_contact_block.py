@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crux_planner.errors import InfeasibleError
+from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
@@ -150,7 +151,7 @@ class WalkContacts:
         improving = True
         while improving:
             improving = False
-            for change, slots in self._promising(best, rho, seen, doubts):
+            for change, slots in self._flat.promising(best.gait, self._worth(best, rho), seen, doubts):
                 if self.oracles >= last or clock.now() > deadline:
                     break
                 seen.add(slots)
@@ -170,27 +171,16 @@ class WalkContacts:
                 break
         return best
 
-    def _promising(
-        self, best: WalkKnots, rho: float, seen: set[Slots], doubts: Counter[Change]
-    ) -> list[tuple[Change, Slots]]:
-        """Neighbours not seen, those first of which the duals promise most; changes that failed before, later."""
-        problem, here = self.problem, Slots.of(best.gait)
-        alpha = here.alpha(problem.steps)
-        effort = FORCE_SHARE * problem.weights.wrench
+    def _worth(self, best: WalkKnots, rho: float) -> Array:
+        """(N, 4): what a foot on the ground costs, and what one in the air would save were it there."""
+        effort = FORCE_SHARE * self.problem.weights.wrench
         if self._scales is not None:
             effort += rho / 2 * self._scales.force**2
-        worth = (best.pull**2).sum(axis=2) / (4 * effort)
+        worth: Array = (best.pull**2).sum(axis=2) / (4 * effort)
         worth[best.pull[..., 2] > 0] = 0.0  # the ground does not pull
-        worth = np.where(alpha, effort * (best.forces**2).sum(axis=2), worth)
-        ranked = {}
-        for change, slots in here.neighbours():
-            if slots in seen or slots in ranked:
-                continue
-            if slots.possible(problem) and self._flat.strides.long_enough(slots):
-                then = slots.alpha(problem.steps)
-                gain = float(worth[then & ~alpha].sum() - worth[alpha & ~then].sum())
-                ranked[slots] = (doubts[change], -gain, change)
-        return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
+        on = best.gait.stance[: self.problem.steps]
+        worth[on] = effort * (best.forces[on] ** 2).sum(axis=1)
+        return worth
 
 
 def _alike(one: WalkKnots, other: WalkKnots) -> bool:

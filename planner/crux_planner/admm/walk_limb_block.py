@@ -131,14 +131,3 @@ class FootBlock:
         normal = np.clip(normal, least_load_N(self.problem), self.problem.max_normal_N)
         share = np.minimum(1.0, mu * normal / np.maximum(lateral, 1e-9))
         return np.column_stack([forces[:, :2] * share[:, None], normal])
-
-
-class FootBlocks:
-    """The MIPs of all feet."""
-
-    def __init__(self, problem: WalkProblem) -> None:
-        self._blocks = [FootBlock(problem, limb) for limb in range(len(LIMB_NAMES))]
-
-    def __call__(self, limb: int, rho: float, feet: Array, forces: Array, air_cost: Array, scales: Scales) -> FootPlan:
-        """FootBlock.minimise of one limb."""
-        return self._blocks[limb].minimise(rho, feet, forces, air_cost, scales)
