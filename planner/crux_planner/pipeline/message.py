@@ -17,6 +17,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
+    from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
     from crux_planner.model.gait import Gait
     from crux_planner.model.problem import CentroidalProblem, Problem
@@ -61,6 +62,12 @@ class PlanResult:
             force_residual_N=solution.force_residual_N,
             timing=work.seconds,
         )
+
+    def found_by(self, decided: Decided[Any], check: CheckReport) -> None:
+        """Say which of the paper's methods it comes from, and what the checker says of what that reached by itself."""
+        self.iterations, self.history = decided.iterations, decided.history
+        worst = check.to_json()["worst"][:1]
+        self.method_report = {**decided.to_json(), "check": {"ok": check.ok, "worst": worst}}
 
     @property
     def scope(self) -> str:

@@ -7,7 +7,7 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
-from crux_planner.pipeline.climb import plan
+from crux_planner.pipeline.entry import plan
 from scenes import scene, wall
 
 
