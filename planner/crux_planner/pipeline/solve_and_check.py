@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,14 +22,12 @@ from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
-from crux_planner.solvers import clock
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
-IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
 
 
 @dataclass(frozen=True)
@@ -47,8 +44,8 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     with work.part("improve", 0.3):
         costs = EventCost(as_given, climb.equilibrium, climb.reach, climb.swings)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        busy_until = time.process_time() + IMPROVING_SHARE * (climb.deadline - clock.now())
-        timed = improve(costs, moves, climb.deadline, busy_until=busy_until) if level else None
+        waits = climb.scenario.planner.idle == "keep"
+        timed = improve(costs, moves, climb.deadline, waits=waits) if level else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -84,6 +81,8 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
 
 
 def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
+    if timed is not None:
+        climb = replace(climb, problem=replace(climb.problem, steps=timed.steps))
     with climb.work.part("body", 0.4):
         try:
             schedule = (
