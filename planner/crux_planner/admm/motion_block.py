@@ -97,9 +97,8 @@ class Ends:
         for i, point in enumerate(self.points(g)):
             each = scaled[3 * i : 3 * i + 3]
             force += each
-            moment += ca.cross(point, each)
-            if self.yaw_rad:
-                moment += scaled[after + 3 * i : after + 3 * i + 3]
+            twist = scaled[after + 3 * i : after + 3 * i + 3] if self.yaw_rad else ca.SX.zeros(3)
+            moment += ca.cross(point, each) + twist
         step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
         return ca.Function("step", [x, g, u], [step])
 

@@ -25,8 +25,11 @@ def state_weights(problem: CentroidalProblem) -> tuple[Array, Array]:
 
 def body_cost(x: Any, problem: CentroidalProblem) -> Any:
     """|x - x_g|_Q^2 of one knot's body state (casadi)."""
-    q, wanted = state_weights(problem)
-    return q.reshape(1, -1) @ (x - wanted) ** 2
+    from casadi import sumsqr  # which walks do without
+
+    weights, goal = problem.weights, problem.goal.body
+    turned = weights.orientation * sumsqr(x[3:6] - goal.rpy_rad)
+    return weights.position * sumsqr(x[0:3] - goal.position_m) + turned + weights.velocity * sumsqr(x[6:12])
 
 
 def states_cost(body: Array, problem: CentroidalProblem) -> float:

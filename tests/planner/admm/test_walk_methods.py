@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import walk_by_ipopt
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import plan
@@ -19,7 +20,6 @@ from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.slots import Slots
 from crux_planner.solvers import clock
 from crux_planner.trajectory import walk_exact as exact
-from crux_planner.trajectory import walk_nlp as nlp
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import ContactQp, Reference
 
@@ -57,7 +57,7 @@ def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) 
     gait = FlatSearch(problem).begin(np.inf).gait
     first = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
     assert first is not None
-    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), nlp.solve(problem, first, 10.0)
+    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), walk_by_ipopt.solve(problem, first, 10.0)
     assert again.solved
     assert by_ipopt.solved
     assert again.cost == pytest.approx(by_ipopt.cost, rel=1e-3)

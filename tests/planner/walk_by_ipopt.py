@@ -1,4 +1,4 @@
-"""The exact walk with its gait given: body motion, foot forces, footholds under (7), (8), (9a), friction cone."""
+"""The exact walk of a gait as a program for ipopt, written apart from the planner's QP: what that must agree with."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Indices
 from crux_planner.model.problem import BODY_STATES
