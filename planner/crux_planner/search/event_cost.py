@@ -15,17 +15,15 @@ import numpy as np
 import scipy.linalg as la
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
 from crux_planner.physics.limit_surface import polytope_directions
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
-from crux_planner.search.stances import REACH_RESERVE_M, ReachableSet
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
+from crux_planner.search.stances import REACH_RESERVE_M, Oracles
 from crux_planner.solvers.qp import Entries, SparseQp
-from crux_planner.swing.swing_cache import SwingCache
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
@@ -99,10 +97,14 @@ class Estimate:
 class EventCost:
     """Estimates of one problem; what belongs to one stance or swing is kept."""
 
-    def __init__(
-        self, problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache
-    ) -> None:
-        self.problem, self.equilibrium, self.reach, self.swings = problem, equilibrium, reach, swings
+    def __init__(self, oracles: Oracles) -> None:
+        problem, equilibrium = oracles.problem, oracles.equilibrium
+        self.problem, self.equilibrium, self.reach, self.swings = (
+            problem,
+            equilibrium,
+            oracles.reachable,
+            oracles.swings,
+        )
         self.count = 0  # of nodes solved
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
