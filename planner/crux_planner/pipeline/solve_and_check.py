@@ -13,7 +13,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.cost import plan_cost
 from crux_planner.physics.speed_limits import foreseen
-from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import TooFast, slowed
 from crux_planner.pipeline.session import Climb
@@ -125,17 +125,14 @@ def path_to_goal(
 def finish(
     climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None = None
 ) -> PlanResult | InfeasibleError:
-    """The exact NLP and the check for a schedule, whatever method found it: without its waits, unless that fails or the
-    scenario keeps them.
-    """
-    if climb.scenario.planner.idle != "keep":
-        problem, shorter, begun = without_waiting(climb.problem, schedule, start)
-        if problem.steps < climb.problem.steps:
-            attempt = _finish_as_it_is(replace(climb, problem=problem), shorter, begun, functions)
-            if isinstance(attempt, PlanResult):
-                return attempt
-            climb.work.log(f"refused without its waits: {attempt}")
-    return _finish_as_it_is(climb, schedule, start, functions)
+    """The exact NLP and the check for a schedule, whatever method found it."""
+    problem, moving, begun = without_waiting(climb.problem, schedule, start)
+    shorter = replace(climb, problem=problem) if problem.steps < climb.problem.steps else None
+
+    def finish_as_it_is(climb: Climb, wait: bool) -> PlanResult | InfeasibleError:
+        return _finish_as_it_is(climb, schedule if wait else moving, start if wait else begun, functions)
+
+    return without_waits(climb, shorter, finish_as_it_is)
 
 
 def _finish_as_it_is(
