@@ -29,6 +29,7 @@ _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
 _AT_GOAL = 3  # knots, about, for which the body is at the goal rather than where the last stance is easiest
 _ABOUT = 1  # node beside what is different that an estimate near another solves again: the body meets its bounds
+_SOLVED = 10
 _SAME = 7  # digits [m] to which places of the body are the same
 _DIFFERENCE = Entries(np.hstack([-np.eye(3), np.eye(3)]))
 _BOTH_WAYS = Entries(np.vstack([np.hstack([-np.eye(3), np.eye(3)]), np.hstack([np.eye(3), -np.eye(3)])]))
@@ -43,11 +44,6 @@ class Timed:
     moves: list[Move]
     stances: Array
     swings: Array
-
-    @property
-    def steps(self) -> int:
-        """Knot intervals that they take."""
-        return int(self.stances.sum() + self.swings.sum())
 
 
 @dataclass(frozen=True)
@@ -99,13 +95,9 @@ class EventCost:
 
     def __init__(self, oracles: Oracles) -> None:
         problem, equilibrium = oracles.problem, oracles.equilibrium
-        self.problem, self.equilibrium, self.reach, self.swings = (
-            problem,
-            equilibrium,
-            oracles.reachable,
-            oracles.swings,
-        )
-        self.count = 0  # of nodes solved
+        self.problem, self.equilibrium = problem, equilibrium
+        self.reach, self.swings = oracles.reachable, oracles.swings
+        self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
         turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
@@ -149,6 +141,7 @@ class EventCost:
 
     def _places(self, nodes: list[_Node], near: Estimate | None) -> tuple[Array, Array] | None:
         """The body at the nodes and what carrying it there takes; None where there is no path."""
+        self.work += len(nodes)
         body, efforts, free = _taken_over(nodes, near)
         ends = np.flatnonzero(np.diff(free, prepend=False, append=False))
         for first, last in ends.reshape(-1, 2).tolist():  # runs of free nodes
@@ -166,7 +159,7 @@ class EventCost:
         what = tuple((node.what, node.knot - since) for node in nodes[begin:end])
         key = (first > 0, what, np.round(np.array(fixed), _SAME).tobytes())
         if key not in self._runs:
-            self.count += last - first
+            self.work += _SOLVED * (last - first)
             self._runs[key] = self._solve([*nodes[begin:end]], fixed, slice(first - begin, last - begin))
         return self._runs[key]
 
