@@ -15,7 +15,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.cost import body_cost
-from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.dynamics import centre_of_mass, euler_step
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import AGAIN, Nlp
 from crux_planner.trajectory.consensus import FINGERS, Eta, Scales
@@ -139,7 +139,8 @@ def _step(problem: Problem) -> ca.Function:
         each = scaled[3 * i : 3 * i + 3]
         force += each
         moment += ca.cross(point, each) + scaled[3 * (FINGERS + i) : 3 * (FINGERS + i) + 3]
-    step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+    centre = centre_of_mass(problem, x, [g[_POSE * limb : _POSE * limb + 4] for limb in range(4)])
+    step = euler_step(x, force, moment, centre, problem)
     return ca.Function("step", [x, g, u], [step])
 
 

@@ -13,7 +13,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import body_cost
-from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.dynamics import centre_over_feet, euler_step
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.walk_bounds import body_bounds, rate_steps
 from crux_planner.solvers.ipopt import AGAIN, Nlp
@@ -87,7 +87,8 @@ def walk_step(problem: WalkProblem) -> ca.Function:
         each = FORCE_UNIT_N * u[3 * i : 3 * i + 3]
         force += each
         moment += ca.cross(p[3 * i : 3 * i + 3], each)
-    step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+    centre = centre_over_feet(problem, x, p, ca.repmat(x[5], _FEET))  # the feet turn with the body, about
+    step = euler_step(x, force, moment, centre, problem)
     return ca.Function("step", [x, p, u], [step])
 
 
