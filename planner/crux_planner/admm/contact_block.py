@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from crux_planner.admm.admm import ContactPlan
 from crux_planner.admm.hull import Decision, HullMilp
 from crux_planner.admm.window_cost import window_cost
 from crux_planner.admm.windows import Swinging, Windows, clash
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Schedule
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, search
 from crux_planner.solvers import clock
@@ -25,20 +23,6 @@ MILP_TIME_S = 6.0  # of one iteration, once some contacts are known
 _SEARCH_TIME_S = 2.0
 GREED = 1.5  # of that search
 _CUTS = 12  # decisions thrown away in one iteration before giving up
-
-
-@dataclass(frozen=True)
-class ContactPlan:
-    """eta of the contact blocks with the contacts behind it."""
-
-    eta: Eta
-    schedule: Schedule
-    knots: KnotSolution
-
-    @property
-    def gait(self) -> list[str]:
-        """Limbs in the order in which they release."""
-        return self.schedule.gait
 
 
 class ContactBlock:
@@ -61,7 +45,7 @@ class ContactBlock:
         self._known = self._searched()
         self.bound = -np.inf  # proven, of the last MILP's objective
 
-    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan:
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[KnotSolution]:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         cost = window_cost(self.windows, rho, target, self.scales)
         for _ in range(_CUTS):
@@ -84,7 +68,7 @@ class ContactBlock:
                 continue
             self._known, self.bound = decision.swings, result.bound
             eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
-            return ContactPlan(eta, schedule, knots)
+            return ContactPlan(eta, knots)
         raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
 
     def _searched(self) -> list[Swinging] | None:

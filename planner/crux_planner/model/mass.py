@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -11,34 +11,26 @@ from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy
-from crux_planner.model.limb import LimbMasses, Vector, combined, placed
+from crux_planner.model.limb import Vector, combined, placed
+
+if TYPE_CHECKING:
+    from crux_planner.model.problem import CentroidalProblem
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
 
 
-class MassModel(Protocol):
-    """What a problem says of the robot's masses; the body link's first moment is about the body's origin."""
-
-    @property
-    def mass_kg(self) -> float: ...
-    @property
-    def limb_masses(self) -> tuple[LimbMasses, ...]: ...
-    @property
-    def body_moment_kg_m(self) -> Array: ...
-
-
-def centre_in_body(masses: MassModel, up: Vector, hands: list[tuple[Vector, Vector]]) -> Vector:
+def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vector, Vector]]) -> Vector:
     """Centre of mass of the whole robot with its grippers upright on the wall: their z axis `up`, and the centre and
     opening axis of each; all in the body frame, of whatever numbers model.limb takes.
     """
-    x, y, z = masses.body_moment_kg_m.tolist()
+    x, y, z = problem.body_moment_kg_m.tolist()
     total: Vector = (x, y, z)
-    for limb, (gripper, along) in zip(masses.limb_masses, hands, strict=True):
+    for limb, (gripper, along) in zip(problem.limb_masses, hands, strict=True):
         total = combined((1.0, total), (1.0, placed(limb, gripper, up, along).first_moment()))
-    return combined((1.0 / masses.mass_kg, total))
+    return combined((1.0 / problem.mass_kg, total))
 
 
-def centres_of_mass(masses: MassModel, poses: Array, hands: Array) -> Array:
+def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
     """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
     to_w = rotation_from_rpy(poses[..., 3:])
     to_b = to_w.swapaxes(-1, -2)
@@ -46,16 +38,16 @@ def centres_of_mass(masses: MassModel, poses: Array, hands: Array) -> Array:
     axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
     axes = np.einsum("...ij,...lj->l...i", to_b, axes)
     centre = centre_in_body(
-        masses, _parts(to_b[..., 2]), [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
+        problem, _parts(to_b[..., 2]), [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
     )
     found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, np.stack(centre, axis=-1))
     return found
 
 
-def centres_and_slopes(masses: MassModel, poses: Array, hands: Array) -> tuple[Array, Array]:
+def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, Array]:
     """`centres_of_mass` (n, 3) of poses (n, 6), and their derivatives (n, 3, 6) by the poses."""
     moved = poses + 1j * _STEP * np.eye(6)[:, None]
-    found = centres_of_mass(masses, moved, np.broadcast_to(hands, (6, *hands.shape)))
+    found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
     return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
 
 

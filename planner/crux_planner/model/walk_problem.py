@@ -16,10 +16,10 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
-from crux_planner.model.limb import LimbMasses, limb_masses
+from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
-from crux_planner.model.problem import BodyBounds, Goal, Pose, Weights
+from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
 from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
@@ -52,28 +52,17 @@ BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7))  # where they are too long for 
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
-@dataclass(frozen=True)
-class WalkProblem:
+@dataclass(frozen=True, kw_only=True)
+class WalkProblem(CentroidalProblem):
     """P1 of a walk."""
 
-    steps: int  # N
-    dt_s: float
-    gravity_w: Array
-    mass_kg: float
-    inertia_b: Array  # about the centre of mass, in the posture of the start
-    limb_masses: tuple[LimbMasses, ...]
-    body_moment_kg_m: Array  # (3,) mass times place of the body link's centre of mass, body frame
     friction: float  # of the cone a plan may use
     wall_friction: float
     max_normal_N: float  # of a foot
     start_feet_w_m: Array  # (4, 2)
-    start: Pose
-    goal: Goal
     goal_feet_w_m: Array  # (4, 2) under the body at the goal as they are at the start, or beside an obstacle there
     foothold_ranges_w_m: FootholdRanges  # beside obstacles
-    boxes: AcceptanceBoxes  # of the foot points
     cuts: tuple[Cut, ...]
-    body: BodyBounds
     foot_speed_m_s: float
     paces: tuple[float, float, float, float]  # of each foot, as a share of its speeds
     foot_yaw_rad: tuple[float, float]  # relative to the body
@@ -81,11 +70,9 @@ class WalkProblem:
     step_height_m: float
     limbs_share: float  # of a foot's way over the body, how far it moves the centre of mass: limbs have mass too
     neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
-    weights: Weights
     profile: MarginProfile
     opening_m: float  # of the fingers, all the time
     pad_radius_m: float  # of the gripper's centre above the foot point
-    heading_rad: float  # of this frame in W
 
     @property
     def pendulum_s2(self) -> float:

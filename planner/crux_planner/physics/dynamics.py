@@ -6,29 +6,17 @@ grippers; c accelerates as the body's origin does.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.mass import MassModel, centre_in_body
+from crux_planner.model.mass import centre_in_body
+from crux_planner.model.problem import CentroidalProblem
 from crux_planner.model.walk_problem import WalkProblem
 
 WRENCH_INPUTS = 5  # q = (s1, s2, m, n1, n2) of one gripper, see physics.limit_surface
-
-
-class Dynamics(Protocol):
-    """What (8) needs of a problem; the inertia is about the centre of mass."""
-
-    @property
-    def mass_kg(self) -> float: ...
-    @property
-    def inertia_b(self) -> Array: ...
-    @property
-    def gravity_w(self) -> Array: ...
-    @property
-    def dt_s(self) -> float: ...
 
 
 def rotation(theta: Any) -> Any:
@@ -64,7 +52,7 @@ def next_pose(x: Any, dt: float) -> Any:
     return ca.vertcat(r + dt * v, theta + dt * euler_rates(theta, omega))
 
 
-def centre_of_mass(masses: MassModel, x: Any, hands: list[Any]) -> Any:
+def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any]) -> Any:
     """(3,) in W for a body state and the grippers (x, y, z, yaw) (casadi)."""
     to_b = rotation(x[3:6]).T
 
@@ -75,16 +63,16 @@ def centre_of_mass(masses: MassModel, x: Any, hands: list[Any]) -> Any:
     for hand in hands:
         axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
         placed.append((parts(to_b @ (hand[0:3] - x[0:3])), parts(to_b @ axis)))
-    return x[0:3] + to_b.T @ ca.vertcat(*centre_in_body(masses, parts(to_b[:, 2]), placed))
+    return x[0:3] + to_b.T @ ca.vertcat(*centre_in_body(problem, parts(to_b[:, 2]), placed))
 
 
-def centre_over_feet(problem: WalkProblem, x: Any, feet: Any, yaws: Any) -> Any:
-    """The same for foot points (12) and the feet's yaws (4)."""
+def on_feet(problem: WalkProblem, feet: Any, yaws: Any) -> list[Any]:
+    """Grippers (x, y, z, yaw) that stand on foot points (12) with yaws (4) (casadi)."""
     above = ca.DM([0.0, 0.0, problem.pad_radius_m])
-    return centre_of_mass(problem, x, [ca.vertcat(feet[3 * i : 3 * i + 3] + above, yaws[i]) for i in range(4)])
+    return [ca.vertcat(feet[3 * i : 3 * i + 3] + above, yaws[i]) for i in range(4)]
 
 
-def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: Dynamics) -> Any:
+def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: CentroidalProblem) -> Any:
     """The body state one step on, from the total force and its moment about W's origin; `centre` is that of mass."""
     v, omega = x[6:9], x[9:12]
     moment = rotation(x[3:6]).T @ (moment_origin - ca.cross(centre, force))

@@ -22,7 +22,7 @@ from crux_planner.model.build import build_problem, start_contacts, start_inerti
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Move, Schedule
-from crux_planner.pipeline.climb import plan
+from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.fallback import plan_turning
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining

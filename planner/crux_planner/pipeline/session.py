@@ -90,12 +90,13 @@ def method_settings(session: Session) -> dict[str, Any]:
 
 def begin(
     scenario: Scenario,
+    robot: Robot,
     method: str,
     time_limit_s: float | None,
     progress: Progress | None,
     log: Callable[[str], None] | None,
-) -> tuple[Work, float]:
-    """The work, and by when (of clock.now) all but the check is to be done; the limit is of computing, in seconds.
+) -> Session:
+    """A session with the time by which all but the check is to be done; the limit is of computing, in seconds.
 
     Raises ScenarioError.
     """
@@ -103,4 +104,4 @@ def begin(
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    return work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
+    return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), method)

@@ -16,15 +16,15 @@ from crux_planner.model.gait import Gait, nominal_footholds, progress
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_bounds import (
+from crux_planner.physics.bounds import (
     apart_rows,
-    body_bounds,
     foothold_bounds,
     least_load_N,
     rate_steps,
     step_rows,
+    walk_bounds,
 )
-from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
+from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Rows
 
@@ -102,7 +102,7 @@ class FlatQp:
         """Minimise J; None where the gait has no solution."""
         problem, n = self.problem, self.problem.steps
         spots = foothold_bounds(problem, gait)
-        low, high = (each[:, _BODY].copy() for each in body_bounds(problem, gait))
+        low, high = (each[:, _BODY].copy() for each in walk_bounds(problem, gait))
         if spots is None or (low > high).any():
             return None
         low[1] = high[1] = low[0]  # at rest

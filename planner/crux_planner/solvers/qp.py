@@ -52,6 +52,14 @@ class Qp:
         return QpSolution(np.array(self._solver.result.x), np.array(self._solver.result.y), solved)
 
 
+class Entries:
+    """What is not zero of rows that are used again."""
+
+    def __init__(self, matrix: Array) -> None:
+        self.rows, self.columns = np.nonzero(matrix)
+        self.values, self.count = matrix[self.rows, self.columns], len(matrix)
+
+
 class SparseQp:
     """A sparse QP put together piece by piece: min sum of weighted squares, subject to bounds and linear rows.
 
@@ -83,11 +91,11 @@ class SparseQp:
             (np.asarray(columns), root * np.asarray(coefficients, dtype=float), root * np.asarray(target))
         )
 
-    def equal(self, matrix: Array, columns: Indices, right: Array) -> None:
+    def equal(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] = right."""
         self._equal.add(matrix, columns, right)
 
-    def below(self, matrix: Array, columns: Indices, right: Array) -> None:
+    def below(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] <= right."""
         self._below.add(matrix, columns, right)
 
@@ -123,12 +131,14 @@ class _Rows:
         self._right: list[Array] = []
         self._count = 0
 
-    def add(self, matrix: Array, columns: Indices, right: Array) -> None:
-        rows, cols = np.nonzero(matrix)
-        self._parts.append((self._count + rows, np.asarray(columns)[cols], matrix[rows, cols]))
+    def add(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
+        entries = matrix if isinstance(matrix, Entries) else Entries(matrix)
+        self._parts.append((self._count + entries.rows, np.asarray(columns)[entries.columns], entries.values))
         self._right.append(np.asarray(right, dtype=float))
-        self._count += len(matrix)
+        self._count += entries.count
 
     def matrix(self, size: int) -> tuple[sp.csc_matrix, Array]:
+        if not self._parts:
+            return sp.csc_matrix((0, size)), np.zeros(0)
         rows, columns, values = (np.concatenate([p[i] for p in self._parts]) for i in range(3))
         return sp.csc_matrix((values, (rows, columns)), (self._count, size)), np.concatenate(self._right)

@@ -6,7 +6,7 @@ answer, again and again, the QP solves P1 of the gait.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,15 +17,15 @@ from crux_planner.model.gait import Gait, nominal_footholds, progress
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_bounds import (
+from crux_planner.physics.bounds import (
     apart_rows,
-    body_bounds,
     foothold_bounds,
     least_load_N,
     rate_steps,
     step_rows,
+    walk_bounds,
 )
-from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
+from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost, state_weights, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Entries, Rows, skews
@@ -45,6 +45,7 @@ class WalkKnots:
     consensus term, and what a newton more or less would change where a foot is off the ground (N, 4, 3).
     """
 
+    problem: WalkProblem
     gait: Gait
     body: Array
     forces: Array
@@ -52,6 +53,16 @@ class WalkKnots:
     cost: float
     value: float
     pull: Array
+
+    @property
+    def order(self) -> list[str]:
+        """Limbs in the order in which they lift off."""
+        return self.gait.names
+
+    def with_body(self, body: Array) -> WalkKnots:
+        """The same with other body states."""
+        cost = walk_cost(self.problem, self.gait, body, self.forces)
+        return replace(self, body=body, cost=cost, value=cost)
 
     def feet(self, step_height_m: float) -> Array:
         """(N + 1, 4, 3)."""
@@ -133,7 +144,7 @@ class ContactQp:
     ) -> WalkKnots | None:
         """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
-        bounds = body_bounds(problem, gait)
+        bounds = walk_bounds(problem, gait)
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
             return None
@@ -170,7 +181,7 @@ class ContactQp:
         pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
         cost = walk_cost(problem, gait, body, forces)
         near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
-        return WalkKnots(gait, body, forces, footholds, cost, near + cost - self._smooth_cost(body, forces), pull)
+        return WalkKnots(problem, gait, body, forces, footholds, cost, near + gait_cost(problem, gait), pull)
 
     def _dynamics(self, of: _Layout) -> tuple[sp.csr_matrix, Array, Array]:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
@@ -208,9 +219,6 @@ class ContactQp:
             constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
             right[:, _MOMENT_OF_FORCE] = dt * constant
         return rows.matrix((BODY_STATES * n, of.size), self._euler).tocsr(), right, lever
-
-    def _smooth_cost(self, body: Array, forces: Array) -> float:
-        return walk_cost(self.problem, Gait((), np.zeros(0), self.problem.steps + 1), body, forces)
 
     def _inequalities(self, of: _Layout) -> tuple[sp.csc_matrix, Array, Array]:
         """The cone, (7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
@@ -318,7 +326,7 @@ class ContactQp:
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""
         problem, weights, scales = self.problem, self.problem.weights, self.scales
-        n, goal, gait, blend = problem.steps, problem.goal.body, of.gait, of.blend
+        n, gait, blend = problem.steps, of.gait, of.blend
         diagonal, linear, constant = np.zeros(of.size), np.zeros(of.size), 0.0
 
         def squares(index: Indices, weight: Array | float, wanted: Array) -> None:
@@ -329,8 +337,7 @@ class ContactQp:
             constant += float((weight * wanted**2).sum())
 
         states = np.arange(of.at_f).reshape(n + 1, BODY_STATES)
-        q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
-        wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
+        q, wanted = state_weights(problem)
         squares(states, q, np.broadcast_to(wanted, states.shape))
         force = np.arange(of.at_f, of.at_h).reshape(-1, 3)
         squares(force, FORCE_SHARE * weights.wrench, np.zeros(force.shape))

@@ -1,4 +1,4 @@
-"""The exact walk with its gait given: body motion, foot forces, footholds under (7), (8), (9a), friction cone."""
+"""The exact walk of a gait as a program for ipopt, written apart from the planner's QP: what that must agree with."""
 
 from __future__ import annotations
 
@@ -6,24 +6,22 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Indices
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.cost import body_cost
-from crux_planner.physics.dynamics import centre_over_feet, euler_step
-from crux_planner.physics.limit_surface import SMOOTHING_N
-from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.walk_bounds import (
+from crux_planner.physics.bounds import (
     FEET_APART_M,
-    body_bounds,
     foothold_bounds,
     least_load_N,
     longest_steps,
     rate_steps,
+    walk_bounds,
 )
-from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
+from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, body_cost, walk_cost
+from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet
+from crux_planner.physics.limit_surface import SMOOTHING_N
+from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import ONCE, Nlp, NlpSolution
 from crux_planner.trajectory.solution import WalkSolution
 from crux_planner.trajectory.stage_functions import FORCE_SCALE_N
@@ -48,7 +46,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, time_limit_s: float) -> WalkSo
     objective = ca.sum2(_body_cost_function(problem).map(n + 1)(x))
     objective += FORCE_SHARE * problem.weights.wrench * FORCE_SCALE_N**2 * ca.sumsqr(f)
     objective += FOOTHOLD_WEIGHT * ca.sumsqr(h - ca.DM(nominal))
-    body_low, body_high = body_bounds(problem, gait)
+    body_low, body_high = walk_bounds(problem, gait)
     spots = foothold_bounds(problem, gait)
     if spots is None:
         raise InfeasibleError("goal", f"the gait {', '.join(gait.names)} leaves a foot behind")
@@ -150,7 +148,7 @@ def _wrench_function() -> ca.Function:
 def _step_function(problem: WalkProblem) -> ca.Function:
     x, total = ca.SX.sym("x", BODY_STATES), ca.SX.sym("total", 6)
     feet, yaws = ca.SX.sym("feet", 12), ca.SX.sym("yaws", 4)
-    step = euler_step(x, total[0:3], total[3:6], centre_over_feet(problem, x, feet, yaws), problem)
+    step = euler_step(x, total[0:3], total[3:6], centre_of_mass(problem, x, on_feet(problem, feet, yaws)), problem)
     return ca.Function("euler_step", [x, total, feet, yaws], [step])
 
 
