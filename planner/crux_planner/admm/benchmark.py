@@ -23,7 +23,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import cone_demand
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.relaxation import Relaxed
@@ -171,7 +171,8 @@ class Benchmark:
                 ca.DM(contact.tangent),
             )
             force, moment = force + each[0], moment + each[1]
-        dynamics = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+        centre = centre_of_mass(problem, x, [g[_POSE * limb : _POSE * limb + 4] for limb in range(4)])
+        dynamics = euler_step(x, force, moment, centre, problem)
         rows = [dynamics - x_then]
         for limb in range(4):
             rows.append(g_then[_POSE * limb : _POSE * limb + 3] - g[_POSE * limb : _POSE * limb + 3])
