@@ -229,7 +229,7 @@ def _limbs(problem: Problem, schedule: Schedule, solution: Solution, to_w: Array
             message.finger1_face, message.friction = crux_msgs.limb_knot_t.FACE_NONE, 0.0
         else:
             message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
-            message.finger1_face, message.friction = contact.finger1_face, contact.friction
+            message.finger1_face, message.friction = contact.finger1_face, float(contact.friction.min())
         messages.append(message)
     return messages
 

@@ -17,7 +17,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
@@ -72,7 +72,7 @@ class EventCost:
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
         turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
         self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
-        self._directions, _, _ = polytope_directions(problem.patch.k_m)
+        self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
         self._rows: dict[int, tuple[Array, Array]] = {}
@@ -214,13 +214,13 @@ class EventCost:
 
     def _limit_rows(self, contact: int) -> tuple[Array, Array]:
         if contact not in self._rows:
-            equilibrium, count = self.equilibrium, len(self._load)
+            limits, press = self.equilibrium.limits[contact], self.equilibrium.press_N[contact]
+            surface, right = grip_rows(limits, self._directions, self._load, press)
+            count = len(self._load) * len(limits)
             rows = np.zeros((count + 4, _WRENCH))
-            rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * equilibrium.friction[contact]
+            rows[:count, [0, 1, 2, 3, 5 if len(limits) == 1 else 4]] = surface[:count]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
-            right = np.concatenate([equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]])
-            self._rows[contact] = rows, right
+            self._rows[contact] = rows, np.concatenate([right[:count], [0.0, 0.0], press])
         return self._rows[contact]
 
     def _move_body(self, qp: SparseQp, knots: list[int], body: list[Indices]) -> None:
