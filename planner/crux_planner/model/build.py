@@ -221,29 +221,25 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
             yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
             centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
             contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
-            grips.append(Grip(contact.from_above, aside, (low, high)))
+            grips.append(Grip(contact, aside, (low, high)))
     return grips
 
 
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    faces = slice(2 * pair, 2 * pair + 2)
-    spiny, friction = hold.spines[faces], hold.friction[faces]
-    alike = min(friction) == max(friction) and min(spiny) == max(spiny)
-    spines = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    faces = [2 * pair + int(swapped), 2 * pair + int(not swapped)]  # of fingers 1 and 2
+    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
     return Contact(
         hold=index,
         pair=pair,
-        finger1_face=2 * pair + int(swapped),
+        finger1_face=faces[0],
         yaw_rad=yaw,
         centre_w_m=centre,
         separation_m=hold.size_m[pair],
-        friction=min(friction),
-        spine_shear_N=spines[0] * min(spiny),
-        spine_twist_Nm=spines[1] * min(spiny),
+        friction=np.array([hold.friction[face] for face in faces]),
+        spines=np.outer([hold.spines[face] for face in faces], [shear_N, shear_N, twist_Nm]),
         open_m=opening,
-        better=None if alike else (max(friction), spines[0] * max(spiny), spines[1] * max(spiny)),
     )
 
 

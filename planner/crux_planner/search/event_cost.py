@@ -18,7 +18,7 @@ from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
@@ -102,7 +102,7 @@ class EventCost:
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
         turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
         self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
-        self._directions, _, _ = polytope_directions(problem.patch.k_m)
+        self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
         self._grips: dict[tuple[int, ...], _Grips] = {}
@@ -295,17 +295,19 @@ class EventCost:
 
     def _gripped(self, support: tuple[int, ...]) -> _Grips:
         bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, FORCE_BOUND_N])
-        equilibrium, count = self.equilibrium, len(self._load)
+        equilibrium = self.equilibrium
         limits, balance = [], []
         right: list[Any] = []
         lows: list[Any] = []
         for contact in support:
+            surfaces, press_N = equilibrium.limits[contact], equilibrium.press_N[contact]
+            rows_of_grip, right_of_grip = grip_rows(surfaces, self._directions, self._load, press_N)
+            count = len(self._load) * len(surfaces)
             rows = np.zeros((count + 4, _WRENCH))
-            rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * equilibrium.friction[contact]
+            rows[:count, [0, 1, 2, 3, 5 if len(surfaces) == 1 else 4]] = rows_of_grip[:count]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
             limits.append(rows)
-            right += [equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]]
+            right += [right_of_grip[:count], [0.0, 0.0], press_N]
             least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
             lows += [-bound[:4], [0.0, least]]
             balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))

@@ -154,12 +154,10 @@ def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None
 
 @pytest.fixture(scope="module")
 def route(robot: Robot) -> Wall:
-    problem = build_problem(scenario(ladder(8)), robot)
-    equilibrium, reach = StaticEquilibrium(problem, problem.friction_share), ReachableSet(problem)
-    swings = SwingCache(problem)
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    oracles = Oracles.of(build_problem(scenario(ladder(8)), robot))
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
-    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
+    return Wall(oracles.problem, moves, EventCost(oracles))
 
 
 def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route(route: Wall) -> None:
@@ -183,9 +181,7 @@ def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route
 
 
 def test_the_search_on_the_cost_ends_where_no_neighbour_is_better_also_on_a_long_route(route: Wall) -> None:
-    fresh = replace(
-        route, costs=EventCost(route.problem, route.costs.equilibrium, route.costs.reach, route.costs.swings)
-    )
+    fresh = replace(route, costs=EventCost(Oracles.of(route.problem)))
     much = improve(fresh.costs, route.moves, clock.now() + 300, work=10**8)
     usual = improve(route.costs, route.moves, clock.now() + 300)
     assert much is not None
