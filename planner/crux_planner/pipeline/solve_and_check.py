@@ -50,8 +50,7 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     with work.part("improve", 0.3):
         costs = EventCost(climb)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        waits = climb.scenario.planner.idle == "keep"
-        timed = improve(costs, moves, climb.deadline, waits=waits) if level else None
+        timed = improve(costs, moves, climb.deadline) if level else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -87,8 +86,6 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
 
 
 def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
-    if timed is not None:
-        climb = replace(climb, problem=replace(climb.problem, steps=timed.steps))
     with climb.work.part("body", 0.4):
         try:
             schedule = (

@@ -25,11 +25,15 @@ from walls import hold, ladder, scenario, two_rows
 
 
 @lru_cache
-def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int = 0) -> Problem:
+def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int = 0, unlike: int = 0) -> Problem:
     wall = two_rows(slope_deg=slope_deg)
     wall["contact"]["max_normal_N"] = max_normal_N
     if hanging:
         wall["contact"].update(spines_only={"LF": hanging, "RR": hanging}, spine_shear_N=20)
+    random = np.random.default_rng(unlike)
+    for part in wall["holds"] if unlike else []:
+        part["friction"] = {face: float(random.uniform(0.0, 1.5)) for face in ("+x", "-x", "+y", "-y", "top")}
+        part["spines"] = {face: bool(random.integers(2)) for face in ("+x", "-x", "+y", "-y", "top")}
     return build_problem(scenario(wall), load_robot("scaler"))
 
 
@@ -61,9 +65,9 @@ def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, m
                 reach = 0.8 if np.abs(sign).sum() == 1 else 1.4
                 row = np.zeros(5 * len(support))
                 row[5 * i : 5 * i + 3] = sign / [1, 1, k]
-                row[5 * i + finger] = -margin * reach * contact.friction
+                row[5 * i + finger] = -margin * reach * contact.friction[finger - 3]
                 rows.append(row)
-                spine = np.abs(sign) @ [contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k]
+                spine = np.abs(sign) @ (contact.spines[finger - 3] / [1, 1, k])
                 bounds.append(margin * spine)
     variable_bounds: list[tuple[float | None, float | None]] = []
     for index in support:
@@ -100,6 +104,18 @@ def test_balance_of_grippers_that_hang_by_spines(lifted: int, x: float, y: float
     problem = problem_of(slope_deg=slope, hanging=finger)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     assert [problem.contacts[c].spines_only for c in problem.start_contacts] == [finger, 0, 0, finger]
+    position = np.array([x, y, 0.17])
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
+    assert (found is not None) == balanced(problem, support, position, 0.9)
+
+
+@given(st.integers(1, 20), st.integers(0, 4), st.floats(-0.15, 0.15), st.floats(-0.1, 0.1), st.integers(0, 2))
+@settings(max_examples=60, deadline=None)
+def test_balance_on_faces_of_which_each_has_its_own_friction(
+    unlike: int, lifted: int, x: float, y: float, finger: int
+) -> None:
+    problem = problem_of(slope_deg=30.0, hanging=finger, unlike=unlike)
+    support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.17])
     found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
     assert (found is not None) == balanced(problem, support, position, 0.9)
