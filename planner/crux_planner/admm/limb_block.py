@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.agreement import ContactCosts
 from crux_planner.admm.limb_paths import LimbPaths, Path
@@ -81,14 +80,3 @@ class LimbBlock:
                 answers[k, c] = q
                 costs[k, c] = 0.5 * q @ hessian @ q + linear[k] @ q
         return answers, costs
-
-
-class LimbBlocks:
-    """The MIPs of all limbs."""
-
-    def __init__(self, windows: Windows, equilibrium: StaticEquilibrium) -> None:
-        self._blocks = [LimbBlock(windows, equilibrium, limb) for limb in range(len(LIMB_NAMES))]
-
-    def __call__(self, limb: int, rho: float, target: Eta, scales: Scales) -> LimbAnswer:
-        """LimbBlock.minimise of one limb."""
-        return self._blocks[limb].minimise(rho, target, scales)

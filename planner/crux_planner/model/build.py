@@ -28,8 +28,9 @@ from crux_planner.model.contacts import (
 )
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
-from crux_planner.model.limits import SwingLimits, limb_masses
-from crux_planner.model.mass import composite_inertia
+from crux_planner.model.limb import limb_masses
+from crux_planner.model.limits import SwingLimits
+from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
@@ -93,6 +94,7 @@ def build_problem(
         weights=weights_of(scenario, Weights()),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        body_moment_kg_m=body_moment(robot),
         limb_shape=limb_shape(robot),
         torque_limits_Nm=torque_share * effort,
         last_torques_Nm=last_torque_share * effort,
@@ -274,7 +276,7 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
 
 
 def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
-    """Inertia about the body's origin in the posture of the start."""
+    """Inertia about the centre of mass in the posture of the start."""
     rotation = rotation_from_rpy(start.rpy_rad)
     positions: dict[str, float] = {}
     for limb, grasp in zip(robot.limbs, grasps, strict=True):

@@ -12,7 +12,7 @@ from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
 _LACKING_N = 0.01  # a balance that lacks less is met
@@ -48,15 +48,9 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
         )
 
 
-def explain(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    report: SearchReport,
-    at_once: int,
-) -> InfeasibleError:
+def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
     """Why the search found nothing."""
+    problem, equilibrium, reach, swings = oracles.problem, oracles.equilibrium, oracles.reachable, oracles.swings
     return (
         _goal_out_of_reach(problem, reach)
         or _chain_broken(problem, reach, swings)

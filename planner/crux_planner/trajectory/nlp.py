@@ -58,7 +58,7 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     low, high = stages.split(stages.low), stages.split(stages.high)
 
     rows = _Rows()
-    rows.add(f.step.map(n)(x[:, :-1], _totals(stages, u)) - x[:, 1:], 0.0, 0.0)
+    rows.add(f.step.map(n)(x[:, :-1], _totals(stages, u), stages.hands.T) - x[:, 1:], 0.0, 0.0)
     rows.add(f.reach.map(n)(x[:, 1:], stages.grippers.T), low[1], high[1])
     rough = stages.rough[stance].any(axis=-1)
     if which := np.flatnonzero(rough).tolist():

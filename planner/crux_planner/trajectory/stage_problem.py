@@ -67,6 +67,7 @@ class StageProblem:
         self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
         self.by_spines = self.stance & ~rough.all(axis=-1)
         self.grippers = schedule.poses[1:, :, :3].reshape(n, 12)
+        self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
         self.limited: list[Indices] = [
             np.array(sorted(k for k, other in limited if other == limb), dtype=int) for limb in range(4)
         ]
@@ -145,7 +146,7 @@ class StageProblem:
     def next_states(self, body: Array, columns: Array) -> Array:
         """(N, 12): where (8) leads from every knot."""
         totals = np.einsum("klij,klj->ki", self.maps, columns[..., :WRENCH_INPUTS])
-        return self.functions.step(body[:-1], totals, np.zeros((self.knots, BODY_STATES)))[0]
+        return self.functions.step(body[:-1], totals, self.hands, np.zeros((self.knots, BODY_STATES)))[0]
 
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
         """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
@@ -170,7 +171,7 @@ class StageProblem:
         _, on_reach, _, on_surface, *_ = self.split(duals)
         q = columns[..., :WRENCH_INPUTS]
         totals = np.einsum("klij,klj->ki", self.maps, q)
-        step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, multipliers)
+        step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
         reach, reach_slope, reach_hessian = f.reach(body[1:], self.grippers, on_reach)
         flat = columns.reshape(-1, COLUMN)
         on_surface = (on_surface * self.rough).reshape(4 * n, -1)

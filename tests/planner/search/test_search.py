@@ -15,7 +15,7 @@ from crux_planner.model.schedule import Move, Schedule
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
 from crux_planner.search.equilibrium import MOMENT_ARM_M, StaticEquilibrium
 from crux_planner.search.schedule import least_durations, scheduled
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 from hypothesis import given, settings
@@ -38,11 +38,7 @@ def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int
 
 
 def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
-    equilibrium = StaticEquilibrium(problem, problem.friction_share)
-    swings = SwingCache(problem)
-    found, _ = search(
-        problem, equilibrium, ReachableSet(problem), swings, at_once=at_once, greed=1.0, deadline=clock.now() + 60
-    )
+    found, _ = search(Oracles.of(problem), at_once=at_once, greed=1.0, deadline=clock.now() + 60)
     return found
 
 
@@ -169,14 +165,11 @@ def test_grippers_never_share_a_hold_nor_stand_where_their_palms_would_touch() -
 
 
 def laid_out(problem: Problem) -> tuple[Schedule, list[Move], StaticEquilibrium]:
-    equilibrium, swings, reach = (
-        StaticEquilibrium(problem, problem.friction_share),
-        SwingCache(problem),
-        ReachableSet(problem),
-    )
+    oracles = Oracles.of(problem)
+    equilibrium, swings = oracles.equilibrium, oracles.swings
     moves = moves_of(problem)
     assert moves is not None
-    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    moves = smooth_events(oracles, moves)
     return (
         scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s),
         moves,
@@ -200,11 +193,8 @@ def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_a
 
 def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None:
     problem = build_problem(scenario(ladder(6)), load_robot("scaler"))
-    equilibrium, swings, reach = (
-        StaticEquilibrium(problem, problem.friction_share),
-        SwingCache(problem),
-        ReachableSet(problem),
-    )
+    oracles = Oracles.of(problem)
+    swings = oracles.swings
     moves = moves_of(problem)
     assert moves is not None
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
@@ -212,7 +202,7 @@ def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None
     def knots(sequence: list[Move]) -> int:
         return int(sum(part.sum() for part in least_durations(problem, swings, sequence, step)))
 
-    smooth = smooth_events(problem, equilibrium, reach, swings, moves)
+    smooth = smooth_events(oracles, moves)
     in_air = sum(swings.intervals(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs)
     first_and_last = 1 + 2  # rest at the start; the body comes to rest before the last knot
     assert knots(smooth) < knots(moves)

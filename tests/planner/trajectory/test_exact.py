@@ -14,11 +14,9 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
-from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.schedule import scheduled
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory import exact
 from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point
@@ -54,14 +52,11 @@ def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
         part.update(options["faces"])
         wall["contact"].update(options.get("contact", {}))
     problem = build_problem(scenario(wall), load_robot("scaler"))
-    equilibrium, reach, swings = (
-        StaticEquilibrium(problem, problem.friction_share),
-        ReachableSet(problem),
-        SwingCache(problem),
-    )
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    oracles = Oracles.of(problem)
+    equilibrium, swings = oracles.equilibrium, oracles.swings
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
-    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    moves = smooth_events(oracles, moves)
     schedule = scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
     path = knot_path(problem, equilibrium, schedule)
     assert path is not None
