@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from crux_planner.model.cuboids import Cuboids
     from crux_planner.model.limits import LimbMasses, SwingLimits
     from crux_planner.model.shapes import LimbShape
-    from crux_planner.model.workspace import AcceptanceBoxes
+    from crux_planner.model.workspace import LimbReach, Reach
 
 BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
 _GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
@@ -121,7 +121,8 @@ class Problem:
     start_contacts: tuple[int, int, int, int]
     start: Pose
     goal: Goal
-    boxes: AcceptanceBoxes
+    boxes: Reach  # of (9a), what a plan keeps to
+    limb_reach: LimbReach
     gripper_yaw_rad: tuple[float, float]  # relative to the body
     body: BodyBounds
     shape: GripperShape

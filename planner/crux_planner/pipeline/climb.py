@@ -18,7 +18,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.explanation import check_start, explain
-from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import Climb, Progress, Work, begin, method_settings
@@ -86,28 +86,36 @@ def plan(
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+    """A level body, first with limbs in their boxes, then in all of their inner reach, then with other headings; where
+    the level search takes long, other headings before it goes on.
+    """
     work = climb.work
 
-    def level(quick: bool) -> PlanResult:
+    def level(climb: Climb, quick: bool) -> PlanResult:
         return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
 
     try:
-        return level(quick=True)
+        return level(climb, quick=True)
+    except InfeasibleError as none_near:
+        near = none_near
+    proof = disproved(climb, near)
+    climb = farther(climb)
+    try:
+        return level(climb, quick=True)
     except InfeasibleError as none_quick:
         none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(climb, none_level, solve_and_check)
+        return plan_wider(climb, none_level, proof, solve_and_check)
     try:
-        return plan_wider(climb, none_level, solve_and_check, share=WIDER_SHARE)
+        return plan_wider(climb, none_level, proof, solve_and_check, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
         if none_wider.proven or climb.late:
             raise
         work.bound = bound
-        return level(quick=False)
+        return level(climb, quick=False)
     finally:
         if bound is not None and work.bound is None:
             bound.stop()

@@ -24,9 +24,10 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     for limb, name in enumerate(LIMB_NAMES):
         contact = problem.contacts[problem.start_contacts[limb]]
         place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
-        centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
-        beyond = np.abs(place - centre) - half
-        if beyond.max() > 0:
+        widest = problem.limb_reach.inner
+        if problem.boxes.beyond(limb, place).max() > 0 and widest.beyond(limb, place).max() > 0:
+            centre, half = widest.centre_b_m[limb], widest.half_m
+            beyond = np.abs(place - centre) - half
             axis = int(np.argmax(beyond))
             low, high = centre[axis] - half[axis], centre[axis] + half[axis]
             raise wrong(
@@ -84,8 +85,8 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         ]
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
-        low, high = reach.low[limb, usable], reach.high[limb, usable]
-        beyond = np.maximum(low - slack - goal, goal - slack - high).max(axis=1)
+        near, far = reach.around(goal, slack)
+        beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
         place = point_text(problem, goal)
@@ -104,9 +105,10 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             continue
         low, high = reach.low[limb], reach.high[limb]
         line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
+        along = line @ reach.shape.directions.T
         usable = problem.limb_contacts[limb]
         inside = (
-            ((line[:, None] >= low[usable] - 1e-9) & (line[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
+            ((along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
         )
         if not inside.all():
             first = int(np.argmin(inside))

@@ -1,9 +1,9 @@
 """Whether one pose of the body has several grips in reach: (9a) of all limbs at once.
 
-The boxes bound v = R(theta)^T (c - r). In a box of roll, pitch and yaw, v is linear in these angles, in the body's
-place in its own frame and in where on its face each grasp is, but for a rest that is bounded: a linear program. Tilt,
-place and heading are the same for all limbs, where bounds of each of them alone would choose anew for each. Boxes of
-angles are halved until all are shown to have no pose, or one is found.
+Reach bounds v = R(theta)^T (c - r) along some directions. In a box of roll, pitch and yaw, v is linear in these angles,
+in the body's place in its own frame and in where on its face each grasp is, but for a rest that is bounded: a linear
+program. Tilt, place and heading are the same for all limbs, where bounds of each of them alone would choose anew for
+each. Boxes of angles are halved until all are shown to have no pose, or one is found.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class PoseProgram:
     high: Array
 
     def solve(self) -> tuple[float, Array]:
-        """Least distance [m] by which the boxes must grow for a pose to exist (not positive: none), and that x."""
+        """Least distance [m] by which all reach must grow for a pose to exist (not positive: none), and that x."""
         n = len(self.low) + 1
         cost, linear = _REGULAR * np.eye(n), np.zeros(n)
         linear[-1] = 1.0
@@ -163,8 +163,7 @@ class GoalPoses:
         boxes, to_body = self.problem.boxes, rotation_from_rpy(x[_ANGLES]).T
         for at, (limb, grip) in zip(range(_POSE, len(x), 2), grips.items(), strict=True):
             centre = _centre(grip, x[at + 1]) + x[at] * grip.contact.tangent - self.goal.body.position_m
-            off = to_body @ centre - x[_PLACE] - boxes.centre_b_m[limb]
-            if (np.abs(off) > boxes.half_m + TOLERANCE_M).any():
+            if (boxes.beyond(limb, to_body @ centre - x[_PLACE]) > TOLERANCE_M).any():
                 return False
         return True
 
@@ -188,13 +187,14 @@ def reach_program(problem: Problem, grips: dict[int, Grip], low: Array, high: Ar
         part[:, _ANGLES] = _slopes(middle, away)
         part[:, at], part[:, at + 1] = to_body @ grip.contact.tangent, to_body[:, 2]
         moved = np.array([*np.abs(grip.contact.tangent[:2]) * grip.aside_m, grip.height_m[1] - height])
-        slack = boxes.half_m + TOLERANCE_M
-        slack += _second_order(_largest(away, middle[2], half[2]), half, tilt)
-        slack += _first_order(_largest(moved, None, half[2]), half, tilt)
-        off = to_body @ away - part[:, _ANGLES] @ middle - height * to_body[:, 2] - boxes.centre_b_m[limb]
+        rest = _second_order(_largest(away, middle[2], half[2]), half, tilt)
+        rest += _first_order(_largest(moved, None, half[2]), half, tilt)
+        slack = boxes.extent_m[limb] + TOLERANCE_M + np.abs(boxes.directions) @ rest
+        off = to_body @ away - part[:, _ANGLES] @ middle - height * to_body[:, 2]
+        off, part = boxes.directions @ off - boxes.middle_m[limb], boxes.directions @ part
         rows += [part, -part]
         right += [slack - off, slack + off]
-    return PoseProgram(6 * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
+    return PoseProgram(2 * len(boxes.directions) * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
 
 
 def _by_limb(stance: tuple[int, ...], grips: list[Grip]) -> dict[int, Grip]:
