@@ -17,7 +17,7 @@ from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
-from crux_planner.pipeline.explanation import check_start, explain
+from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.restart import rewritten
@@ -132,14 +132,15 @@ def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
             climb, scenario=rewritten(climb.scenario, steps=steps), problem=replace(climb.problem, steps=steps)
         )
         try:
-            _plan_level(longer, quick=True)
+            _plan_level(farther(longer), quick=True)
             found = True
         except InfeasibleError:
             found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE)) is not None
         if found:
             text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
             return HorizonError(f"{text}; allow as many", steps)
-    return none
+    stance = level_stance_at_goal(climb) if none.constraint == "reach" else None
+    return none if stance is None else no_way_to(climb.problem, stance, none)
 
 
 def _plan_level(climb: Climb, quick: bool) -> PlanResult:

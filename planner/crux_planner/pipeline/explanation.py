@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
+from crux_planner.pipeline.session import Climb
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
@@ -70,6 +73,40 @@ def explain(
             "way of every swing",
         )
     )
+
+
+def level_stance_at_goal(climb: Climb) -> Stance | None:
+    """Four holds that the joint limits themselves let a level body grip at its goal; None if there are none.
+
+    The body is looked at in the middle of the goal's tolerance and at the corners of a cube in it.
+    """
+    problem, goal = climb.problem, climb.problem.goal
+    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
+    holds = np.array([c.hold for c in problem.contacts])
+    corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])
+    for position in goal.body.position_m + goal.position_slack_m * corners:
+        place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
+        ends = []
+        for index, limb in enumerate(climb.robot.limbs):
+            q, reached = inverse(limb, place, rotation_z(yaws))
+            held = goal.grasps.get(index)
+            ok = reached & (limit_margin(limb, q) >= 0.0)
+            ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
+            ok &= np.array([held in (None, (c.hold, c.pair)) for c in problem.contacts])
+            at = np.flatnonzero(ok)
+            ends.append(at[np.unique(holds[at], return_index=True)[1]].tolist())
+        for first, second, third, fourth in itertools.product(*ends):
+            if len(set(holds[[first, second, third, fourth]])) == len(LIMB_NAMES):
+                return first, second, third, fourth
+    return None
+
+
+def no_way_to(problem: Problem, stance: Stance, none: InfeasibleError) -> InfeasibleError:
+    """What to say instead of a want of reach where a level body could stand at the goal."""
+    held = _stance_text(problem, stance)
+    text = f"no sequence of contacts found to the goal, where joint limits let a level body hold {held}"
+    return InfeasibleError("contacts", text, undecided=none.undecided)
 
 
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:

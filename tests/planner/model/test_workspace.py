@@ -104,7 +104,8 @@ def test_the_checkers_kinematics_reaches_every_place_of_the_inner_set(robot: Rob
         turn = np.swapaxes(rotation_from_rpy(rpy), -1, -2) @ yaws
         (found,) = solve([limb], [places], [turn])
         assert found.position_error_m.max() < 1e-5
-        assert (found.q_rad >= limb.lower_rad).all() and (found.q_rad <= limb.upper_rad).all()
+        assert (found.q_rad >= limb.lower_rad).all()
+        assert (found.q_rad <= limb.upper_rad).all()
 
 
 def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) -> None:

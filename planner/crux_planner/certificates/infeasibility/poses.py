@@ -23,7 +23,7 @@ from crux_planner.solvers.qp import Qp
 
 TOLERANCE_M, TOLERANCE_RAD = 3e-4, 1.2e-3  # more than the check forgives, and than the solvers' rounding
 BOXES = 60  # of angles looked at for one question
-QUESTIONS = 2000  # for one goal
+PROGRAMS = 400  # linear programs solved for one goal
 LOOKED_AT = 24  # stances, for how much the best lacks
 _LOOKS, _LOOK_RAD = 16, 0.01
 _ROUND = 0.01  # share by which a ball's tangents may let a pose be outside it
@@ -62,6 +62,7 @@ class GoalPoses:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.goal = problem, problem.goal
+        self._solved = 0
         self._rates = body_rates(self.goal.body.rpy_rad)
         first = polytope_directions(1.0)[0]
         first /= np.linalg.norm(first, axis=1)[:, None]
@@ -70,13 +71,13 @@ class GoalPoses:
     def possible(self, stances: Iterable[tuple[int, ...]], grips: list[Grip]) -> list[tuple[int, ...]]:
         """The stances (numbers of `grips` by limb) that are not shown to be out of reach.
 
-        What the first limbs lack, the whole stance does. After `QUESTIONS`, stances are left as they are.
+        What the first limbs lack, the whole stance does. After `PROGRAMS`, stances are left as they are.
         """
         known: dict[tuple[int, ...], bool] = {}
 
         def may_be(first: tuple[int, ...]) -> bool:
             if first not in known:
-                known[first] = len(known) >= QUESTIONS or self.lacking(_by_limb(first, grips)) <= 0.0
+                known[first] = self._solved >= PROGRAMS or self.lacking(_by_limb(first, grips)) <= 0.0
             return known[first]
 
         return [s for s in stances if all(may_be(s[:count]) for count in range(2, len(s) + 1))]
@@ -100,6 +101,7 @@ class GoalPoses:
         least, boxes = np.inf, [self._angles()]
         for _ in range(BOXES):
             low, high = boxes.pop()
+            self._solved += 1
             lacking, x = self._program(grips, low, high).solve()
             if lacking > 0.0:
                 least = min(least, lacking)
