@@ -72,7 +72,7 @@ def unsolved(gait: str, status: str) -> InfeasibleError:
         return InfeasibleError(
             TIME_LIMIT, f"no time was left for the exact problem of the gait {gait}; allow more with --time-limit"
         )
-    return InfeasibleError("dynamics", f"the exact problem has no solution for the gait {gait} ({status})")
+    return InfeasibleError("dynamics", f"no solution of the exact problem was found for the gait {gait} ({status})")
 
 
 class LevelGoalError(InfeasibleError):

@@ -15,15 +15,16 @@ from crux_planner.solvers import clock
 from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
 if TYPE_CHECKING:
-    from crux_planner.admm.methods import Decided
+    from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
+    from crux_planner.trajectory.knot_qp import KnotSolution
 
 __all__ = [
     "FORCE_THRESHOLD_N",
     "METHODS_HERE",
     "POSITION_THRESHOLD_M",
     "MethodReport",
-    "climb_alone",
+    "climb_report",
     "start_is_well_formed",
     "walk_residuals",
 ]
@@ -41,38 +42,35 @@ METHODS_HERE = """what the paper's methods are here:
 class MethodReport:
     """What a method reached before the exact NLP, as a plan, and the checker's verdict on it."""
 
-    decided: Decided
+    decided: Decided[KnotSolution]
     plan: Any  # crux_msgs.plan_t
     check: CheckReport
 
 
-def climb_alone(scenario: Scenario, method: str, **settings: Any) -> MethodReport:
+def climb_report(scenario: Scenario, method: str, **settings: Any) -> MethodReport:
     """Run `method` on a climb; `settings` as `crux_planner.admm.methods.Task` has them. Raises InfeasibleError."""
     from crux_planner.admm.methods import METHODS, Task
     from crux_planner.checker import check_plan
     from crux_planner.model.build import build_problem
     from crux_planner.pipeline.message import plan_message
-    from crux_planner.search.equilibrium import StaticEquilibrium
-    from crux_planner.search.stances import ReachableSet
-    from crux_planner.swing.swing_cache import SwingCache
+    from crux_planner.search.stances import Oracles
 
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
-    equilibrium = StaticEquilibrium(problem, problem.friction_share)
-    reach, swings = ReachableSet(problem), SwingCache(problem)
-    task = Task(problem, equilibrium, reach, swings, deadline=clock.now() + LIMIT_S, **settings)
+    task = Task(**vars(Oracles.of(problem)), deadline=clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
-    plan = plan_message(scenario, robot, problem, decided.schedule, decided.solution, method)
+    knots = decided.knots
+    plan = plan_message(scenario, robot, problem, knots.schedule, knots.solution, method)
     return MethodReport(decided, plan, check_plan(plan, robot))
 
 
 def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dict[str, float]]:
     """What `method` leaves between its blocks after each iteration of a walk; `settings` as WalkTask has them."""
-    from crux_planner.admm.walk_methods import METHODS, WalkTask
+    from crux_planner.admm.methods import WALK_METHODS, WalkTask
     from crux_planner.model.walk_problem import build_walk
 
     problem = build_walk(scenario, load_robot(scenario.robot))
-    return METHODS[method](WalkTask(problem, deadline=clock.now() + LIMIT_S, **settings)).residuals
+    return WALK_METHODS[method](WalkTask(problem=problem, deadline=clock.now() + LIMIT_S, **settings)).history
 
 
 def start_is_well_formed(scenario: Scenario) -> bool:

@@ -212,7 +212,7 @@ PerLimb<Wrench> ControlCore::shared(const PlanReference& reference) noexcept {
   const Matrix3& rotation_WB = body_.body_W().rotation;
   PerLimb<Capacity> capacities;
   for (int l = 0; l < kLimbs; ++l)
-    capacities[l] = limbs_[l].capacity(contact(reference.limbs[l]), rotation_WB, plan_->gravity_W_m_s2);
+    capacities[l] = limbs_[l].capacity(known_contact(l, reference.limbs[l]), rotation_WB, plan_->gravity_W_m_s2);
   return sharing_.within_limits(balanced(bearing), bearing, capacities, com_W_m_, rotation_WB, robot_.control);
 }
 

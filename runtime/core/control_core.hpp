@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "core/body_estimator.hpp"
+#include "core/compliance_estimator.hpp"
 #include "core/fault_monitor.hpp"
 #include "core/grasp_retry.hpp"
 #include "core/grasp_test.hpp"
@@ -79,6 +80,8 @@ class ControlCore {
   int slipping_limb() const noexcept;
   /// Share of its load that a limb bears while it slips.
   double relief(int limb) const noexcept;
+  /// The contact with the friction that the grasp is known to have: the plan's until it slips.
+  Contact known_contact(int limb, const LimbReference& reference) const noexcept;
   double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
@@ -112,6 +115,7 @@ class ControlCore {
   Supervisor supervisor_;
   StanceFit stance_;
   PerLimb<SlipWatch> slips_;
+  PerLimb<ComplianceEstimator> compliances_;
   WeightBalance balance_;
   PlanClock clock_;
 

@@ -55,6 +55,9 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     copy(stance_.since_contact(l).shift_G_m, out.telemetry[l].stance_shift_g_m);
     copy(stance_.since_contact(l).turn_G_rad, out.telemetry[l].stance_turn_g_rad);
     out.telemetry[l].slip_m = slips_[l].slid_m();
+    out.telemetry[l].borne_friction = slips_[l].borne() * from.friction;
+    out.telemetry[l].slip_friction = slips_[l].slipped_at() * from.friction;
+    out.telemetry[l].compliance_m_n = compliances_[l].compliance_m_N();
   }
 }
 

@@ -10,6 +10,13 @@ Contact ControlCore::contact(const LimbReference& reference) const noexcept {
           reference.finger_opening_m};
 }
 
+Contact ControlCore::known_contact(int limb, const LimbReference& reference) const noexcept {
+  Contact known = contact(reference);
+  const double slipped_at = slips_[limb].slipped_at();
+  if (slipped_at > 0.0) known.friction *= std::min(slipped_at, 1.0);
+  return known;
+}
+
 double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
   Contact trusted = contact(reference);
   trusted.friction *= robot_.control.trusted_friction;

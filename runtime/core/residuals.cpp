@@ -15,12 +15,14 @@ constexpr int kLeastOthers = 2;
 
 void ControlCore::watch_stance(double dt_s) noexcept {
   PerLimb<FittedLimb> fitted;
+  unsigned holding = 0;  // a bit a limb
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
     // Before the plan has begun somebody may carry the robot.
     const bool grips = limb.gripping() && limbs_[l].in_contact();
     const bool holds = engaged_ && started_ && !limb.point_foot && (grips || test_.begun(l)) && !faults_.lost(l);
     fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
+    if (holds) holding |= 1U << static_cast<unsigned>(l);
   }
   stance_.update(fitted, dt_s);
   PerLimb<Wrench> felt_W;
@@ -38,6 +40,9 @@ void ControlCore::watch_stance(double dt_s) noexcept {
     const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb),
                                                   limbs_[l].finger_force_N());
     slips_[l].update(l, stance_, fitted[l].holds && limb.gripping(), used, dt_s);
+    const Matrix3 rotation_GW = (body_.body_W().rotation * limbs_[l].state().gripper_B.rotation).transpose();
+    compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limbs_[l].wrench_W().force_N,
+                           stance_.since_contact(l).shift_G_m, dt_s);
   }
 }
 

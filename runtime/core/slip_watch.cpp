@@ -59,6 +59,7 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   const Eigen::Vector2d place_m = stance.since_contact(limb).shift_G_m.tail<2>();
   if (!slips_ && witnessed_s_ > kWitnessed_s) {
     slips_ = true;
+    slipped_at_ = used;
     from_m_ = place_m - stance.moved(window).way_m;
     still_s_ = 0.0;
   }

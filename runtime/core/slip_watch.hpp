@@ -25,6 +25,10 @@ class SlipWatch {
   double slid_m() const { return slid_m_; }
   /// Share of its load that it is to bear.
   double relief() const { return relief_; }
+  /// The most that it was `used` since contact without a slip, the last moments left out: the grasp is as good as that.
+  double borne() const { return most_used_; }
+  /// `used` as it began to slip last: the grasp is no better than that. 0: it has not slipped since contact.
+  double slipped_at() const { return slipped_at_; }
 
  private:
   void look_at_grip(double used) noexcept;
@@ -34,6 +38,7 @@ class SlipWatch {
   bool squeezes_ = false, slips_ = false, out_of_hand_ = false;
   double most_used_ = 0.0, lately_used_ = 0.0;  ///< since contact without, and with, the last moments
   double block_used_ = 0.0;
+  double slipped_at_ = 0.0;
   int block_cycles_ = 0;
   int used_up_cycles_ago_ = 0;
   double witnessed_s_ = 0.0;

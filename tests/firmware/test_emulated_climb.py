@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_tools.telemetry.reader import Telemetry, read_log
+from crux_tools.telemetry.summary import PHASE_NAMES
 from short_climb import plan_short_climb
 from with_can import CRUX
 
 EMULATED = ("LF.2,LF.7", pytest.param("LF", marks=pytest.mark.sweep))  # a joint and the gripper; all seven nodes
 LF = slice(0, 6)
+CLOSE, LOAD = PHASE_NAMES.index("close"), PHASE_NAMES.index("load")
 
 
 @dataclass
@@ -34,6 +36,13 @@ def _climb(plan: Path, name: str, *options: str) -> Climb:
     )
     assert done.stdout, done.stderr
     return Climb(done.returncode, json.loads(done.stdout), read_log(log))
+
+
+def _force_error_N(log: Telemetry, phases: tuple[int, ...]) -> float:
+    """Root mean square over LF's cycles in `phases`."""
+    of = np.isin(log.references["phase"][:, 0], phases)
+    error = (log.limbs["force_w_n"] - log.limbs["force_reference_w_n"])[of, 0]
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
 @pytest.fixture(scope="module", params=EMULATED)
@@ -54,7 +63,13 @@ def test_reaches_the_goal_as_with_the_library(climbs: tuple[Climb, Climb]) -> No
     assert emulated.result["missed_cycles"] == 0
     assert emulated.result["goal_error"]["m"] == pytest.approx(library.result["goal_error"]["m"], abs=1e-3)
     assert emulated.result["tracking"]["body_m"] == pytest.approx(library.result["tracking"]["body_m"], abs=1e-3)
-    assert emulated.result["tracking"]["force_N"] == pytest.approx(library.result["tracking"]["force_N"], abs=0.2)
+
+
+def test_bears_its_load_as_with_the_library(climbs: tuple[Climb, Climb]) -> None:
+    # With real current loops the body swings by some 5 N across a grasp that is pulled, at 0.8 Hz: 2.8 N rms.
+    for phases, bound_N in (((0, 1, 2, 3, 4, 5), 0.3), ((CLOSE, LOAD), 4.0)):
+        one, two = (_force_error_N(climb.log, phases) for climb in climbs)
+        assert two < one + bound_N, phases
 
 
 def test_ends_in_the_same_posture_under_the_same_torques(climbs: tuple[Climb, Climb]) -> None:

@@ -63,6 +63,18 @@ def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_ove
     squeeze = log.tables["/limb_telemetry"]
     squeeze = squeeze[squeeze["limb"] == RF]["grasp_force_reference_n"]
     assert squeeze.max() > 55
+    (friction,) = set(log.tables["/limb_reference"]["friction"][:4]) - {0.0}
+    grasp = log.tables["/limb_telemetry"]
+    slipped_at = grasp[grasp["limb"] == RF]["slip_friction"]
+    assert slipped_at.max() == pytest.approx(0.14 * friction, rel=0.25)  # what its hold really has
+    assert not grasp[grasp["limb"] != RF]["slip_friction"].any()
+
+
+def test_a_grasp_that_has_slipped_is_loaded_no_more_than_its_friction_bears_and_the_climb_goes_on() -> None:
+    result, log = climbed(SMOOTH.replace("0.14", "0.09"))
+    assert result.ok, result.reason
+    waits = log.tables["/robot_state"]["waiting_for"] == SLIP
+    assert np.count_nonzero(np.diff(waits.astype(int)) == 1) == 1  # it does not slip again
 
 
 @pytest.mark.parametrize("seed", [1, 2])

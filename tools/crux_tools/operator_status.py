@@ -86,6 +86,9 @@ def climb_of(status: status_t | None) -> dict[str, Any]:
                 "grasp_force_N": telemetry.grasp_force_n,
                 "grasp_force_reference_N": telemetry.grasp_force_reference_n,
                 "utilisation": telemetry.utilisation,
+                "borne_friction": telemetry.borne_friction,
+                "slip_friction": telemetry.slip_friction or None,
+                "compliance_m_N": telemetry.compliance_m_n or None,
             }
             for limb, reference, telemetry in zip(LIMB_NAMES, status.reference, status.telemetry, strict=True)
         },
@@ -120,6 +123,7 @@ def _climb_lines(status: status_t) -> list[str]:
     limbs = [
         f"  {name} {limb['phase']:<7} grip {limb['grasp_force_N']:4.1f} of {limb['grasp_force_reference_N']:4.1f} N, "
         f"{limb['utilisation']:4.0%} of the limit surface"
+        + ("" if limb["slip_friction"] is None else f", slipped at friction {limb['slip_friction']:.2f}")
         for name, limb in climb["limbs"].items()
     ]
     return [place, *limbs]

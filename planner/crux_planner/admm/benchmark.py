@@ -8,6 +8,7 @@ is not negative. What it reaches may be no plan, and then that is said.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -15,19 +16,19 @@ import casadi as ca
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.motion_block import gripper_fingers
+from crux_planner.admm.motion_block import Ends
 from crux_planner.admm.windows import Swinging, Windows
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
-from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import cone_demand
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.relaxation import Relaxed
 from crux_planner.swing.swing import contact_pose
+from crux_planner.trajectory.knot_qp import KnotSolution
 
 _POSE, _FACES = 5, 5
 _FORCE_UNIT_N = 10.0
@@ -57,17 +58,17 @@ class Benchmark:
             np.concatenate([np.tile(high, n + 1), np.tile(_step_high(problem, len(self.pairs)), n)]),
         )
 
-    def solve(self, deadline: float) -> tuple[Schedule, Array, list[dict[int, Array]], float, int]:
-        """Contacts, body states, wrenches, J, ipopt's iterations. Raises InfeasibleError where it reaches no plan."""
+    def solve(self, deadline: float, report: Callable[[str], None]) -> tuple[KnotSolution, list[int]]:
+        """The plan and ipopt's iterations for each relaxation. Raises InfeasibleError where it reaches no plan."""
         relaxed = Relaxed(self._nlp, self._bounds(), self._row_bounds, self._alpha)
-        values, iterations = relaxed.solve(self._guess(), deadline)
-        return (*self._plan(values), sum(iterations))
+        values, iterations = relaxed.solve(self._guess(), deadline, report)
+        return self._plan(values), iterations
 
     def _alpha(self, values: Array) -> Array:
         alpha: Array = self._parts(values.reshape(self.problem.steps + 1, -1))[2]
         return alpha
 
-    def _plan(self, values: Array) -> tuple[Schedule, Array, list[dict[int, Array]], float]:
+    def _plan(self, values: Array) -> KnotSolution:
         problem, n = self.problem, self.problem.steps
         x, _, alpha, q, _ = self._parts(values.reshape(n + 1, -1))
         swings = []
@@ -88,7 +89,7 @@ class Benchmark:
             }
             for k in range(n)
         ]
-        return schedule, x, wrenches, plan_cost(problem, schedule, x, wrenches)
+        return KnotSolution(problem, schedule, x, wrenches, plan_cost(problem, schedule, x, wrenches))
 
     def _held(self, alpha: Array, of_limb: list[int]) -> int | None:
         best = max(of_limb, key=lambda i: alpha[i])
@@ -133,15 +134,16 @@ class Benchmark:
             contact, pose = problem.contacts[c], g[_POSE * limb : _POSE * (limb + 1)]
             each = q[WRENCH_INPUTS * i : WRENCH_INPUTS * (i + 1)] * unit
             demand = cone_demand(each[0:3], ca.DM.zeros(3), problem.patch.k_m)
-            inner = problem.friction_share * min(contact.spine_shear_N, contact.spine_twist_Nm / problem.patch.k_m)
-            for normal, may_press in zip((3, 4), contact.may_press, strict=True):
-                slack = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
+            by_spines = problem.friction_share * (contact.spines / [1.0, 1.0, problem.patch.k_m]).min(axis=1)
+            of_finger = zip((3, 4), contact.may_press, contact.grip_friction, by_spines, strict=True)
+            for normal, may_press, friction, inner in of_finger:
+                slack = problem.friction_share * friction * each[normal] + inner * alpha[i] - demand
                 press = problem.friction_share * problem.patch.max_normal_N * may_press * alpha[i] - each[normal]
                 rows += [(slack + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
             rows.append(relaxation - alpha[i] * _apart(pose, problem, c))
             rows.append(relaxation - alpha[i] * (1 - alpha[i]))
         at = 0
-        fingers = gripper_fingers(g)
+        fingers = Ends.of(problem).points(g)
         for limb in range(4):
             for hold in self._holds(limb):
                 for finger in fingers[2 * limb : 2 * limb + 2]:
@@ -170,7 +172,8 @@ class Benchmark:
                 ca.DM(contact.tangent),
             )
             force, moment = force + each[0], moment + each[1]
-        dynamics = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+        centre = centre_of_mass(problem, x, [g[_POSE * limb : _POSE * limb + 4] for limb in range(4)])
+        dynamics = euler_step(x, force, moment, centre, problem)
         rows = [dynamics - x_then]
         for limb in range(4):
             rows.append(g_then[_POSE * limb : _POSE * limb + 3] - g[_POSE * limb : _POSE * limb + 3])

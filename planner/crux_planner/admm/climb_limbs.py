@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
+from crux_planner.admm.admm import ContactPlan, Motion
 from crux_planner.admm.agreement import Agreement
-from crux_planner.admm.contact_block import ContactPlan
 from crux_planner.admm.limb_block import LimbAnswer
 from crux_planner.admm.windows import Swinging, Windows
 from crux_planner.model.arrays import Array
-from crux_planner.physics.cost import plan_cost
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers.worker import Team
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
-
-if TYPE_CHECKING:
-    from crux_planner.admm.admm import Motion
 
 
 class ClimbLimbs:
@@ -47,14 +41,14 @@ class ClimbLimbs:
         chosen = self._agreed(self._answers(rho, standing, forces_alone), standing.body).eta
         return Eta(chosen.body, chosen.fingers, chosen.yaws, standing.forces, standing.moments)
 
-    def minimise(self, rho: float, target: Eta) -> ContactPlan:
+    def minimise(self, rho: float, target: Eta) -> ContactPlan[KnotSolution]:
         """Every limb's argmin against `target`, in parallel, then the cheapest sequence on which they agree."""
         return self._agreed(self._answers(rho, target, self._scales), target.body)
 
     def _answers(self, rho: float, target: Eta, scales: Scales) -> list[LimbAnswer]:
         return self._blocks.answers([(limb, rho, target, scales) for limb in range(len(LIMB_NAMES))])
 
-    def _agreed(self, answers: list[LimbAnswer], body: Array) -> ContactPlan:
+    def _agreed(self, answers: list[LimbAnswer], body: Array) -> ContactPlan[KnotSolution]:
         windows, problem = self._windows, self._windows.problem
 
         def sound(swings: list[Swinging]) -> bool:
@@ -68,10 +62,4 @@ class ClimbLimbs:
             for k, knot in enumerate(schedule.contacts[: problem.steps])
         ]
         eta = Eta.of_contacts(problem, schedule, body, wrenches)
-        return ContactPlan(eta, schedule, KnotSolution(body, wrenches, np.inf))
-
-    def with_body(self, plan: ContactPlan, delta: Eta) -> ContactPlan:
-        """The limbs' plan with the body of the copy, and J of both."""
-        wrenches = plan.knots.wrenches
-        cost = plan_cost(self._windows.problem, plan.schedule, delta.body, wrenches)
-        return ContactPlan(plan.eta, plan.schedule, KnotSolution(delta.body, wrenches, cost))
+        return ContactPlan(eta, KnotSolution(problem, schedule, body, wrenches, np.inf))

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from crux_planner.admm.admm import ContactPlan
 from crux_planner.admm.hull import Decision, HullMilp
 from crux_planner.admm.window_cost import window_cost
 from crux_planner.admm.windows import Swinging, Windows, clash
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Schedule
-from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
@@ -27,41 +22,18 @@ GREED = 1.5  # of that search
 _CUTS = 12  # decisions thrown away in one iteration before giving up
 
 
-@dataclass(frozen=True)
-class ContactPlan:
-    """eta of the contact blocks with the contacts behind it."""
-
-    eta: Eta
-    schedule: Schedule
-    knots: KnotSolution
-
-    @property
-    def gait(self) -> list[str]:
-        """Limbs in the order in which they release."""
-        return self.schedule.gait
-
-
 class ContactBlock:
     """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        equilibrium: StaticEquilibrium,
-        reach: ReachableSet,
-        swings: SwingCache,
-        *,
-        moments: bool = True,
-        scales: Scales,
-    ) -> None:
-        self.problem, self.moments, self.scales = problem, moments, scales
-        self.windows = Windows(problem, reach, swings)
-        self._balance = equilibrium
-        self._hull = HullMilp(self.windows, equilibrium, moments=moments)
+    def __init__(self, oracles: Oracles, *, moments: bool = True, scales: Scales) -> None:
+        self.problem, self.moments, self.scales = oracles.problem, moments, scales
+        self.windows = Windows(oracles.problem, oracles.reachable, oracles.swings)
+        self._balance, self._oracles = oracles.equilibrium, oracles
+        self._hull = HullMilp(self.windows, oracles.equilibrium, moments=moments)
         self._known = self._searched()
         self.bound = -np.inf  # proven, of the last MILP's objective
 
-    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan:
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[KnotSolution]:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         cost = window_cost(self.windows, rho, target, self.scales)
         for _ in range(_CUTS):
@@ -84,17 +56,14 @@ class ContactBlock:
                 continue
             self._known, self.bound = decision.swings, result.bound
             eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
-            return ContactPlan(eta, schedule, knots)
+            return ContactPlan(eta, knots)
         raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
 
     def _searched(self) -> list[Swinging] | None:
         """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
         until = clock.now() + _SEARCH_TIME_S
-        windows = self.windows
-        moves, _ = search(
-            self.problem, self._balance, windows.reach, windows.swings, at_once=1, greed=GREED, deadline=until
-        )
-        return None if moves is None else windows.one_by_one(moves)
+        moves, _ = search(self._oracles, at_once=1, greed=GREED, deadline=until)
+        return None if moves is None else self.windows.one_by_one(moves)
 
     def path(self, decision: Decision) -> Array:
         """Body positions (N + 1, 3) through those of the windows, each in the middle of its window."""

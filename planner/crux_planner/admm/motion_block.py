@@ -1,162 +1,200 @@
 """P2b, equation (19b): delta near eta + epsilon under (7), (8) and (9), one NLP, compiled once and used again.
 
-Fingers and forces are free of contacts here: any finger may push anywhere, as long as the limbs reach it and the body
-moves by its dynamics.
+Contacts play no part here: any finger and any foot may push anywhere, as long as the limbs reach it and the body moves
+by its dynamics.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.problem import BODY_STATES, Problem
-from crux_planner.physics.bounds import body_bounds
+from crux_planner.model.problem import BODY_STATES, CentroidalProblem, Problem
+from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.physics.bounds import body_bounds, rate_steps, walk_bounds
 from crux_planner.physics.cost import body_cost
-from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import AGAIN, Nlp
-from crux_planner.trajectory.consensus import FINGERS, Eta, Scales
+from crux_planner.trajectory.consensus import Eta, Scales
 
-_POSE = 5  # x, y, z, yaw, opening of a gripper
-_FORCE_UNIT_N, _MOMENT_UNIT_NM = 10.0, 0.1  # of the NLP's variables
+FORCE_UNIT_N, _MOMENT_UNIT_NM = 10.0, 0.1  # of the NLP's variables
 _FORCE_BOUND_N, _MOMENT_BOUND_NM = 200.0, 5.0
+POSE = 5  # x, y, z, yaw, opening of a gripper
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The ends of the four limbs as variables of a knot: poses (5,) of grippers with two fingers, or point feet (3,).
+
+    `low` and `high` bound those of a limb; `yaw_rad` its yaw relative to the body, None for feet.
+    """
+
+    low: Array
+    high: Array
+    yaw_rad: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, problem: CentroidalProblem) -> Ends:
+        """Those of a climb or a walk."""
+        free = np.inf
+        if isinstance(problem, Problem):
+            shape, top = problem.shape, problem.swing.max_height_m
+            low = np.array([-free, -free, 0.0, -free, shape.smallest_opening])
+            return cls(low, np.array([free, free, top, free, shape.largest_opening]), problem.gripper_yaw_rad)
+        assert isinstance(problem, WalkProblem)
+        return cls(np.array([-free, -free, 0.0]), np.array([free, free, problem.step_height_m]), None)
+
+    @property
+    def size(self) -> int:
+        """Variables of all four."""
+        return 4 * len(self.low)
+
+    @property
+    def fingers(self) -> int:
+        """Points that push."""
+        return 8 if self.yaw_rad else 4
+
+    @property
+    def units(self) -> Array:
+        """Of the inputs of a knot: all forces, then all moments where fingers have them."""
+        forces = np.full(3 * self.fingers, FORCE_UNIT_N)
+        return np.append(forces, np.full(3 * self.fingers, _MOMENT_UNIT_NM)) if self.yaw_rad else forces
+
+    @property
+    def bounds(self) -> Array:
+        """Of the same, in these units."""
+        forces = np.full(3 * self.fingers, _FORCE_BOUND_N)
+        return (np.append(forces, np.full(3 * self.fingers, _MOMENT_BOUND_NM)) if self.yaw_rad else forces) / self.units
+
+    def each(self, g: Any) -> list[Any]:
+        """The limbs' own rows of a knot's variables."""
+        own = len(self.low)
+        return [g[own * limb : own * (limb + 1)] for limb in range(4)]
+
+    def points(self, g: Any) -> list[Any]:
+        """(9b): where the fingers or feet are (casadi)."""
+        if self.yaw_rad is None:
+            return self.each(g)
+        half = [pose[4] * ca.vertcat(ca.cos(pose[3]), ca.sin(pose[3]), 0) for pose in self.each(g)]
+        return [pose[:3] + sign * h for pose, h in zip(self.each(g), half, strict=True) for sign in (1, -1)]
+
+    def kinematics(self) -> ca.Function:
+        """Body state, points and yaws of a knot: what is in the consensus."""
+        x, g = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", self.size)
+        yaws = [pose[3] for pose in self.each(g)] if self.yaw_rad else []
+        return ca.Function("kinematics", [x, g], [ca.vertcat(x, *self.points(g), *yaws)])
+
+    def step(self, problem: CentroidalProblem) -> ca.Function:
+        """(8a) and (8b): the next state from x, ends and inputs in their units."""
+        x, g, u = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", self.size), ca.SX.sym("u", self.units.size)
+        scaled, after = u * ca.DM(self.units), 3 * self.fingers
+        force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
+        for i, point in enumerate(self.points(g)):
+            each = scaled[3 * i : 3 * i + 3]
+            force += each
+            twist = scaled[after + 3 * i : after + 3 * i + 3] if self.yaw_rad else ca.SX.zeros(3)
+            moment += ca.cross(point, each) + twist
+        hands = [end[:4] for end in self.each(g)]
+        if isinstance(problem, WalkProblem):  # the feet turn with the body, about
+            hands = on_feet(problem, g, ca.repmat(x[5], 4))
+        step = euler_step(x, force, moment, centre_of_mass(problem, x, hands), problem)
+        return ca.Function("step", [x, g, u], [step])
+
+    def reach(self) -> ca.Function:
+        """(9a): where the limbs end in the body frame, and their yaws relative to the body's."""
+        x, g = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", self.size)
+        offsets = [offset_in_body(x[0:3], x[3:6], end[:3]) for end in self.each(g)]
+        turns = [pose[3] - x[5] for pose in self.each(g)] if self.yaw_rad else []
+        return ca.Function("reach", [x, g], [ca.vertcat(*offsets, *turns)])
+
+    def reach_bounds(self, problem: CentroidalProblem) -> tuple[Array, Array]:
+        """Of `reach`."""
+        middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
+        low, high = ([bound] * 4 for bound in self.yaw_rad) if self.yaw_rad else ([], [])
+        return np.append(middle - half, low), np.append(middle + half, high)
+
+
+def body_cost_function(problem: CentroidalProblem) -> ca.Function:
+    """J's terms of a knot's body state."""
+    x = ca.SX.sym("x", BODY_STATES)
+    return ca.Function("body_cost", [x], [body_cost(x, problem)])
 
 
 class MotionBlock:
-    """P2b of one problem. With `body_weight` 1 it also carries J's terms of the body (the NLP of P3)."""
+    """P2b of one climb or walk. With `body_weight` 1 it also carries J's terms of the body (the NLP of P3)."""
 
-    def __init__(self, problem: Problem, *, scales: Scales, body_weight: float = 0.0) -> None:
+    def __init__(self, problem: CentroidalProblem, *, scales: Scales, body_weight: float = 0.0) -> None:
         self.problem, self.iterations, self.solved = problem, 0, True
-        n = problem.steps
-        x = ca.MX.sym("x", BODY_STATES, n + 1)
-        g = ca.MX.sym("g", 4 * _POSE, n + 1)
-        u = ca.MX.sym("u", 6 * FINGERS, n)
-        kinematic, dynamic = BODY_STATES + 3 * FINGERS + 4, 6 * FINGERS
-        to_x, to_u = ca.MX.sym("to_x", kinematic, n + 1), ca.MX.sym("to_u", dynamic, n)
+        self._ends = ends = Ends.of(problem)
+        n, inputs = problem.steps, ends.units.size
+        kinematics = ends.kinematics()
+        self._kinematics = kinematics.map(n + 1)
+        x, g, u = ca.MX.sym("x", BODY_STATES, n + 1), ca.MX.sym("g", ends.size, n + 1), ca.MX.sym("u", inputs, n)
+        to_x, to_u = ca.MX.sym("to_x", kinematics.size1_out(0), n + 1), ca.MX.sym("to_u", inputs, n)
         rho = ca.MX.sym("rho")
-        units = _units(scales)
-        near = ca.sumsqr(_kinematics().map(n + 1)(x, g) * units[0] - to_x * units[0])
-        near += ca.sumsqr(u * units[1] * _INPUT_UNITS - to_u * units[1])
-        cost = rho / 2 * near + body_weight * ca.sum2(_body_cost(problem).map(n + 1)(x))
-        steps = _step(problem).map(n)(x[:, :-1], g[:, :-1], u) - x[:, 1:]
-        reach = _reach().map(n)(x[:, 1:], g[:, 1:])
-        rows = ca.veccat(steps, reach)
-        parameters = ca.veccat(rho, to_x, to_u)
-        nlp = {"x": ca.veccat(x, g, u), "p": parameters, "f": cost, "g": rows}
-        self._bounds = self._variable_bounds()
-        low, high = _reach_bounds(problem)
+        state = [scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6
+        yaws = kinematics.size1_out(0) - BODY_STATES - 3 * ends.fingers
+        unit_x = ca.DM([*state, *[scales.position] * (3 * ends.fingers), *[scales.orientation] * yaws])
+        unit_u = ca.DM(np.repeat([scales.force, scales.moment], 3 * ends.fingers)[:inputs])
+        near = ca.sumsqr(self._kinematics(x, g) * unit_x - to_x * unit_x)
+        near += ca.sumsqr(u * unit_u * ca.DM(ends.units) - to_u * unit_u)
+        cost = rho / 2 * near + body_weight * ca.sum2(body_cost_function(problem).map(n + 1)(x))
+        rows = [ends.step(problem).map(n)(x[:, :-1], g[:, :-1], u) - x[:, 1:], ends.reach().map(n)(x[:, 1:], g[:, 1:])]
         equal = np.zeros(BODY_STATES * n)
-        row_bounds = np.concatenate([equal, np.tile(low, n)]), np.concatenate([equal, np.tile(high, n)])
-        self._nlp = Nlp(nlp, self._bounds, row_bounds, AGAIN)
+        low, high = ([equal, np.tile(bound, n)] for bound in ends.reach_bounds(problem))
+        if isinstance(problem, WalkProblem):
+            rows.append(x[6:12, 1:] - x[6:12, :-1])
+            low.append(np.tile(-rate_steps(problem), n))
+            high.append(np.tile(rate_steps(problem), n))
+            low_x, high_x = walk_bounds(problem, None)
+        else:
+            assert isinstance(problem, Problem)
+            low_x, high_x = body_bounds(problem, None)
+        most = np.tile(ends.bounds, n)
+        self._bounds = (
+            np.concatenate([low_x.ravel(), np.tile(ends.low, 4 * (n + 1)), -most]),
+            np.concatenate([high_x.ravel(), np.tile(ends.high, 4 * (n + 1)), most]),
+        )
+        nlp = {"x": ca.veccat(x, g, u), "p": ca.veccat(rho, to_x, to_u), "f": cost, "g": ca.veccat(*rows)}
+        self._nlp = Nlp(nlp, self._bounds, (np.concatenate(low), np.concatenate(high)), AGAIN)
 
     def project(self, target: Eta, rho: float) -> Eta:
         """argmin rho / 2 |delta - target|^2; starts from the last answer, the first time from the target."""
-        to_x = np.concatenate([target.body, target.fingers.reshape(len(target.body), -1), target.yaws], axis=1)
-        to_u = _inputs(target)
-        low, high = self._bounds
-        first = np.concatenate([target.body.ravel(), _poses(target).ravel(), (to_u / np.array(_INPUT_UNITS).T).ravel()])
+        n, (low, high) = self.problem.steps, self._bounds
+        to_x = np.concatenate([target.body, target.fingers.reshape(n + 1, -1), target.yaws], axis=1)
+        to_u = np.concatenate([target.forces.reshape(n, -1), target.moments.reshape(n, -1)], axis=1)
+        first = np.concatenate([target.body.ravel(), self._first(target).ravel(), (to_u / self._ends.units).ravel()])
         parameters = np.concatenate([[rho], to_x.ravel(), to_u.ravel()])
         found = self._nlp.solve(np.clip(first, low, high), parameters, again=True)
         self.solved, self.iterations = found.solved, found.iterations
         return self._eta(found.x)
 
+    def _first(self, eta: Eta) -> Array:
+        """Ends (N + 1, 4, 5 or 3) from the positions of fingers or feet."""
+        if self._ends.yaw_rad is None:
+            return eta.fingers
+        one, two = eta.fingers[:, 0::2], eta.fingers[:, 1::2]
+        opening = np.linalg.norm(one - two, axis=2) / 2
+        return np.concatenate([(one + two) / 2, eta.yaws[..., None], opening[..., None]], axis=2)
+
     def _eta(self, values: Array) -> Eta:
-        n = self.problem.steps
-        a, b = BODY_STATES * (n + 1), (BODY_STATES + 4 * _POSE) * (n + 1)
-        body, poses = values[:a].reshape(n + 1, BODY_STATES), values[a:b].reshape(n + 1, 4 * _POSE)
-        all_knots = np.array(_kinematics().map(n + 1)(body.T, poses.T)).T
-        inputs = values[b:].reshape(n, -1) * np.array(_INPUT_UNITS).T
+        n, fingers = self.problem.steps, self._ends.fingers
+        a, b = BODY_STATES * (n + 1), (BODY_STATES + self._ends.size) * (n + 1)
+        body = values[:a].reshape(n + 1, BODY_STATES)
+        known = np.array(self._kinematics(body.T, values[a:b].reshape(n + 1, -1).T)).T
+        inputs = values[b:].reshape(n, -1) * self._ends.units
+        points, yaws = np.split(known[:, BODY_STATES:], [3 * fingers], axis=1)
+        forces, moments = np.split(inputs, [3 * fingers], axis=1)
+        of_each = (n, fingers, 3)
         return Eta(
             body,
-            all_knots[:, BODY_STATES:-4].reshape(n + 1, FINGERS, 3),
-            all_knots[:, -4:],
-            inputs[:, : 3 * FINGERS].reshape(n, FINGERS, 3),
-            inputs[:, 3 * FINGERS :].reshape(n, FINGERS, 3),
+            points.reshape(n + 1, fingers, 3),
+            yaws,
+            forces.reshape(of_each),
+            moments.reshape(of_each if moments.size else (n, 0, 3)),
         )
-
-    def _variable_bounds(self) -> tuple[Array, Array]:
-        """(7)."""
-        problem, n = self.problem, self.problem.steps
-        low_x, high_x = body_bounds(problem, None)
-        shape, free = problem.shape, np.inf
-        low_g = np.tile([-free, -free, 0.0, -free, shape.smallest_opening], 4)
-        high_g = np.tile([free, free, problem.swing.max_height_m, free, shape.largest_opening], 4)
-        high_u = np.repeat([_FORCE_BOUND_N / _FORCE_UNIT_N, _MOMENT_BOUND_NM / _MOMENT_UNIT_NM], 3 * FINGERS)
-        low = np.concatenate([low_x.ravel(), np.tile(low_g, n + 1), -np.tile(high_u, n)])
-        high = np.concatenate([high_x.ravel(), np.tile(high_g, n + 1), np.tile(high_u, n)])
-        return low, high
-
-
-_INPUT_UNITS = ca.DM(np.repeat([_FORCE_UNIT_N, _MOMENT_UNIT_NM], 3 * FINGERS))
-
-
-def _units(scales: Scales) -> tuple[ca.DM, ca.DM]:
-    """Weights of the norm: of body, fingers and yaws; of forces and moments."""
-    state = [scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6
-    kinematic = [*state, *[scales.position] * (3 * FINGERS), *[scales.orientation] * 4]
-    return ca.DM(kinematic), ca.DM(np.repeat([scales.force, scales.moment], 3 * FINGERS))
-
-
-def _inputs(eta: Eta) -> Array:
-    n = len(eta.forces)
-    return np.concatenate([eta.forces.reshape(n, -1), eta.moments.reshape(n, -1)], axis=1)
-
-
-def _poses(eta: Eta) -> Array:
-    """Gripper poses (N + 1, 20) from finger positions."""
-    first, second = eta.fingers[:, 0::2], eta.fingers[:, 1::2]
-    opening = np.linalg.norm(first - second, axis=2) / 2
-    poses = np.concatenate([(first + second) / 2, eta.yaws[..., None], opening[..., None]], axis=2)
-    flat: Array = poses.reshape(len(poses), -1)
-    return flat
-
-
-def gripper_fingers(g: Any) -> list[Any]:
-    """(9b): the eight finger positions."""
-    points = []
-    for limb in range(4):
-        pose = g[_POSE * limb : _POSE * (limb + 1)]
-        half = pose[4] * ca.vertcat(ca.cos(pose[3]), ca.sin(pose[3]), 0)
-        points += [pose[:3] + half, pose[:3] - half]
-    return points
-
-
-def _kinematics() -> ca.Function:
-    x, g = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", 4 * _POSE)
-    yaws = [g[_POSE * limb + 3] for limb in range(4)]
-    return ca.Function("kinematics", [x, g], [ca.vertcat(x, *gripper_fingers(g), *yaws)])
-
-
-def _step(problem: Problem) -> ca.Function:
-    """(8a) and (8b)."""
-    x, g, u = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", 4 * _POSE), ca.SX.sym("u", 6 * FINGERS)
-    scaled = u * _INPUT_UNITS
-    force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
-    for i, point in enumerate(gripper_fingers(g)):
-        each = scaled[3 * i : 3 * i + 3]
-        force += each
-        moment += ca.cross(point, each) + scaled[3 * (FINGERS + i) : 3 * (FINGERS + i) + 3]
-    step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
-    return ca.Function("step", [x, g, u], [step])
-
-
-def _reach() -> ca.Function:
-    """(9a): grippers in the body frame, and their yaws relative to the body's."""
-    x, g = ca.SX.sym("x", BODY_STATES), ca.SX.sym("g", 4 * _POSE)
-    offsets = [offset_in_body(x[0:3], x[3:6], g[_POSE * limb : _POSE * limb + 3]) for limb in range(4)]
-    turns = [g[_POSE * limb + 3] - x[5] for limb in range(4)]
-    return ca.Function("reach", [x, g], [ca.vertcat(*offsets, *turns)])
-
-
-def _reach_bounds(problem: Problem) -> tuple[Array, Array]:
-    middle, half = problem.boxes.centre_b_m.ravel(), np.tile(problem.boxes.half_m, 4)
-    low, high = problem.gripper_yaw_rad
-    return np.append(middle - half, [low] * 4), np.append(middle + half, [high] * 4)
-
-
-def _body_cost(problem: Problem) -> ca.Function:
-    x = ca.SX.sym("x", BODY_STATES)
-    return ca.Function("body_cost", [x], [body_cost(x, problem)])

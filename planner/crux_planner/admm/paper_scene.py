@@ -14,8 +14,8 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BodyBounds, Goal, Pose, Problem, Weights
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.physics.reach import turned as turned_reach
-from crux_planner.physics.walk_cost import FORCE_SHARE
 
 FLOOR_HALF_M = 2.0  # of the surface that feet stand on
 SIDES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])  # outward: +x, -x, +y, -y, top

@@ -15,15 +15,15 @@ import casadi as ca
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.walk_motion_block import FORCE_UNIT_N, walk_body_cost, walk_reach, walk_step
+from crux_planner.admm.motion_block import FORCE_UNIT_N, Ends, body_cost_function
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
+from crux_planner.physics.bounds import FEET_APART_M, least_load_N, rate_steps, walk_bounds
+from crux_planner.physics.cost import FORCE_SHARE, walk_cost
 from crux_planner.physics.limit_surface import SMOOTHING_N
-from crux_planner.physics.walk_bounds import FEET_APART_M, body_bounds, least_load_N, rate_steps
-from crux_planner.physics.walk_cost import FORCE_SHARE, walk_cost
 from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.solvers.relaxation import Relaxed
 from crux_planner.trajectory.walk_qp import WalkKnots
@@ -51,9 +51,9 @@ class WalkBenchmark:
         x, p, alpha, u = _parts(z)
         step = _step_function(problem).map(n)(z[:, :-1], z[:, 1:], ca.repmat(relaxation, 1, n))
         knot = _knot_function(problem).map(n + 1)(z, ca.repmat(relaxation, 1, n + 1))
-        reach = walk_reach().map(n)(x[:, 1:], p[:, 1:])
+        reach = Ends.of(problem).reach().map(n)(x[:, 1:], p[:, 1:])
         weights = problem.weights
-        cost = ca.sum2(walk_body_cost(problem).map(n + 1)(x))
+        cost = ca.sum2(body_cost_function(problem).map(n + 1)(x))
         cost += FORCE_SHARE * weights.wrench * FORCE_UNIT_N**2 * ca.sumsqr(u[:, :-1])  # nothing follows the last ones
         cost += weights.lift * ca.sum2(ca.sum1(p[2::3, :])) + weights.switching * ca.sumsqr(
             alpha[:, 1:] - alpha[:, :-1]
@@ -91,11 +91,11 @@ class WalkBenchmark:
         footholds = np.vstack([problem.start_feet_w_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
         forces = FORCE_UNIT_N * u[:n].reshape(n, _FEET, 3) * gait.stance[:n, :, None]
         cost = walk_cost(problem, gait, x, forces)
-        return WalkKnots(gait, x, forces, footholds, cost, cost, np.zeros((n, _FEET, 3)))
+        return WalkKnots(problem, gait, x, forces, footholds, cost, cost, np.zeros((n, _FEET, 3)))
 
     def _bounds(self) -> tuple[Array, Array]:
         problem, n = self.problem, self.problem.steps
-        low_x, high_x = body_bounds(problem, None)
+        low_x, high_x = walk_bounds(problem, None)
         low_p = np.tile([-np.inf, -np.inf, 0.0], (n + 1, _FEET))
         high_p = np.tile([np.inf, np.inf, problem.step_height_m], (n + 1, _FEET))
         low_p[0] = high_p[0] = np.column_stack([problem.start_feet_w_m, np.zeros(_FEET)]).ravel()
@@ -173,7 +173,7 @@ def _step_function(problem: WalkProblem) -> ca.Function:
     z, then, relaxation = ca.SX.sym("z", sum(_SIZES)), ca.SX.sym("then", sum(_SIZES)), ca.SX.sym("relaxation")
     (x, p, alpha, u), (x_then, p_then, _, _) = _parts(z), _parts(then)
     moved = [ca.sumsqr(p_then[3 * i : 3 * i + 3] - p[3 * i : 3 * i + 3]) / _LENGTH_UNIT_M**2 for i in range(_FEET)]
-    rows = [walk_step(problem)(x, p, u) - x_then, x_then[6:12] - x[6:12], *moved]
+    rows = [Ends.of(problem).step(problem)(x, p, u) - x_then, x_then[6:12] - x[6:12], *moved]
     rows += [relaxation - alpha[i] * moved[i] for i in range(_FEET)]
     return ca.Function("step", [z, then, relaxation], [ca.vertcat(*rows)])
 

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crux_planner.errors import InfeasibleError
+from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.planar_qp import FlatWalk
 from crux_planner.search.slots import Change, Slots
@@ -27,6 +27,7 @@ from crux_planner.solvers.worker import Team, Worker
 from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots
 
 if TYPE_CHECKING:
+    from crux_planner.admm.admm import ContactPlan
     from crux_planner.trajectory.consensus import Eta, Scales
 
 FLAT_GAITS = 60  # solved by the first search beyond its first ones
@@ -35,19 +36,6 @@ _LINEARISATIONS = 3  # of (8b) and (9a) about the answer
 _NEAR = 90  # gaits looked at near one that has no solution
 _SETTLED, _COMPARED = 12, 6  # walks in the plane given to the oracle, and how many at once for the best of them
 _BETTER = 2e-3  # of J, what is worth a change
-
-
-@dataclass(frozen=True)
-class WalkPlan:
-    """eta of the contact blocks with the contacts behind it."""
-
-    eta: Eta
-    knots: WalkKnots
-
-    @property
-    def gait(self) -> list[str]:
-        """Limbs in the order in which they lift off."""
-        return self.knots.gait.names
 
 
 class Lifted:
@@ -104,7 +92,7 @@ class WalkContacts:
         if not found:
             raise InfeasibleError("contacts", "no gait keeps the feet within reach and the body in balance")
 
-    def minimise(self, rho: float, target: Eta | None, deadline: float) -> WalkPlan:
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[WalkKnots]:
         """Minimise J + rho / 2 |eta - target|^2. Raises InfeasibleError."""
         if self._known is None:
             first = next(self.search(deadline))
@@ -113,9 +101,10 @@ class WalkContacts:
         if target is not None:
             best = self._improved(self._again(best, rho, target), rho, target, deadline)
         self._known = best
+        from crux_planner.admm.admm import ContactPlan
         from crux_planner.trajectory.consensus import Eta  # with casadi, which auto does without
 
-        return WalkPlan(Eta.of_points(best.body, best.feet(self.problem.step_height_m), best.forces), best)
+        return ContactPlan(Eta.of_points(best.body, best.feet(self.problem.step_height_m), best.forces), best)
 
     def near(self, gait: Gait, deadline: float) -> Iterator[WalkKnots]:
         """Walks by a gait, by its neighbours and its order of the feet at other times, by any order where it has none.
@@ -162,7 +151,7 @@ class WalkContacts:
         improving = True
         while improving:
             improving = False
-            for change, slots in self._promising(best, rho, seen, doubts):
+            for change, slots in self._flat.promising(best.gait, self._worth(best, rho), seen, doubts):
                 if self.oracles >= last or clock.now() > deadline:
                     break
                 seen.add(slots)
@@ -182,27 +171,16 @@ class WalkContacts:
                 break
         return best
 
-    def _promising(
-        self, best: WalkKnots, rho: float, seen: set[Slots], doubts: Counter[Change]
-    ) -> list[tuple[Change, Slots]]:
-        """Neighbours not seen, those first of which the duals promise most; changes that failed before, later."""
-        problem, here = self.problem, Slots.of(best.gait)
-        alpha = here.alpha(problem.steps)
-        effort = FORCE_SHARE * problem.weights.wrench
+    def _worth(self, best: WalkKnots, rho: float) -> Array:
+        """(N, 4): what a foot on the ground costs, and what one in the air would save were it there."""
+        effort = FORCE_SHARE * self.problem.weights.wrench
         if self._scales is not None:
             effort += rho / 2 * self._scales.force**2
-        worth = (best.pull**2).sum(axis=2) / (4 * effort)
+        worth: Array = (best.pull**2).sum(axis=2) / (4 * effort)
         worth[best.pull[..., 2] > 0] = 0.0  # the ground does not pull
-        worth = np.where(alpha, effort * (best.forces**2).sum(axis=2), worth)
-        ranked = {}
-        for change, slots in here.neighbours():
-            if slots in seen or slots in ranked:
-                continue
-            if slots.possible(problem) and self._flat.strides.long_enough(slots):
-                then = slots.alpha(problem.steps)
-                gain = float(worth[then & ~alpha].sum() - worth[alpha & ~then].sum())
-                ranked[slots] = (doubts[change], -gain, change)
-        return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
+        on = best.gait.stance[: self.problem.steps]
+        worth[on] = effort * (best.forces[on] ** 2).sum(axis=1)
+        return worth
 
 
 def _alike(one: WalkKnots, other: WalkKnots) -> bool:

@@ -16,8 +16,8 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Step, longest_step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
-from crux_planner.physics.walk_bounds import least_load_N
-from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.physics.bounds import least_load_N
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot
 from crux_planner.trajectory.consensus import Scales
 
@@ -131,14 +131,3 @@ class FootBlock:
         normal = np.clip(normal, least_load_N(self.problem), self.problem.max_normal_N)
         share = np.minimum(1.0, mu * normal / np.maximum(lateral, 1e-9))
         return np.column_stack([forces[:, :2] * share[:, None], normal])
-
-
-class FootBlocks:
-    """The MIPs of all feet."""
-
-    def __init__(self, problem: WalkProblem) -> None:
-        self._blocks = [FootBlock(problem, limb) for limb in range(len(LIMB_NAMES))]
-
-    def __call__(self, limb: int, rho: float, feet: Array, forces: Array, air_cost: Array, scales: Scales) -> FootPlan:
-        """FootBlock.minimise of one limb."""
-        return self._blocks[limb].minimise(rho, feet, forces, air_cost, scales)

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from crux_planner.admm.walk_contact_block import WalkPlan
+from crux_planner.admm.admm import ContactPlan, Motion
 from crux_planner.admm.walk_limb_block import FootPlan
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_cost import walk_cost
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.slots import LEAST_GAP, Slots
 from crux_planner.solvers.worker import Team
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import WalkKnots
-
-if TYPE_CHECKING:
-    from crux_planner.admm.admm import Motion
 
 _USUAL_ORDER = [2, 0, 3, 1]  # rear before front, side after side
 _RIGHT_OF_WAY = 3.0  # cost of a knot in the air beside a foot that comes before in the order
@@ -55,18 +49,10 @@ class WalkLimbs:
         chosen = self._joined(moving.body).eta
         return Eta(chosen.body, chosen.fingers, chosen.yaws, moving.forces, moving.moments)
 
-    def minimise(self, rho: float, target: Eta) -> WalkPlan:
+    def minimise(self, rho: float, target: Eta) -> ContactPlan[WalkKnots]:
         """Every limb's argmin against `target`, in parallel, joined."""
         self._plans = dict(enumerate(self._answers(list(range(4)), rho, target)))
         return self._joined(target.body)
-
-    def with_body(self, plan: WalkPlan, delta: Eta) -> WalkPlan:
-        """The limbs' plan with the body of the copy, and J of both."""
-        knots = plan.knots
-        cost = walk_cost(self._problem, knots.gait, delta.body, knots.forces)
-        return WalkPlan(
-            plan.eta, WalkKnots(knots.gait, delta.body, knots.forces, knots.footholds, cost, cost, knots.pull)
-        )
 
     def _answers(self, limbs: list[int], rho: float, target: Eta) -> list[FootPlan]:
         air_cost = self._yielding()
@@ -92,7 +78,7 @@ class WalkLimbs:
         cost[:, self._order] = _RIGHT_OF_WAY * (np.cumsum(ordered, axis=1) - ordered)
         return cost
 
-    def _joined(self, body: Array) -> WalkPlan:
+    def _joined(self, body: Array) -> ContactPlan[WalkKnots]:
         """The limbs' answers as one eta, with the body given."""
         problem, n = self._problem, self._problem.steps
         gait = Slots(tuple(self._plans[limb].slots for limb in range(4))).gait(n + 1)
@@ -102,8 +88,8 @@ class WalkLimbs:
             spots.append(self._plans[step.limb].footholds[done[step.limb]])
             done[step.limb] += 1
         forces = np.stack([self._plans[limb].forces for limb in range(4)], axis=1)
-        knots = WalkKnots(gait, body, forces, np.array(spots), np.inf, np.inf, np.zeros((n, 4, 3)))
-        return WalkPlan(Eta.of_points(body, knots.feet(problem.step_height_m), forces), knots)
+        knots = WalkKnots(problem, gait, body, forces, np.array(spots), np.inf, np.inf, np.zeros((n, 4, 3)))
+        return ContactPlan(Eta.of_points(body, knots.feet(problem.step_height_m), forces), knots)
 
 
 def _right_of_way(problem: WalkProblem) -> list[int]:

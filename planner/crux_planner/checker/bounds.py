@@ -59,19 +59,9 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Fi
         findings.add_series("swing_height", height, times, "m", tolerance=length, limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
         findings.add_series(
-            "swing_speed",
-            mean_speed - limb_speed,
-            between,
-            "m/s",
-            tolerance=tolerances.SPEED_M_S,
-            limb=limb,
+            "swing_speed", mean_speed - limb_speed, between, "m/s", tolerance=tolerances.SPEED_M_S, limb=limb
         )
         mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.dt_s
         findings.add_series(
-            "swing_yaw_rate",
-            mean_rate - yaw_rate,
-            between,
-            "rad/s",
-            tolerance=tolerances.RATE_RAD_S,
-            limb=limb,
+            "swing_yaw_rate", mean_rate - yaw_rate, between, "rad/s", tolerance=tolerances.RATE_RAD_S, limb=limb
         )

@@ -17,7 +17,8 @@ from crux_planner.model.schedule import SpeedLimits
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact, GripperShape
     from crux_planner.model.cuboids import Cuboids
-    from crux_planner.model.limits import LimbMasses, SwingLimits
+    from crux_planner.model.limb import LimbMasses
+    from crux_planner.model.limits import SwingLimits
     from crux_planner.model.shapes import LimbShape
     from crux_planner.model.workspace import LimbReach, Reach
 
@@ -104,36 +105,43 @@ class Goal:
         return self.aim_share * self.tolerance_rad / 3**0.5
 
 
-@dataclass(frozen=True)
-class Problem:
-    """P1 of one scenario."""
+@dataclass(frozen=True, kw_only=True)
+class CentroidalProblem:
+    """What P1 has whatever the limbs stand on: the body, its dynamics, its ends, its reach and the weights of J."""
 
     steps: int  # N
     dt_s: float
     gravity_w: Array
     mass_kg: float
-    inertia_b: Array
+    inertia_b: Array  # about the centre of mass, in the posture of the start
+    limb_masses: tuple[LimbMasses, ...]
+    body_moment_kg_m: Array  # (3,) mass times place of the body link's centre of mass, body frame
+    start: Pose
+    goal: Goal
+    boxes: Reach  # (9a) of grippers or foot points
+    body: BodyBounds
+    weights: Weights
+    heading_rad: float  # of this frame in W
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem(CentroidalProblem):
+    """P1 of a climb."""
+
     patch: Patch
     cuboids: Cuboids  # holds first, then obstacles
     hold_names: list[str]
     contacts: list[Contact]
     limb_contacts: list[list[int]]  # per limb, the contacts within its range of yaw
     start_contacts: tuple[int, int, int, int]
-    start: Pose
-    goal: Goal
-    boxes: Reach  # of (9a), what a plan keeps to
-    limb_reach: LimbReach
+    limb_reach: LimbReach  # `boxes` are its box or its inner set
     gripper_yaw_rad: tuple[float, float]  # relative to the body
-    body: BodyBounds
     shape: GripperShape
     swing: SwingLimits
-    weights: Weights
     friction_share: float  # of the limit surface that a plan may use
-    limb_masses: tuple[LimbMasses, ...]
     limb_shape: LimbShape
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
-    heading_rad: float  # of this frame in W
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
     tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level

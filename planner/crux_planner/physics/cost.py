@@ -2,33 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.problem import Goal, Problem, Weights
+from crux_planner.model.gait import Gait
+from crux_planner.model.problem import CentroidalProblem, Problem, Weights
 from crux_planner.model.schedule import Schedule
+from crux_planner.model.walk_problem import WalkProblem
+
+FORCE_SHARE = 0.5  # two pads share a foot's force, so that |u|^2 is half of it
+FOOTHOLD_WEIGHT = 0.1  # on footholds off their nominal place [1/m^2]: picks one where J does not
 
 
-class HasGoal(Protocol):
-    """A climb or a walk."""
-
-    @property
-    def weights(self) -> Weights: ...
-    @property
-    def goal(self) -> Goal: ...
-
-
-def body_cost(x: Any, problem: HasGoal) -> Any:
-    """|x - x_g|_Q^2 of one knot's body state (casadi)."""
+def state_weights(problem: CentroidalProblem) -> tuple[Array, Array]:
+    """Q and x_g, (12,) each."""
     weights, goal = problem.weights, problem.goal.body
-    return (
-        weights.position * ca.sumsqr(x[0:3] - goal.position_m)
-        + weights.orientation * ca.sumsqr(x[3:6] - goal.rpy_rad)
-        + weights.velocity * ca.sumsqr(x[6:12])
-    )
+    q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
+    return q, np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
+
+
+def body_cost(x: Any, problem: CentroidalProblem) -> Any:
+    """|x - x_g|_Q^2 of one knot's body state (casadi)."""
+    from casadi import sumsqr  # which walks do without
+
+    weights, goal = problem.weights, problem.goal.body
+    turned = weights.orientation * sumsqr(x[3:6] - goal.rpy_rad)
+    return weights.position * sumsqr(x[0:3] - goal.position_m) + turned + weights.velocity * sumsqr(x[6:12])
+
+
+def states_cost(body: Array, problem: CentroidalProblem) -> float:
+    """The same summed over body states (N + 1, 12)."""
+    weights, goal = problem.weights, problem.goal.body
+    total = weights.position * ((body[:, 0:3] - goal.position_m) ** 2).sum()
+    total += weights.orientation * ((body[:, 3:6] - goal.rpy_rad) ** 2).sum()
+    return float(total + weights.velocity * (body[:, 6:12] ** 2).sum())
 
 
 def wrench_cost(q: Any, problem: Problem) -> Any:
@@ -54,16 +63,24 @@ def swing_cost(weights: Weights, poses: Array) -> float:
 
 def plan_cost(problem: Problem, schedule: Schedule, body: Array, wrenches: list[dict[int, Array]]) -> float:
     """J (6) of a plan."""
-    weights, goal = problem.weights, problem.goal.body
-    total = weights.position * ((body[:, 0:3] - goal.position_m) ** 2).sum()
-    total += (
-        weights.orientation * ((body[:, 3:6] - goal.rpy_rad) ** 2).sum() + weights.velocity * (body[:, 6:12] ** 2).sum()
-    )
     effort = wrench_weights(problem)
-    total += weights.wrench * sum(float(effort @ q**2) for knot in wrenches for q in knot.values())
-    return float(total) + schedule_cost(schedule, problem)
+    efforts = sum(float(effort @ q**2) for knot in wrenches for q in knot.values())
+    return states_cost(body, problem) + problem.weights.wrench * efforts + schedule_cost(schedule, problem)
 
 
 def wrench_weights(problem: Problem) -> Array:
     """Weights of q^2 in |u|^2 of `wrench_cost`, (5,)."""
     return np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 1.0, 1.0])
+
+
+def walk_cost(problem: WalkProblem, gait: Gait, body: Array, forces: Array) -> float:
+    """J of body states (N + 1, 12), foot forces (N, 4, 3) and a gait."""
+    effort = FORCE_SHARE * problem.weights.wrench * (forces**2).sum()
+    return float(states_cost(body, problem) + effort) + gait_cost(problem, gait)
+
+
+def gait_cost(problem: WalkProblem, gait: Gait) -> float:
+    """What the gait alone decides: zeta (height of feet in the air) and S (contact changes)."""
+    weights = problem.weights
+    changes = int(np.abs(np.diff(gait.stance.astype(int), axis=0)).sum())
+    return weights.lift * problem.step_height_m * float(gait.height.sum()) + weights.switching * changes

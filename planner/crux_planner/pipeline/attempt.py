@@ -9,9 +9,25 @@ import numpy as np
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Session
 from crux_planner.solvers import clock
 
 State = TypeVar("State")
+Planned = TypeVar("Planned", bound=Session)
+
+
+def without_waits(
+    session: Planned, shorter: Planned | None, finish: Callable[[Planned, bool], PlanResult | InfeasibleError]
+) -> PlanResult | InfeasibleError:
+    """What `finish` makes of the session without its waits, if it has some; with them (True) where that fails or the
+    scenario keeps them.
+    """
+    if shorter is not None and session.scenario.planner.idle != "keep":
+        found = finish(shorter, False)
+        if isinstance(found, PlanResult):
+            return found
+        session.work.log(f"refused without its waits: {found}")
+    return finish(session, True)
 
 
 def attempts(

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
 from crux_contracts.scenario_reader import MAX_STEPS
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
@@ -21,15 +19,13 @@ from crux_planner.pipeline.explanation import check_start, explain, level_stance
 from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.restart import rewritten
-from crux_planner.pipeline.session import Climb, Progress, Work, begin, method_settings
-from crux_planner.pipeline.solve_and_check import finish, solve_and_check
+from crux_planner.pipeline.session import Session, Work, method_settings
+from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
+from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
-from crux_planner.swing.swing_cache import SwingCache
-from crux_planner.trajectory.solution import start_from_path
 
 QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
@@ -41,48 +37,28 @@ LONGER = 2  # times as long a horizon is tried where nothing is found
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 
-def plan(
-    scenario: Scenario,
-    robot: Robot,
-    *,
-    method: str = "auto",
-    time_limit_s: float | None = None,
-    progress: Progress | None = None,
-    log: Callable[[str], None] | None = None,
-    prove_s: float | None = None,
-    worker: Worker | None = None,
-) -> PlanResult:
-    """Plan a climb and check it; `log` is told one line at a time what a method reports of its iterations.
+def plan(session: Session, worker: Worker, prove_s: float | None = None) -> PlanResult:
+    """Plan a climb and check it.
 
     The gap is what a bound beside the planning, in `worker`, proves of plans of as many steps with a fixed amount of
     work; with `prove_s`, it goes on for up to so long.
-
-    Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
-    work, deadline = begin(scenario, method, time_limit_s, progress, log)
+    scenario, work = session.scenario, session.work
     with work.part("problem", 0.0):
-        problem = build_problem(scenario, robot)
+        problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         check_start(scenario, problem, equilibrium)
-        reach, swings = ReachableSet(problem), SwingCache(problem)
-    climb = Climb(scenario, robot, work, deadline, method, problem, equilibrium, reach, swings)
-    worker = worker or Worker(log=work.log)
+        climb = Climb(**vars(session), **vars(Oracles.of(problem, equilibrium)))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
-        if method != "auto":
-            return _plan_by_method(climb)
-        result = _plan_anyhow(climb)
+        return _plan_anyhow(climb) if climb.method == "auto" else _plan_by_method(climb)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
         reason, late = none, work.cut_short
-        if method == "auto":
+        if climb.method == "auto":
             reason = _cause(climb, none)
         raise reason.out_of_time() if reason is none and (late or climb.late) else reason from None
-    finally:
-        worker.stop()
-    result.method, result.seconds = method, time.monotonic() - work.began
-    return result
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
@@ -139,7 +115,7 @@ def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
         if found:
             text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
             return HorizonError(f"{text}; allow as many", steps)
-    stance = level_stance_at_goal(climb) if none.constraint == "reach" else None
+    stance = level_stance_at_goal(climb.problem, climb.robot) if none.constraint == "reach" else None
     return none if stance is None else no_way_to(climb.problem, stance, none)
 
 
@@ -159,7 +135,7 @@ def _plan_level(climb: Climb, quick: bool) -> PlanResult:
                 moves, seen = _search(climb, at_once, quick)
             if moves is not None:
                 return solve_and_check(climb, moves)
-            failures.append(explain(climb.problem, climb.equilibrium, climb.reach, climb.swings, seen, at_once))
+            failures.append(explain(climb, seen, at_once))
             return None
 
         climb = _within_torques(climb, climb.problem.friction_share)
@@ -198,7 +174,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     work = climb.work
     failures: list[InfeasibleError] = []
     aimed = climb.problem.aimed()
-    if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
+    if all(goal_contacts(climb.problem, climb.reachable, aimed.goal.aim_m)):
         climb = replace(climb, problem=aimed)
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError:
@@ -206,18 +182,18 @@ def _plan_by_method(climb: Climb) -> PlanResult:
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
             settings = method_settings(climb)
-            task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
+            task = Task(
+                problem=problem, equilibrium=equilibrium, reachable=climb.reachable, swings=climb.swings, **settings
+            )
             decided = METHODS[climb.method](task)
-        alone = plan_message(climb.scenario, climb.robot, problem, decided.schedule, decided.solution, climb.method)
+        knots = decided.knots
+        reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
         with work.part("check", 0.4):
-            alone_report = check_plan(alone, climb.robot)
-        found = finish(climb, decided.schedule, start_from_path(problem, decided.path, decided.schedule.yaw_rad))
+            reached_report = check_plan(reached, climb.robot)
+        found = finish(climb, knots.schedule, knots.start())
         if isinstance(found, PlanResult):
             found.gap = _proven_gap(work, found.cost)
-            found.method, found.seconds = climb.method, time.monotonic() - work.began
-            found.iterations, found.history = decided.iterations, decided.residuals
-            worst = alone_report.to_json()["worst"][:1]
-            found.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+            found.found_by(decided, reached_report)
         else:
             work.log(f"refused: {found}")
         return found
@@ -243,5 +219,4 @@ def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None,
     greed, busy_until = GREED, np.inf
     if quick:
         greed, busy_until = 1.0, time.process_time() + QUICKEST_SHARE * (climb.deadline - clock.now())
-    oracles = climb.problem, climb.equilibrium, climb.reach, climb.swings
-    return search(*oracles, at_once=at_once, greed=greed, deadline=climb.deadline, busy_until=busy_until)
+    return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, busy_until=busy_until)

@@ -2,28 +2,45 @@
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from collections.abc import Callable
 
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.session import Progress, begin
 from crux_planner.solvers.worker import Worker
 
 
-def plan(scenario: Scenario, robot: Robot, **options: Any) -> PlanResult:
-    """Plan a climb or a walk and check it; `options` are those of planning.plan, without `prove_s` for walks.
+def plan(
+    scenario: Scenario,
+    robot: Robot,
+    *,
+    method: str = "auto",
+    time_limit_s: float | None = None,
+    progress: Progress | None = None,
+    log: Callable[[str], None] | None = None,
+    prove_s: float | None = None,
+) -> PlanResult:
+    """Plan a climb or a walk and check it; `log` receives line by line what is reported on the way.
+
+    The gap is what a bound worked out beside the planning proves of plans of as many steps with a fixed amount of work;
+    of climbs with `prove_s`, what is proven in up to so long.
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
-    log = {"log": options["log"]} if options.get("log") else {}
-    if scenario.contact.model == "point":
-        options.pop("prove_s", None)
-        with Worker("crux_planner.certificates.bound.walk", "crux_planner.admm.walk_contact_block", **log) as worker:
-            from crux_planner.pipeline.walk import plan as plan_walk
+    session = begin(scenario, robot, method, time_limit_s, progress, log)
+    walks = scenario.contact.model == "point"
+    modules = ["certificates.bound.walk", "admm.walk_contact_block"] if walks else ["certificates.bound.climb"]
+    with Worker(*(f"crux_planner.{each}" for each in modules), log=session.work.log) as worker:  # begins meanwhile
+        if walks:
+            from crux_planner.pipeline import walk
 
-            return plan_walk(scenario, robot, worker=worker, **options)
-    with Worker("crux_planner.certificates.bound.climb", **log) as worker:  # it begins while this process imports
-        from crux_planner.pipeline.climb import plan as plan_climb
+            result = walk.plan(session, worker)
+        else:
+            from crux_planner.pipeline import climb
 
-        return plan_climb(scenario, robot, worker=worker, **options)
+            result = climb.plan(session, worker, prove_s)
+        result.method, result.seconds = method, time.monotonic() - session.work.began
+    return result

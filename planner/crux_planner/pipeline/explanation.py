@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
@@ -13,9 +14,8 @@ from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_r
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
-from crux_planner.pipeline.session import Climb
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
 _LACKING_N = 0.01  # a balance that lacks less is met
@@ -48,19 +48,13 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             "start.grasps",
             _stance_text(problem, stance),
             f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
-            f"{_counted(problem, stance)}; give the grasped faces more friction, or the body another place",
+            "; give the grasped faces more friction, or the body another place",
         )
 
 
-def explain(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    report: SearchReport,
-    at_once: int,
-) -> InfeasibleError:
+def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
     """Why the search found nothing."""
+    problem, equilibrium, reach, swings = oracles.problem, oracles.equilibrium, oracles.reachable, oracles.swings
     return (
         _goal_out_of_reach(problem, reach)
         or _chain_broken(problem, reach, swings)
@@ -75,12 +69,12 @@ def explain(
     )
 
 
-def level_stance_at_goal(climb: Climb) -> Stance | None:
+def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
     """Four holds that the joint limits themselves let a level body grip at its goal; None if there are none.
 
     The body is looked at in the middle of the goal's tolerance and at the corners of a cube in it.
     """
-    problem, goal = climb.problem, climb.problem.goal
+    goal = problem.goal
     centres = np.stack([c.centre_w_m for c in problem.contacts])
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
     holds = np.array([c.hold for c in problem.contacts])
@@ -88,7 +82,7 @@ def level_stance_at_goal(climb: Climb) -> Stance | None:
     for position in goal.body.position_m + goal.position_slack_m * corners:
         place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
         ends = []
-        for index, limb in enumerate(climb.robot.limbs):
+        for index, limb in enumerate(robot.limbs):
             q, reached = inverse(limb, place, rotation_z(yaws))
             held = goal.grasps.get(index)
             ok = reached & (limit_margin(limb, q) >= 0.0)
@@ -183,7 +177,7 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
-        f"{max(lacking, _LACKING_N):.1f} N{_counted(problem, report.nearest)}",
+        f"{max(lacking, _LACKING_N):.1f} N",
     )
 
 
@@ -204,18 +198,11 @@ def _lift_unbalanced(
         f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on "
         f"{_stance_text(problem, report.nearest, without=limb)}: "
         + (
-            f"friction and spines fall short by {lacking:.1f} N{_counted(problem, report.nearest)}"
+            f"friction and spines fall short by {lacking:.1f} N"
             if lacking >= _LACKING_N
             else "the joints are too weak for what friction would hold"
         ),
     )
-
-
-def _counted(problem: Problem, stance: Stance) -> str:
-    """What a shortage of force leaves out, where it leaves something out."""
-    if all(problem.contacts[c].better is None for c in stance):
-        return ""
-    return " with the lesser of a grip's two faces counted for both"
 
 
 def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:

@@ -19,11 +19,11 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import Climb
+from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles, ReachableSet
 from crux_planner.search.standing import clear_start
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
@@ -49,7 +49,7 @@ SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at mo
 def farther(climb: Climb) -> Climb:
     """The same with all of the limbs' inner reach."""
     problem = replace(climb.problem, boxes=climb.problem.limb_reach.inner)
-    return replace(climb, problem=problem, reach=ReachableSet(problem))
+    return replace(climb, problem=problem, reachable=ReachableSet(problem))
 
 
 def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
@@ -145,7 +145,7 @@ def _plan_aimed(
             work.cut_short = True
             return None
         with work.part("headings", 0.2):
-            headings = HeadingSearch(climb.problem, climb.reach, climb.swings, ends)
+            headings = HeadingSearch(climb.problem, climb.reachable, climb.swings, ends)
             moves, seen = headings.search(greed=GREED, deadline=until)
         work.cut_short |= seen.timed_out
         if moves is None:
@@ -165,7 +165,7 @@ def _plan_aimed(
         body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
         return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
 
-    wide = replace(climb, problem=problem, reach=ReachableSet(problem), swings=SwingCache(problem))
+    wide = replace(climb, **vars(Oracles.of(problem, climb.equilibrium)))
     return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0]
 
 

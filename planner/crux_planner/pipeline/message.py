@@ -17,9 +17,10 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
+    from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
     from crux_planner.model.gait import Gait
-    from crux_planner.model.problem import Problem
+    from crux_planner.model.problem import CentroidalProblem, Problem
     from crux_planner.model.schedule import Schedule
     from crux_planner.model.walk_problem import WalkProblem
     from crux_planner.pipeline.session import Work
@@ -42,7 +43,7 @@ class PlanResult:
     seconds: float = 0.0
     gap: float | None = None
     history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
-    alone: dict[str, Any] | None = None  # what a method reached before the exact NLP
+    method_report: dict[str, Any] | None = None  # what a method reached before the exact NLP
     timing: dict[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -61,6 +62,12 @@ class PlanResult:
             force_residual_N=solution.force_residual_N,
             timing=work.seconds,
         )
+
+    def found_by(self, decided: Decided[Any], check: CheckReport) -> None:
+        """Say which of the paper's methods it comes from, and what the checker says of what that reached by itself."""
+        self.iterations, self.history = decided.iterations, decided.history
+        worst = check.to_json()["worst"][:1]
+        self.method_report = {**decided.to_json(), "check": {"ok": check.ok, "worst": worst}}
 
     @property
     def scope(self) -> str:
@@ -95,7 +102,7 @@ class PlanResult:
             "iterations": self.iterations,
             "residuals": self.residuals,
             "history": self.history,
-            "alone": self.alone,
+            "method_report": self.method_report,
             "gait": self.gait,
             "check": {"ok": self.check.ok, "worst": self.check.to_json()["worst"]},
             "timing": self.timing,
@@ -106,15 +113,21 @@ def plan_message(
     scenario: Scenario, robot: Robot, problem: Problem, schedule: Schedule, solution: Solution, method: str = "auto"
 ) -> Any:
     """The plan as a message, complete with its plan_id."""
+    from crux_planner.physics.dynamics import WRENCH_INPUTS  # with casadi, which walks do without
+    from crux_planner.physics.limit_surface import finger_forces
+
     plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m = problem.patch.k_m
     plan.max_normal_n = problem.patch.max_normal_N
     plan.spine_shear_n = problem.patch.spine_shear_N
     plan.spine_twist_nm = problem.patch.spine_twist_Nm
-    plan.knots = _knots(problem, schedule, solution)
-    plan.n_knots = len(plan.knots)
-    plan.plan_id = plan_id(plan)
-    return plan
+    held = [problem.contacts[c] if c is not None else None for knot in schedule.contacts for c in knot]
+    loads = [*solution.wrenches, solution.wrenches[-1]]  # the last knot repeats the one before
+    none = np.zeros(WRENCH_INPUTS)
+    q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
+    axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
+    grips = [None if c is None else (c.hold, c.finger1_face, float(c.friction.min())) for c in held]
+    return _with_knots(plan, problem, solution.body, schedule.poses, finger_forces(q, axes, tangents), grips)
 
 
 def walk_message(
@@ -124,31 +137,48 @@ def walk_message(
     plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
     plan.max_normal_n = problem.max_normal_N
-    to_w, heading = rotation_z(problem.heading_rad), problem.heading_rad
-    xy, z = gait.blend @ solution.footholds, problem.step_height_m * gait.height
-    feet = np.concatenate([xy, z[..., None]], axis=2) @ to_w.T
-    yaws, stance = gait.yaw(float(problem.goal.body.rpy_rad[2])) + heading, gait.stance
-    forces = np.concatenate([solution.forces, solution.forces[-1:]]) @ to_w.T  # the last knot repeats the one before
-    for k, state in enumerate(solution.body):
+    height, yaw = problem.step_height_m * gait.height, gait.yaw(float(problem.goal.body.rpy_rad[2]))
+    opening = np.full(height.shape, problem.opening_m)
+    poses = np.concatenate([gait.blend @ solution.footholds, np.stack([height, yaw, opening], axis=2)], axis=2)
+    forces = np.concatenate([solution.forces, solution.forces[-1:]]) * gait.stance[..., None]
+    both = np.repeat(forces.reshape(-1, 1, 3) / 2, 2, axis=1)
+    wall = (-1, crux_msgs.limb_knot_t.FACE_WALL, problem.wall_friction)
+    grips = [wall if on else None for on in gait.stance.ravel()]
+    return _with_knots(plan, problem, solution.body, poses, (both, np.zeros_like(both)), grips)
+
+
+def _with_knots(
+    plan: Any,
+    problem: CentroidalProblem,
+    body: Array,
+    poses: Array,
+    loads: tuple[Array, Array],
+    grips: list[tuple[int, int, float] | None],
+) -> Any:
+    """The plan with its knots: poses (N + 1, 4, 5) of grippers; forces and moments of their fingers (4 (N + 1), 2, 3)
+    and what they hold (hold, face of finger 1, its friction), None in the air, limb by limb of all knots.
+    """
+    to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
+    columns = [body[:, 0:3] @ to_w.T, body[:, 3:6] + heading, body[:, 6:9] @ to_w.T, body[:, 9:12]]
+    limbs = []
+    forces, moments = ((part @ to_w.T).reshape(-1, 6).tolist() for part in loads)
+    positions = (poses[..., :3] @ to_w.T).reshape(-1, 3).tolist()
+    yaws = (poses[..., 3].ravel() + problem.heading_rad).tolist()
+    separations = (2 * poses[..., 4].ravel()).tolist()
+    for i, grip in enumerate(grips):
+        limb = crux_msgs.limb_knot_t()
+        limb.gripper_position_w_m, limb.gripper_yaw_w_rad = positions[i], yaws[i]
+        limb.finger_separation_m = separations[i]
+        limb.finger_force_w_n, limb.finger_moment_w_nm = forces[i], moments[i]
+        limb.phase = limb.AIR if grip is None else limb.STANCE
+        limb.hold, limb.finger1_face, limb.friction = grip or (-1, limb.FACE_NONE, 0.0)
+        limbs.append(limb)
+    for k, (position, rpy, velocity, rate) in enumerate(zip(*(part.tolist() for part in columns), strict=True)):
         knot = crux_msgs.plan_knot_t()
         knot.time_s = k * problem.dt_s
-        knot.body_position_w_m = list(to_w @ state[0:3])
-        knot.body_rpy_rad = list(state[3:6] + np.array([0.0, 0.0, heading]))
-        knot.body_velocity_w_m_s = list(to_w @ state[6:9])
-        knot.body_angular_velocity_b_rad_s = list(state[9:12])
-        for limb in range(4):
-            foot = crux_msgs.limb_knot_t()
-            standing = bool(stance[k, limb])
-            foot.phase = foot.STANCE if standing else foot.AIR
-            foot.hold = -1
-            foot.finger1_face = foot.FACE_WALL if standing else foot.FACE_NONE
-            foot.friction = problem.wall_friction if standing else 0.0
-            foot.gripper_position_w_m = list(feet[k, limb])
-            foot.gripper_yaw_w_rad = float(yaws[k, limb])
-            foot.finger_separation_m = 2 * problem.opening_m
-            foot.finger_force_w_n = [*(forces[k, limb] / 2)] * 2 if standing else [0.0] * 6
-            foot.finger_moment_w_nm = [0.0] * 6
-            knot.limbs[limb] = foot
+        knot.body_position_w_m, knot.body_rpy_rad = position, rpy
+        knot.body_velocity_w_m_s, knot.body_angular_velocity_b_rad_s = velocity, rate
+        knot.limbs = limbs[4 * k : 4 * k + 4]
         plan.knots.append(knot)
     plan.n_knots = len(plan.knots)
     plan.plan_id = plan_id(plan)
@@ -186,52 +216,6 @@ def _hold(cuboid: Any) -> Any:
     hold.friction = list(cuboid.friction) if graspable else [0.0] * 5
     hold.spines = [int(s) for s in cuboid.spines] if graspable else [0] * 5
     return hold
-
-
-def _knots(problem: Problem, schedule: Schedule, solution: Solution) -> list[Any]:
-    to_w, heading = rotation_z(problem.heading_rad), np.array([0.0, 0.0, problem.heading_rad])
-    body = solution.body
-    columns = [body[:, 0:3] @ to_w.T, body[:, 3:6] + heading, body[:, 6:9] @ to_w.T, body[:, 9:12]]
-    limbs = _limbs(problem, schedule, solution, to_w)
-    knots = []
-    for k, (position, rpy, velocity, rate) in enumerate(zip(*(part.tolist() for part in columns), strict=True)):
-        knot = crux_msgs.plan_knot_t()
-        knot.time_s = k * problem.dt_s
-        knot.body_position_w_m, knot.body_rpy_rad = position, rpy
-        knot.body_velocity_w_m_s, knot.body_angular_velocity_b_rad_s = velocity, rate
-        knot.limbs = limbs[4 * k : 4 * k + 4]
-        knots.append(knot)
-    return knots
-
-
-def _limbs(problem: Problem, schedule: Schedule, solution: Solution, to_w: Array) -> list[Any]:
-    """Of all knots, four each."""
-    from crux_planner.physics.dynamics import WRENCH_INPUTS  # with casadi, which walks do without
-    from crux_planner.physics.limit_surface import finger_forces
-
-    held = [problem.contacts[c] if c is not None else None for knot in schedule.contacts for c in knot]
-    loads = [*solution.wrenches, solution.wrenches[-1]]  # the last knot repeats the one before
-    none = np.zeros(WRENCH_INPUTS)
-    q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
-    axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
-    forces, moments = ((part @ to_w.T).reshape(-1, 6).tolist() for part in finger_forces(q, axes, tangents))
-    positions = (schedule.poses[..., :3] @ to_w.T).reshape(-1, 3).tolist()
-    yaws = (schedule.poses[..., 3].ravel() + problem.heading_rad).tolist()
-    separations = (2 * schedule.poses[..., 4].ravel()).tolist()
-    messages = []
-    for i, contact in enumerate(held):
-        message = crux_msgs.limb_knot_t()
-        message.gripper_position_w_m, message.gripper_yaw_w_rad = positions[i], yaws[i]
-        message.finger_separation_m = separations[i]
-        message.finger_force_w_n, message.finger_moment_w_nm = forces[i], moments[i]
-        if contact is None:
-            message.phase, message.hold = crux_msgs.limb_knot_t.AIR, -1
-            message.finger1_face, message.friction = crux_msgs.limb_knot_t.FACE_NONE, 0.0
-        else:
-            message.phase, message.hold = crux_msgs.limb_knot_t.STANCE, contact.hold
-            message.finger1_face, message.friction = contact.finger1_face, contact.friction
-        messages.append(message)
-    return messages
 
 
 _UP = np.array([0.0, 0.0, 1.0])  # any: nothing is multiplied by it

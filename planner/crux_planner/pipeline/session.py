@@ -16,10 +16,6 @@ from crux_planner.solvers import clock
 
 if TYPE_CHECKING:
     from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
-    from crux_planner.model.problem import Problem
-    from crux_planner.search.equilibrium import StaticEquilibrium
-    from crux_planner.search.stances import ReachableSet
-    from crux_planner.swing.swing_cache import SwingCache
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -71,16 +67,6 @@ class Session:
         return now + share * (self.deadline - now)
 
 
-@dataclass(frozen=True)
-class Climb(Session):
-    """A climb, with the oracles of its problem."""
-
-    problem: Problem
-    equilibrium: StaticEquilibrium
-    reach: ReachableSet
-    swings: SwingCache
-
-
 def method_settings(session: Session) -> dict[str, Any]:
     """What one of the paper's methods is given beside its problem (crux_planner.admm.admm.Settings)."""
     options = session.scenario.planner
@@ -90,12 +76,13 @@ def method_settings(session: Session) -> dict[str, Any]:
 
 def begin(
     scenario: Scenario,
+    robot: Robot,
     method: str,
     time_limit_s: float | None,
     progress: Progress | None,
     log: Callable[[str], None] | None,
-) -> tuple[Work, float]:
-    """The work, and by when (of clock.now) all but the check is to be done; the limit is of computing, in seconds.
+) -> Session:
+    """A session with the time by which all but the check is to be done; the limit is of computing, in seconds.
 
     Raises ScenarioError.
     """
@@ -103,4 +90,4 @@ def begin(
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    return work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
+    return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), method)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,23 +13,27 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.cost import plan_cost
 from crux_planner.physics.speed_limits import foreseen
-from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import TooFast, slowed
-from crux_planner.pipeline.session import Climb
+from crux_planner.pipeline.session import Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
-from crux_planner.solvers import clock
+from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
-IMPROVING_SHARE = 0.1  # of the time left, at most, is computed on a cheaper sequence near the one found
+
+
+@dataclass(frozen=True)
+class Climb(Session, Oracles):
+    """A climb being planned: a session, and the oracles of its problem."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +48,9 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
     work, as_given = climb.work, climb.problem
     with work.part("improve", 0.3):
-        costs = EventCost(as_given, climb.equilibrium, climb.reach, climb.swings)
+        costs = EventCost(climb)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        busy_until = time.process_time() + IMPROVING_SHARE * (climb.deadline - clock.now())
-        timed = improve(costs, moves, climb.deadline, busy_until=busy_until) if level else None
+        timed = improve(costs, moves, climb.deadline) if level else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -103,14 +105,14 @@ def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -
 def evenly(climb: Climb, moves: list[Move]) -> Schedule:
     """The moves as they are, the time to spare spread over stances and swings. Raises HorizonError."""
     problem = climb.problem
-    moves = smooth_events(problem, climb.equilibrium, climb.reach, climb.swings, moves)
+    moves = smooth_events(climb, moves)
     return scheduled(problem, climb.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
 def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:
     """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
     problem, swings = climb.problem, climb.swings
-    moves = smooth_events(problem, climb.equilibrium, climb.reach, swings, moves)
+    moves = smooth_events(climb, moves)
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
     needed = int(sum(part.sum() for part in least_durations(problem, swings, moves, step)))
     problem = replace(problem, steps=max(problem.steps, needed) + spare)
@@ -129,17 +131,14 @@ def path_to_goal(
 def finish(
     climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None = None
 ) -> PlanResult | InfeasibleError:
-    """The exact NLP and the check for a schedule, whatever method found it: without its waits, unless that fails or the
-    scenario keeps them.
-    """
-    if climb.scenario.planner.idle != "keep":
-        problem, shorter, begun = without_waiting(climb.problem, schedule, start)
-        if problem.steps < climb.problem.steps:
-            attempt = _finish_as_it_is(replace(climb, problem=problem), shorter, begun, functions)
-            if isinstance(attempt, PlanResult):
-                return attempt
-            climb.work.log(f"refused without its waits: {attempt}")
-    return _finish_as_it_is(climb, schedule, start, functions)
+    """The exact NLP and the check for a schedule, whatever method found it."""
+    problem, moving, begun = without_waiting(climb.problem, schedule, start)
+    shorter = replace(climb, problem=problem) if problem.steps < climb.problem.steps else None
+
+    def finish_as_it_is(climb: Climb, wait: bool) -> PlanResult | InfeasibleError:
+        return _finish_as_it_is(climb, schedule if wait else moving, start if wait else begun, functions)
+
+    return without_waits(climb, shorter, finish_as_it_is)
 
 
 def _finish_as_it_is(

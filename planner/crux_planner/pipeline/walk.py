@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
 
 from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
-from crux_planner.errors import InfeasibleError, unsolved, wrong
+from crux_planner.errors import InfeasibleError, unsolved
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
-from crux_planner.pipeline.attempt import attempts
+from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, walk_message
 from crux_planner.pipeline.refusals import CUTS, bent
-from crux_planner.pipeline.session import Progress, Session, begin, method_settings
-from crux_planner.solvers import clock
+from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
 from crux_planner.trajectory.walk_exact import of_knots, solve
@@ -61,29 +57,14 @@ class RefusedError(InfeasibleError):
         self.paces = tuple(paces.values())
 
 
-def plan(
-    scenario: Scenario,
-    robot: Robot,
-    *,
-    method: str = "auto",
-    time_limit_s: float | None = None,
-    progress: Progress | None = None,
-    log: Callable[[str], None] | None = None,
-    worker: Worker | None = None,
-) -> PlanResult:
-    """A checked walk. Raises ScenarioError, or InfeasibleError where no plan exists or none was found."""
-    work, deadline = begin(scenario, method, time_limit_s, progress, log)
-    worker = worker or Worker(log=work.log)
+def plan(session: Session, worker: Worker) -> PlanResult:
+    """A checked walk; `worker` bounds its cost, and helps to search where it is free."""
     try:
-        with work.part("problem", 0.0):
-            problem = build_walk(scenario, robot)
-        result = _plan(Walk(scenario, robot, work, deadline, method, problem, problem, worker))
+        with session.work.part("problem", 0.0):
+            problem = build_walk(session.scenario, session.robot)
+        return _plan(Walk(**vars(session), problem=problem, asked=problem, worker=worker))
     except InfeasibleError as none:
-        raise none.out_of_time() if clock.now() > deadline else none from None
-    finally:
-        worker.stop()
-    result.method, result.seconds = method, time.monotonic() - work.began
-    return result
+        raise none.out_of_time() if session.late else none from None
 
 
 def _plan(walk: Walk) -> PlanResult:
@@ -141,28 +122,24 @@ def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
 
 def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
-    from crux_planner.admm.walk_methods import METHODS, WalkTask
+    from crux_planner.admm.methods import WALK_METHODS, WalkTask
 
     scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
-    if method not in METHODS:
-        raise wrong(scenario, "planner.method", method, f"expected auto, {', '.join(METHODS)} with contact.model point")
     workers = _team(walk.worker)
     contacts = WalkContacts(problem, workers=workers)
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
+            decided = WALK_METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait
-    alone = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
+    reached = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
     with work.part("check", 0.4):
-        alone_report = check_plan(alone, walk.robot)
+        reached_report = check_plan(reached, walk.robot)
     result = _first_good(walk, contacts.near(gait, walk.deadline))
     if isinstance(result, PlanResult):
-        result.iterations, result.history = decided.iterations, decided.residuals
-        worst = alone_report.to_json()["worst"][:1]
-        result.alone = {**decided.to_json(), "check": {"ok": alone_report.ok, "worst": worst}}
+        result.found_by(decided, reached_report)
     return result
 
 
@@ -195,17 +172,12 @@ def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | Infeasib
 
 
 def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
-    """The exact problem and the check for a gait, whatever found it: without its waits, unless that fails or the
-    scenario keeps them.
-    """
-    if walk.scenario.planner.idle != "keep":
-        shorter, moving = walk_without_waiting(walk.problem, knots)
-        if shorter.steps < walk.problem.steps:
-            attempt = _finish_as_it_is(replace(walk, problem=shorter), bound, moving)
-            if isinstance(attempt, PlanResult):
-                return attempt
-            walk.work.log(f"refused without its waits: {attempt}")
-    return _finish_as_it_is(walk, bound, knots)
+    """The exact problem and the check for a gait, whatever found it."""
+    shorter, moving = walk_without_waiting(walk.problem, knots)
+    shorter_walk = replace(walk, problem=shorter) if shorter.steps < walk.problem.steps else None
+    return without_waits(
+        walk, shorter_walk, lambda walk, wait: _finish_as_it_is(walk, bound, knots if wait else moving)
+    )
 
 
 def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:

@@ -9,26 +9,32 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import scipy.linalg as la
 
-from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.problem import Problem
+from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.physics.reach import body_positions
 from crux_planner.search.body_path import SPEED_SHARE, within
-from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
-from crux_planner.solvers.qp import SparseQp
-from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
+from crux_planner.search.stances import Oracles
+from crux_planner.solvers.qp import Entries, SparseQp
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
 _AT_GOAL = 3  # knots, about, for which the body is at the goal rather than where the last stance is easiest
 _LEVEL = np.eye(3)
+_ABOUT = 1  # node beside what is different that an estimate near another solves again: the body meets its bounds
+_SOLVED = 10
+_SAME = 7  # digits [m] to which places of the body are the same
+_DIFFERENCE = Entries(np.hstack([-np.eye(3), np.eye(3)]))
+_BOTH_WAYS = Entries(np.vstack([np.hstack([-np.eye(3), np.eye(3)]), np.hstack([np.eye(3), -np.eye(3)])]))
+_MINUS_PLUS = np.tile([-1.0, 1.0], (3, 1))
 _WRENCH = 6  # QP variables a gripper: s1, s2, m, F = n1 - n2, their mean a, the smaller n
 
 
@@ -42,18 +48,13 @@ class Timed:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """J, the body's places at lift-off and touch-down of each move (n, 2, 3), what a knot more of each swing adds."""
-
-    cost: float
-    places: Array
-    air_costs: list[float]
-
-
-@dataclass(frozen=True)
 class _Node:
-    """The body at a knot, within bounds; on swings the grippers of `support` carry it, there for `share` knots of J."""
+    """The body at a knot, within bounds; on swings the grippers of `support` carry it, there for `share` knots of J.
 
+    What `what` says is the same makes the same bounds, support and share.
+    """
+
+    what: tuple[object, ...]
     knot: int
     low: Array
     high: Array
@@ -61,26 +62,59 @@ class _Node:
     share: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Grips:
+    """Of the grippers' q on some contacts: bounds, limits @ q <= right, balance @ (q, body's place)."""
+
+    low: Array
+    high: Array
+    limits: Entries
+    right: Array
+    balance: Entries
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """J; at every node the body's place (K, 3) and what carrying it takes (K,); what a knot more of each swing adds."""
+
+    cost: float
+    nodes: list[_Node]
+    body: Array
+    efforts: Array
+    air_costs: list[float]
+
+    @property
+    def places(self) -> Array:
+        """Of the body at lift-off and touch-down of each move (n, 2, 3)."""
+        flown = [i for i, node in enumerate(self.nodes) if node.support]  # three a move
+        places: Array = self.body[np.array([flown[::3], flown[2::3]], dtype=int).T]
+        return places
+
+
 class EventCost:
     """Estimates of one problem; what belongs to one stance or swing is kept."""
 
-    def __init__(
-        self, problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache
-    ) -> None:
-        self.problem, self.equilibrium, self.reach, self.swings = problem, equilibrium, reach, swings
-        self.count = 0  # of estimates
+    def __init__(self, oracles: Oracles) -> None:
+        problem, equilibrium = oracles.problem, oracles.equilibrium
+        self.problem, self.equilibrium = problem, equilibrium
+        self.reach, self.swings = oracles.reachable, oracles.swings
+        self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
-        self._directions, _, _ = polytope_directions(problem.patch.k_m)
+        self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
-        self._rows: dict[int, tuple[Array, Array]] = {}
+        self._grips: dict[tuple[int, ...], _Grips] = {}
+        self._runs: dict[Any, tuple[Array, Array] | None] = {}
+        self._reached: dict[Any, tuple[Array, Array]] = {}
         self._standing: dict[tuple[Stance, bool], float] = {}
         self._in_air: dict[tuple[int, int, int], float] = {}
 
-    def estimate(self, timed: Timed) -> Estimate | None:
-        """J of timed moves; None where reach, balance and speed leave no body path."""
-        self.count += 1
+    def estimate(self, timed: Timed, near: Estimate | None = None) -> Estimate | None:
+        """J of timed moves; None where reach, balance and speed leave no body path.
+
+        With `near`, the body stays where it is there but about what is different: no less than J without it.
+        """
         moves = timed.moves
         stances = [self.problem.start_contacts, *(move.after for move in moves)]
         standing = [self._stance_effort(stance, last=False) for stance in stances]
@@ -90,70 +124,123 @@ class EventCost:
         nodes = self._nodes(timed, stances)
         if any((node.low > node.high + 1e-9).any() for node in nodes):
             return None
-        qp = SparseQp()
-        body = [self._place(qp, node.low, node.high) for node in nodes]
-        grips = [self._carry(qp, place, node.support, node.share) for node, place in zip(nodes, body, strict=True)]
-        self._move_body(qp, [node.knot for node in nodes], body)
-        solution = qp.solve()
-        if solution is None:
+        places = self._places(nodes, near)
+        if places is None:
             return None
-        flown = [i for i, node in enumerate(nodes) if node.support]  # three a move
-        efforts = [sum(float(self._effort @ solution[grip] ** 2) for grip in grips[i]) for i in flown[1::3]]
-        places = solution[np.array([[body[i], body[i + 2]] for i in flown[::3]], dtype=int).reshape(-1, 2, 3)]
+        body, efforts = places
+        carried = efforts[[i for i, node in enumerate(nodes) if node.support][1::3]]
         in_air = [self._swing_costs(move, int(air)) for move, air in zip(moves, timed.swings, strict=True)]
         longer = [
             self.problem.weights.wrench * effort + later - now - min(before, after)
-            for effort, (now, later), before, after in zip(efforts, in_air, standing[:-1], standing[1:], strict=True)
+            for effort, (now, later), before, after in zip(carried, in_air, standing[:-1], standing[1:], strict=True)
         ]
-        total = qp.value(solution) + float(np.dot(standing, timed.stances)) + sum(now for now, _ in in_air)
-        total += (at_goal - standing[-1]) * min(_AT_GOAL, int(timed.stances[-1]))
-        return Estimate(total, places, longer)
+        total = self._path_cost(nodes, body, efforts) + float(np.dot(standing, timed.stances))
+        total += sum(now for now, _ in in_air) + (at_goal - standing[-1]) * min(_AT_GOAL, int(timed.stances[-1]))
+        return Estimate(total, nodes, body, efforts, longer)
+
+    def _places(self, nodes: list[_Node], near: Estimate | None) -> tuple[Array, Array] | None:
+        """The body at the nodes and what carrying it there takes; None where there is no path."""
+        self.work += len(nodes)
+        body, efforts, free = _taken_over(nodes, near)
+        ends = np.flatnonzero(np.diff(free, prepend=False, append=False))
+        for first, last in ends.reshape(-1, 2).tolist():  # runs of free nodes
+            run = self._run(nodes, body, first, last)
+            if run is None:
+                return None
+            body[first:last], efforts[first:last] = run
+        return body, efforts
+
+    def _run(self, nodes: list[_Node], body: Array, first: int, last: int) -> tuple[Array, Array] | None:
+        """Of the nodes first..last - 1, with the body where it is at those before and after."""
+        begin, end = max(first - 1, 0), min(last + 1, len(nodes))
+        since = nodes[begin].knot
+        fixed = [body[i] for i in (begin, end - 1) if not first <= i < last]
+        what = tuple((node.what, node.knot - since) for node in nodes[begin:end])
+        key = (first > 0, what, np.round(np.array(fixed), _SAME).tobytes())
+        if key not in self._runs:
+            self.work += _SOLVED * (last - first)
+            self._runs[key] = self._solve([*nodes[begin:end]], fixed, slice(first - begin, last - begin))
+        return self._runs[key]
+
+    def _solve(self, nodes: list[_Node], fixed: list[Array], free: slice) -> tuple[Array, Array] | None:
+        qp = SparseQp()
+        places: list[Indices] = []
+        grips: list[Indices] = []
+        for i, node in enumerate(nodes):
+            if free.start <= i < free.stop:
+                places.append(self._place(qp, node.low, node.high))
+                grips.append(self._carry(qp, places[-1], node.support, node.share))
+            else:
+                at = fixed[0 if i < free.start else -1]
+                places.append(qp.variables(at, at))
+        self._move_body(qp, [node.knot for node in nodes], places)
+        solution = qp.solve()
+        if solution is None:
+            return None
+        efforts = [float((solution[grip].reshape(-1, _WRENCH) ** 2 @ self._effort).sum()) for grip in grips]
+        return solution[np.array(places[free])], np.array(efforts)
+
+    def _path_cost(self, nodes: list[_Node], body: Array, efforts: Array) -> float:
+        """Q-terms of positions and velocities between the nodes, R-terms on swings."""
+        weights = self.problem.weights
+        counts = np.diff([node.knot for node in nodes])
+        away = weights.position * ((body - self.problem.goal.body.position_m) ** 2).sum(axis=1)
+        way = weights.velocity / self.problem.dt_s**2 * (np.diff(body, axis=0) ** 2).sum(axis=1)
+        total = float(counts @ (away[:-1] + away[1:])) / 2 + float((way / np.maximum(counts, 1)).sum())
+        return total + weights.wrench * float(efforts @ [node.share for node in nodes])
 
     def _nodes(self, timed: Timed, stances: list[Stance]) -> list[_Node]:
         """The grid in time: start, events, middles of swings, goal; long stances have two knots more."""
         start, k = self.problem.start.position_m, 0
-        nodes = [_Node(1, start, start)]  # at rest in knot 0: knot 1 is the same
+        nodes = [_Node(("start",), 1, start, start)]  # at rest in knot 0: knot 1 is the same
         for i, stance in enumerate(stances):
             low, high = self._bounds(stance, last=False)
             k += int(timed.stances[i])
             since = nodes[-1].knot
             if k - since > _LONG:
-                nodes += [_Node(since + _LONG // 2, low, high), _Node(k - _LONG // 2, low, high)]
+                nodes += [_Node((stance,), since + _LONG // 2, low, high), _Node((stance,), k - _LONG // 2, low, high)]
             if i == len(timed.moves):
                 break
             move, air = timed.moves[i], int(timed.swings[i])
-            half = air // 2
-            nodes.append(_Node(k, low, high, move.support, half / 2))
-            nodes.append(_Node(k + half, *self._on_the_way(move, air, half), move.support, air / 2))
+            half, what = air // 2, (stance, move.after, air)
+            nodes.append(_Node((*what, "off"), k, low, high, move.support, half / 2))
+            nodes.append(_Node(what, k + half, *self._on_the_way(move, air, half), move.support, air / 2))
             k += air
-            nodes.append(_Node(k, *self._bounds(move.after, last=False), move.support, (air - half) / 2))
-        nodes.append(_Node(k, *self._bounds(stances[-1], last=True)))
+            bounds = self._bounds(move.after, last=False)
+            nodes.append(_Node((*what, "down"), k, *bounds, move.support, (air - half) / 2))
+        nodes.append(_Node((stances[-1], "goal"), k, *self._bounds(stances[-1], last=True)))
         return nodes
 
     def _bounds(self, stance: Stance, *, last: bool) -> tuple[Array, Array]:
         """Of the body's place on all four limbs; the lower above the upper where there is none."""
-        nothing = np.ones(len(self.reach.shape.directions))
-        low, high = self.reach.of(stance) or (nothing, -nothing)
-        if not last:
-            return low, high
-        near = self.reach.around(self.problem.goal.body.position_m, self.problem.goal.position_slack_m)
-        return np.maximum(low, near[0]), np.minimum(high, near[1])
+        key = (stance, last)
+        if key not in self._reached:
+            nothing = np.ones(len(self.reach.shape.directions))
+            low, high = self.reach.of(stance) or (nothing, -nothing)
+            if last:
+                near = self.reach.around(self.problem.goal.body.position_m, self.problem.goal.position_slack_m)
+                low, high = np.maximum(low, near[0]), np.minimum(high, near[1])
+            self._reached[key] = low, high
+        return self._reached[key]
 
     def _place(self, qp: SparseQp, low: Array, high: Array) -> Indices:
         return within(qp, self.reach.shape, low, np.maximum(low, high), _LEVEL)
 
     def _on_the_way(self, move: Move, air: int, knots: int) -> tuple[Array, Array]:
         """Bounds of the body's place `knots` after lift-off."""
-        reach = self.reach
-        on = [limb for limb in range(4) if limb not in move.limbs]
-        lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
-        for limb in move.limbs:
-            swing = self.swings.swing(move.before[limb], move.after[limb])
-            assert swing is not None
-            low, high = body_positions(swing.poses(air)[knots, None, :3], reach.shape)
-            lows.append(low[limb])
-            highs.append(high[limb])
-        return np.max(lows, axis=0), np.min(highs, axis=0)
+        key = (move.before, move.after, air, knots)
+        if key not in self._reached:
+            reach = self.reach
+            on = [limb for limb in range(4) if limb not in move.limbs]
+            lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
+            for limb in move.limbs:
+                swing = self.swings.swing(move.before[limb], move.after[limb])
+                assert swing is not None
+                low, high = body_positions(swing.poses(air)[knots, None, :3], reach.shape)
+                lows.append(low[limb])
+                highs.append(high[limb])
+            self._reached[key] = np.max(lows, axis=0), np.min(highs, axis=0)
+        return self._reached[key]
 
     def waiting_costs(self, timed: Timed, estimate: Estimate) -> list[float]:
         """What a knot more of each stance (n + 1) adds to J, about, the body half way between its places there."""
@@ -195,48 +282,73 @@ class EventCost:
             self._in_air[key] = swing_cost(self.problem.weights, swing.poses(air)[:-1])
         return self._in_air[key]
 
-    def _carry(self, qp: SparseQp, place: Indices, support: tuple[int, ...], knots: float) -> list[Indices]:
+    def _carry(self, qp: SparseQp, place: Indices, support: tuple[int, ...], knots: float) -> Indices:
         """Balance at a body place on contacts and its R-term for so many knots; the numbers of the grippers' q."""
         if not support:
-            return []
-        bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, FORCE_BOUND_N])
-        grips = []
-        for contact in support:
-            rows, right = self._limit_rows(contact)
-            least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
-            grip = qp.variables(np.append(-bound[:4], [0.0, least]), bound)
-            grips.append(grip)
-            qp.below(rows, grip, right)
-            weight = self.problem.weights.wrench * knots
-            qp.squares(grip[:, None], np.sqrt(self._effort)[:, None], np.zeros(_WRENCH), weight)
-        maps = np.concatenate([self.equilibrium.maps[c] for c in support], axis=1)
-        columns = np.concatenate([*[grip[:4] for grip in grips], place])
-        moment = np.vstack([np.zeros((3, 3)), -self.equilibrium.weight_moment])
-        qp.equal(np.hstack([maps, moment]), columns, self.equilibrium.right_side(np.zeros(3)))
-        return grips
+            return np.zeros(0, dtype=int)
+        if support not in self._grips:
+            self._grips[support] = self._gripped(support)
+        grips = self._grips[support]
+        index = qp.variables(grips.low, grips.high)
+        qp.below(grips.limits, index, grips.right)
+        effort = np.sqrt(np.tile(self._effort, len(support)))
+        qp.squares(index[:, None], effort[:, None], np.zeros(len(index)), self.problem.weights.wrench * knots)
+        qp.equal(grips.balance, np.concatenate([index, place]), self.equilibrium.right_side(np.zeros(3)))
+        return index
 
-    def _limit_rows(self, contact: int) -> tuple[Array, Array]:
-        if contact not in self._rows:
-            equilibrium, count = self.equilibrium, len(self._load)
+    def _gripped(self, support: tuple[int, ...]) -> _Grips:
+        bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, FORCE_BOUND_N])
+        equilibrium = self.equilibrium
+        limits, balance = [], []
+        right: list[Any] = []
+        lows: list[Any] = []
+        for contact in support:
+            surfaces, press_N = equilibrium.limits[contact], equilibrium.press_N[contact]
+            rows_of_grip, right_of_grip = grip_rows(surfaces, self._directions, self._load, press_N)
+            count = len(self._load) * len(surfaces)
             rows = np.zeros((count + 4, _WRENCH))
-            rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * equilibrium.friction[contact]
+            rows[:count, [0, 1, 2, 3, 5 if len(surfaces) == 1 else 4]] = rows_of_grip[:count]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
-            right = np.concatenate([equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]])
-            self._rows[contact] = rows, right
-        return self._rows[contact]
+            limits.append(rows)
+            right += [right_of_grip[:count], [0.0, 0.0], press_N]
+            least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
+            lows += [-bound[:4], [0.0, least]]
+            balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))
+        moment = np.vstack([np.zeros((3, 3)), -equilibrium.weight_moment])
+        high = np.tile(bound, len(support))
+        limit_rows, balance_rows = Entries(la.block_diag(*limits)), Entries(np.hstack([*balance, moment]))
+        return _Grips(np.concatenate(lows), high, limit_rows, np.concatenate(right), balance_rows)
 
     def _move_body(self, qp: SparseQp, knots: list[int], body: list[Indices]) -> None:
         """Q-terms of positions and velocities between the nodes, and the body's speed."""
         weights, goal, dt = self.problem.weights, self.problem.goal.body.position_m, self.problem.dt_s
-        difference = np.hstack([-np.eye(3), np.eye(3)])
         for (now, a), (then, b) in pairwise(zip(knots, body, strict=True)):
             count, both = then - now, np.concatenate([a, b])
             if count == 0:
-                qp.equal(difference, both, np.zeros(3))
+                qp.equal(_DIFFERENCE, both, np.zeros(3))
                 continue
-            for place in (a, b):
-                qp.squares(place[:, None], np.ones((3, 1)), goal, weights.position * count / 2)
+            qp.squares(both[:, None], np.ones((6, 1)), np.tile(goal, 2), weights.position * count / 2)
             speed = weights.velocity / (count * dt**2)
-            qp.squares(np.column_stack([a, b]), np.tile([-1.0, 1.0], (3, 1)), np.zeros(3), speed)
-            qp.below(np.vstack([difference, -difference]), both, np.full(6, count * self._step_m))
+            qp.squares(both.reshape(2, 3).T, _MINUS_PLUS, np.zeros(3), speed)
+            qp.below(_BOTH_WAYS, both, np.full(6, count * self._step_m))
+
+
+def _taken_over(nodes: list[_Node], near: Estimate | None) -> tuple[Array, Array, Flags]:
+    """Places and efforts as they are in an estimate near, and which nodes are free: those about what differs."""
+    body, efforts, count = np.zeros((len(nodes), 3)), np.zeros(len(nodes)), len(nodes)
+    if near is None:
+        return body, efforts, np.ones(count, dtype=bool)
+    new, old = ([node.what for node in each] for each in (nodes, near.nodes))
+    most = min(count, len(old))
+    before = next((i for i in range(most) if new[i] != old[i]), most)
+    after = next((i for i in range(most - before) if new[-1 - i] != old[-1 - i]), most - before)
+    at = np.full(count, -1)  # the node of `near` that each is
+    at[:before] = np.arange(before)
+    at[count - after :] = np.arange(len(old) - after, len(old))
+    known = at >= 0
+    body[known], efforts[known] = near.body[at[known]], near.efforts[at[known]]
+    knots, then = np.array([node.knot for node in nodes]), np.array([node.knot for node in near.nodes])[at]
+    same = known[:-1] & known[1:] & (np.diff(at) == 1) & (np.diff(knots) == np.diff(then))
+    differs = np.append(~same, False) | np.append(False, ~same)
+    free = np.convolve(differs, np.ones(2 * _ABOUT + 1), mode="same") > 0.5
+    return body, efforts, free if differs.any() else ~free

@@ -7,9 +7,11 @@ the ground has its share of the effort. Neighbours are tried in the order of wha
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from crux_planner.errors import InfeasibleError
+from crux_planner.model.arrays import Array
+from crux_planner.model.gait import Gait
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.planar_qp import FlatQp, FlatWalk
 from crux_planner.search.slots import Change, Slots
@@ -100,7 +102,7 @@ class FlatSearch:
         improving = True
         while improving:
             improving = False
-            promising = self._promising(best, doubts)
+            promising = self.promising(best.gait, best.worth, self._solved, doubts)
             for (change, slots), then in zip(promising, _following([each for _, each in promising]), strict=True):
                 if self.asked >= last or clock.now() > deadline:
                     return best
@@ -112,17 +114,19 @@ class FlatSearch:
                 doubts[change] += 1
         return best
 
-    def _promising(self, best: FlatWalk, doubts: Counter[Change]) -> list[tuple[Change, Slots]]:
-        """Neighbours not seen, those first of which the values promise most; changes that failed before, later."""
-        problem, here = self.problem, Slots.of(best.gait)
+    def promising(
+        self, gait: Gait, worth: Array, seen: Container[Slots], doubts: Counter[Change]
+    ) -> list[tuple[Change, Slots]]:
+        """Neighbours not seen, those first of which the values (N, 4) promise most; changes that failed, later."""
+        problem, here = self.problem, Slots.of(gait)
         alpha = here.alpha(problem.steps)
         ranked = {}
         for change, slots in here.neighbours():
-            if slots in self._solved or slots in ranked:
+            if slots in seen or slots in ranked:
                 continue
             if slots.possible(problem) and self.strides.long_enough(slots):
                 then = slots.alpha(problem.steps)
-                gain = float(best.worth[then & ~alpha].sum() - best.worth[alpha & ~then].sum())
+                gain = float(worth[then & ~alpha].sum() - worth[alpha & ~then].sum())
                 ranked[slots] = (doubts[change], -gain, change)
         return [(ranked[slots][2], slots) for slots in sorted(ranked, key=lambda each: ranked[each])]
 

@@ -2,13 +2,13 @@
 
 The search for contacts finds the quickest sequence; this one looks for a cheaper one near it. A neighbour moves one
 step elsewhere in the order, sends a limb to another contact or straight to its next one, or shifts knots between
-stances and swings; where none is better, the steps change together with when the body waits. Each is judged by
-`EventCost`. The work is counted in estimates, so that it is the same every time.
+stances and swings. Each is judged by `EventCost` with the body as it is but about what changes, so that one costs no
+more on a long wall; the whole path is chosen anew when no neighbour is better. The work is counted, so that it is the
+same every time.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from crux_planner.search.event_cost import Estimate, EventCost, Timed
 from crux_planner.search.stances import goal_contacts
 from crux_planner.solvers import clock
 
-ESTIMATES = 60  # at most
+WORK = 80_000  # of EventCost, at most
 _LEAST_GAIN = 2e-4  # of J, as a share of it
 _FARTHEST = 5  # places by which a step moves in the order
 _OTHERS = 3  # contacts tried instead of one
@@ -38,22 +38,20 @@ class _Best:
     estimate: Estimate
 
 
-def improve(
-    costs: EventCost, moves: list[Move], deadline: float, estimates: int = ESTIMATES, busy_until: float = np.inf
-) -> Timed | None:
+def improve(costs: EventCost, moves: list[Move], deadline: float, work: int = WORK) -> Timed | None:
     """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance.
 
-    It ends after so many `estimates`, at `deadline` (of clock.now) and at `busy_until` (of time.process_time).
+    It ends after so much `work` and at `deadline` (of clock.now).
     """
-    return _Improvement(costs, deadline, estimates, busy_until).run(moves)
+    return _Improvement(costs, deadline, work).run(moves)
 
 
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 
 
 class _Improvement:
-    def __init__(self, costs: EventCost, deadline: float, estimates: int, busy_until: float) -> None:
-        self.costs, self.deadline, self.estimates, self.busy_until = costs, deadline, estimates, busy_until
+    def __init__(self, costs: EventCost, deadline: float, work: int) -> None:
+        self.costs, self.deadline, self.work = costs, deadline, work
         self.problem, self.reach, self.swings = costs.problem, costs.reach, costs.swings
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
@@ -72,15 +70,21 @@ class _Improvement:
             improved = in_order and in_time
             if not improved:
                 best, improved = self._climb(best, self._others_anew)
+            best = self._as_a_whole(best)
         places = best.estimate.places
         timed = [replace(m, lift_off=p[0], touch_down=p[1]) for m, p in zip(best.timed.moves, places, strict=True)]
         return replace(best.timed, moves=timed)
 
     def _over(self) -> bool:
-        return self.costs.count >= self.estimates or self._late()
+        return self.costs.work >= self.work or self._late()
 
     def _late(self) -> bool:
-        return clock.now() > self.deadline or time.process_time() > self.busy_until
+        return clock.now() > self.deadline
+
+    def _as_a_whole(self, best: _Best) -> _Best:
+        """The same with the whole path of the body chosen at once."""
+        whole = self.costs.estimate(best.timed)
+        return best if whole is None or whole.cost > best.estimate.cost else replace(best, estimate=whole)
 
     def _first(self, steps: Steps) -> _Best | None:
         """The steps with all spare time in one stance: the best of those that promise most, by where waiting is cheap.
@@ -94,7 +98,7 @@ class _Improvement:
         promising = list(range(len(steps), -1, -1))  # the last first
         while promising and len(found) < _STARTS and not (found and self._late()):
             timed = self._quick(moves, promising.pop(0))
-            estimate = None if timed is None else self.costs.estimate(timed)
+            estimate = None if timed is None else self.costs.estimate(timed, found[0].estimate if found else None)
             if timed is None or estimate is None:
                 continue
             found.append(_Best(steps, timed, estimate))
@@ -114,7 +118,7 @@ class _Improvement:
                 if key in self.tried:
                     continue
                 self.tried.add(key)
-                estimate = self.costs.estimate(timed)
+                estimate = self.costs.estimate(timed, best.estimate)
                 if estimate is not None and estimate.cost < best.estimate.cost - self.least_gain:
                     best, better, ever = _Best(steps, timed, estimate), True, True
                     break

@@ -52,6 +52,14 @@ class Qp:
         return QpSolution(np.array(self._solver.result.x), np.array(self._solver.result.y), solved)
 
 
+class Entries:
+    """What is not zero of rows that are used again."""
+
+    def __init__(self, matrix: Array) -> None:
+        self.rows, self.columns = np.nonzero(matrix)
+        self.values, self.count = matrix[self.rows, self.columns], len(matrix)
+
+
 class SparseQp:
     """A sparse QP put together piece by piece: min sum of weighted squares, subject to bounds and linear rows.
 
@@ -63,7 +71,7 @@ class SparseQp:
         self._high: list[Array] = []
         self.size = 0
         self._cost: list[
-            tuple[Array, Array, Array]
+            tuple[Indices, Array, Array]
         ] = []  # rows of sqrt-weighted squares: columns, coefficients, targets
         self._equal = _Rows()
         self._below = _Rows()
@@ -83,11 +91,11 @@ class SparseQp:
             (np.asarray(columns), root * np.asarray(coefficients, dtype=float), root * np.asarray(target))
         )
 
-    def equal(self, matrix: Array, columns: Indices, right: Array) -> None:
+    def equal(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] = right."""
         self._equal.add(matrix, columns, right)
 
-    def below(self, matrix: Array, columns: Indices, right: Array) -> None:
+    def below(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] <= right."""
         self._below.add(matrix, columns, right)
 
@@ -97,19 +105,18 @@ class SparseQp:
 
     def solve(self) -> Array | None:
         """The solution, or None where the constraints leave none."""
-        rows, columns, values, targets, start = [], [], [], [], 0
+        diagonal = np.arange(self.size)
+        rows: list[Indices] = [diagonal]
+        columns: list[Indices] = [diagonal]
+        values, linear = [np.full(self.size, _REGULARISATION)], np.zeros(self.size)
         for cols, coefficients, target in self._cost:
-            n, terms = cols.shape
-            rows.append(np.repeat(np.arange(start, start + n), terms))
-            columns.append(cols.ravel())
-            values.append(coefficients.ravel())
-            targets.append(target)
-            start += n
-        factor = sp.csc_matrix(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (start, self.size)
-        )
-        hessian = (2 * factor.T @ factor + _REGULARISATION * sp.eye(self.size)).tocsc()
-        linear = -2 * factor.T @ np.concatenate(targets)
+            terms = cols.shape[1]
+            rows.append(np.repeat(cols, terms, axis=1).ravel())
+            columns.append(np.tile(cols, terms).ravel())
+            values.append(2.0 * (coefficients[:, :, None] * coefficients[:, None]).ravel())
+            np.add.at(linear, cols, -2.0 * coefficients * target[:, None])
+        where = (np.concatenate(rows), np.concatenate(columns))
+        hessian = sp.csc_matrix((np.concatenate(values), where), (self.size, self.size))
         (equal, right), (below, most) = self._equal.matrix(self.size), self._below.matrix(self.size)
         low, high = np.concatenate(self._low), np.concatenate(self._high)
         settings = {"eps_abs": 1e-6, "eps_rel": 1e-7, "max_iter": 80}
@@ -123,12 +130,14 @@ class _Rows:
         self._right: list[Array] = []
         self._count = 0
 
-    def add(self, matrix: Array, columns: Indices, right: Array) -> None:
-        rows, cols = np.nonzero(matrix)
-        self._parts.append((self._count + rows, np.asarray(columns)[cols], matrix[rows, cols]))
+    def add(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
+        entries = matrix if isinstance(matrix, Entries) else Entries(matrix)
+        self._parts.append((self._count + entries.rows, np.asarray(columns)[entries.columns], entries.values))
         self._right.append(np.asarray(right, dtype=float))
-        self._count += len(matrix)
+        self._count += entries.count
 
     def matrix(self, size: int) -> tuple[sp.csc_matrix, Array]:
+        if not self._parts:
+            return sp.csc_matrix((0, size)), np.zeros(0)
         rows, columns, values = (np.concatenate([p[i] for p in self._parts]) for i in range(3))
         return sp.csc_matrix((values, (rows, columns)), (self._count, size)), np.concatenate(self._right)

@@ -6,7 +6,7 @@ from the exact one by the product of two small numbers, the body's way off the p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,14 +14,16 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds, wrench_bounds
-from crux_planner.physics.cost import plan_cost, wrench_weights
+from crux_planner.physics.cost import plan_cost, state_weights, wrench_weights
 from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.physics.reach import body_positions, turned
+from crux_planner.search.body_path import BodyPath
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
 from crux_planner.solvers.qp import SparseQp
 from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.solution import Solution, Start, start_from_path
 
 _FORCE_BOUND_N, _TWIST_BOUND_NM, _FREE = 300.0, 10.0, 1e3  # beyond what matters: they keep the QP compact
 
@@ -30,9 +32,30 @@ _FORCE_BOUND_N, _TWIST_BOUND_NM, _FREE = 300.0, 10.0, 1e3  # beyond what matters
 class KnotSolution:
     """Body states (N + 1, 12), wrenches q = (s1, s2, m, n1, n2) per knot and limb in stance, and J."""
 
+    problem: Problem
+    schedule: Schedule
     body: Array
     wrenches: list[dict[int, Array]]
     cost: float
+
+    @property
+    def order(self) -> list[str]:
+        """Limbs in the order in which they release."""
+        return self.schedule.gait
+
+    def with_body(self, body: Array) -> KnotSolution:
+        """The same with other body states."""
+        return replace(self, body=body, cost=plan_cost(self.problem, self.schedule, body, self.wrenches))
+
+    @property
+    def solution(self) -> Solution:
+        """As if it were exact."""
+        return Solution(self.body, self.wrenches, self.cost, 0, "", True, 0.0, 0.0, {})
+
+    def start(self) -> Start:
+        """Where the exact program starts: no more squeeze than the smaller of two normal forces."""
+        shared = [{limb: _shared(q) for limb, q in knot.items()} for knot in self.wrenches]
+        return start_from_path(self.problem, BodyPath(self.body[:, :3], shared), self.schedule.yaw_rad)
 
 
 def solve_knots(
@@ -65,7 +88,7 @@ def solve_knots(
         return None
     states = values[np.array(body)]
     wrenches = [{limb: values[index] for limb, index in grip.items()} for grip in grips]
-    return KnotSolution(states, wrenches, plan_cost(problem, schedule, states, wrenches))
+    return KnotSolution(problem, schedule, states, wrenches, plan_cost(problem, schedule, states, wrenches))
 
 
 def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array] | None:
@@ -87,10 +110,9 @@ def _grip(qp: SparseQp, problem: Problem, equilibrium: StaticEquilibrium, contac
         [_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, equilibrium.max_normal_N, equilibrium.max_normal_N]
     )
     index = qp.variables(np.maximum(low, -free), np.minimum(high, free))
-    load = equilibrium.margin * equilibrium.reach * equilibrium.friction[contact]
-    for normal in (3, 4):
+    for normal, load, spine in zip((3, 4), equilibrium.load[contact], equilibrium.spine[contact], strict=True):
         rows = np.column_stack([equilibrium.directions, -load])
-        qp.below(rows, index[[0, 1, 2, normal]], equilibrium.spine[contact])
+        qp.below(rows, index[[0, 1, 2, normal]], spine)
     qp.squares(index[:, None], np.sqrt(wrench_weights(problem))[:, None], np.zeros(5), problem.weights.wrench)
     return index
 
@@ -153,11 +175,14 @@ def _pull(
 def _body_cost(
     qp: SparseQp, problem: Problem, body: list[Indices], target: Eta | None, rho: float, scales: Scales
 ) -> None:
-    weights, goal = problem.weights, problem.goal.body
-    wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
-    q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
+    q, wanted = state_weights(problem)
     unit = np.array([scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6)
     for k, index in enumerate(body):
         qp.squares(index[:, None], np.sqrt(q)[:, None], np.sqrt(q) * wanted, 1.0)
         if target is not None:
             qp.squares(index[:, None], unit[:, None], unit * target.body[k], rho / 2)
+
+
+def _shared(q: Array) -> Array:
+    """(s1, s2, m, F, n): net normal force and the smaller of the two."""
+    return np.array([*q[:3], q[3] - q[4], min(q[3], q[4])])

@@ -1,10 +1,12 @@
-"""The exact walk of a gait: walk_qp solved about its own answer until (8) holds; ipopt where that does not end.
+"""The exact walk of a gait: walk_qp solved about its own answer until (8) holds.
 
 Long walks have motions that cost next to nothing, such as a slow bounce of the body, and the answers drift along them.
 After some rounds a term that vanishes at the answer keeps each one near the one before.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,9 +42,8 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
         away = float(np.abs(knots.body - about.body).max())
         nearer = away < _NEARER * before
         about, before = Reference(knots.body, knots.forces, knots.footholds) if nearer else about.halfway(knots), away
-    from crux_planner.trajectory import walk_nlp
-
-    return walk_nlp.solve(problem, knots, max(deadline - clock.now(), 1.0))
+    status = "Time is over" if clock.now() > deadline else "its answers do not settle"
+    return replace(of_knots(problem, knots, count), solved=False, status=status)
 
 
 def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
@@ -56,7 +57,8 @@ def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
 
 def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:
     """A walk as it is; `solved` where (8) holds."""
-    left = np.abs(defects(problem, knots.body, knots.feet(problem.step_height_m), knots.forces))
+    feet, yaws = knots.feet(problem.step_height_m), knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+    left = np.abs(defects(problem, knots.body, feet, yaws, knots.forces))
     moment = float((left[:, 9:12] @ np.abs(problem.inertia_b).T).max()) / problem.dt_s
     force = float(left[:, 6:9].max()) * problem.mass_kg / problem.dt_s
     place = float(left[:, :6].max())

@@ -6,7 +6,7 @@ answer, again and again, the QP solves P1 of the gait.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,15 +17,15 @@ from crux_planner.model.gait import Gait, nominal_footholds, progress
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_bounds import (
+from crux_planner.physics.bounds import (
     apart_rows,
-    body_bounds,
     foothold_bounds,
     least_load_N,
     rate_steps,
     step_rows,
+    walk_bounds,
 )
-from crux_planner.physics.walk_cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
+from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost, state_weights, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Entries, Rows, skews
@@ -45,6 +45,7 @@ class WalkKnots:
     consensus term, and what a newton more or less would change where a foot is off the ground (N, 4, 3).
     """
 
+    problem: WalkProblem
     gait: Gait
     body: Array
     forces: Array
@@ -52,6 +53,16 @@ class WalkKnots:
     cost: float
     value: float
     pull: Array
+
+    @property
+    def order(self) -> list[str]:
+        """Limbs in the order in which they lift off."""
+        return self.gait.names
+
+    def with_body(self, body: Array) -> WalkKnots:
+        """The same with other body states."""
+        cost = walk_cost(self.problem, self.gait, body, self.forces)
+        return replace(self, body=body, cost=cost, value=cost)
 
     def feet(self, step_height_m: float) -> Array:
         """(N + 1, 4, 3)."""
@@ -133,7 +144,7 @@ class ContactQp:
     ) -> WalkKnots | None:
         """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
-        bounds = body_bounds(problem, gait)
+        bounds = walk_bounds(problem, gait)
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
             return None
@@ -170,19 +181,23 @@ class ContactQp:
         pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
         cost = walk_cost(problem, gait, body, forces)
         near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
-        return WalkKnots(gait, body, forces, footholds, cost, near + cost - self._smooth_cost(body, forces), pull)
+        return WalkKnots(problem, gait, body, forces, footholds, cost, near + gait_cost(problem, gait), pull)
 
     def _dynamics(self, of: _Layout) -> tuple[sp.csr_matrix, Array, Array]:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        arms = feet[:n] - reference.body[:n, None, :3]
+        yaws = of.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
+        arms = feet[:n] - centre[:, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
         turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
         lever = np.einsum("kab,kibc->kiac", turn, skews(arms))  # (N, 4, 3, 3): angular acceleration per newton
-        total = reference.forces.sum(axis=1)
-        moved = np.einsum("kab,kibc->kiac", turn, skews(reference.forces))
+        # The centre of mass follows body and feet, each limb's mass its foot by `limbs_share`.
+        total = skews(reference.forces.sum(axis=1))
+        lean = (1.0 - 4 * problem.limbs_share) * turn @ total
+        moved = turn[:, None] @ (skews(reference.forces) - problem.limbs_share * total[:, None])
         rows = Entries()
         k, i = of.places.T
         rows.blocks(
@@ -194,19 +209,16 @@ class ContactQp:
         if self.moments:
             knots = np.arange(n)
             rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
-            rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, skews(total)))
+            rows.blocks(12 * knots + 9, 12 * knots, -dt * lean)
             about = np.einsum("kiab,kij->kjab", moved[..., :2], of.blend[:n])
             for j in range(len(of.gait.steps)):
                 rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
             off = of.fixed[:n] - feet[:n, :, :2]
             constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
-            constant -= np.einsum("kab,kbc,kc->ka", turn, skews(total), reference.body[:n, :3])
+            constant -= np.einsum("kab,kb->ka", lean, reference.body[:n, :3])
             constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
             right[:, _MOMENT_OF_FORCE] = dt * constant
         return rows.matrix((BODY_STATES * n, of.size), self._euler).tocsr(), right, lever
-
-    def _smooth_cost(self, body: Array, forces: Array) -> float:
-        return walk_cost(self.problem, Gait((), np.zeros(0), self.problem.steps + 1), body, forces)
 
     def _inequalities(self, of: _Layout) -> tuple[sp.csc_matrix, Array, Array]:
         """The cone, (7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
@@ -269,8 +281,8 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """The limbs' mass on three feet; between the knots their cone, where they balance the body here and at the
-        next knot.
+        """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
+        here and at the next knot.
         """
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.gait
         number = np.full((n, 4), -1)
@@ -284,16 +296,16 @@ class ContactQp:
         weight = reference.forces[three, :, 2].sum(axis=1)
         for corner in range(3):
             rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-        rows.blocks(begin, 12 * three, -4 * pull)
         inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
         rows.blocks(begin, 12 * three + 18, inertia)
         rows.blocks(begin, 12 * three + 6, -inertia)
-        all_feet = problem.centre_of_pressure(of.blend.sum(axis=1))[three]
+        hanging = problem.limbs_inertia(of.blend.sum(axis=1))[three]
         for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * all_feet[:, j, None, None])
-        neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        known = np.einsum("kab,kb->ka", pull, problem.centre_of_pressure(of.fixed.sum(axis=1))[three] - neutral)
+            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
+        known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
         rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
+        neutral = rotation_z(reference.body[:, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
+        together, standing = of.blend.sum(axis=1), of.fixed.sum(axis=1) - neutral
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
@@ -302,13 +314,19 @@ class ContactQp:
                 place = number[three, on[:, corner]]
                 rows.blocks(begin + corner, of.at_f + 3 * place, cone[place, 0, None, :2])
                 rows.blocks(begin, of.at_f + 3 * place, height)
-            rows.blocks(begin, 12 * (three + ahead), -lean)
-            rows.close(-np.inf, (problem.wall_friction * weight[:, None] * level).ravel() - _CONE_RESERVE_N)
+            rows.blocks(begin, 12 * (three + ahead), -(1.0 - 4 * problem.limbs_share) * lean)
+            followed = problem.limbs_share * lean
+            for j in range(len(gait.steps)):
+                moved = -followed * together[three + ahead, j, None, None]
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), moved)
+            most = problem.wall_friction * weight[:, None] * level
+            most += np.einsum("kab,kb->ka", followed, standing[three + ahead])
+            rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""
         problem, weights, scales = self.problem, self.problem.weights, self.scales
-        n, goal, gait, blend = problem.steps, problem.goal.body, of.gait, of.blend
+        n, gait, blend = problem.steps, of.gait, of.blend
         diagonal, linear, constant = np.zeros(of.size), np.zeros(of.size), 0.0
 
         def squares(index: Indices, weight: Array | float, wanted: Array) -> None:
@@ -319,8 +337,7 @@ class ContactQp:
             constant += float((weight * wanted**2).sum())
 
         states = np.arange(of.at_f).reshape(n + 1, BODY_STATES)
-        q = np.array([weights.position] * 3 + [weights.orientation] * 3 + [weights.velocity] * 6)
-        wanted = np.concatenate([goal.position_m, goal.rpy_rad, np.zeros(6)])
+        q, wanted = state_weights(problem)
         squares(states, q, np.broadcast_to(wanted, states.shape))
         force = np.arange(of.at_f, of.at_h).reshape(-1, 3)
         squares(force, FORCE_SHARE * weights.wrench, np.zeros(force.shape))

@@ -28,9 +28,9 @@ def test_a_short_wait_is_planned_and_passes_the_check() -> None:
     shown = result.to_json()
     assert result.check.ok
     assert result.plan.method == "benchmark"
-    assert shown["alone"]["converged"]
-    assert tuple(shown["alone"]["relaxations"]) == RELAXATIONS
-    assert sum(shown["alone"]["relaxations"].values()) == shown["iterations"] > 0
+    assert shown["method_report"]["converged"]
+    assert tuple(shown["method_report"]["relaxations"]) == RELAXATIONS
+    assert sum(shown["method_report"]["relaxations"].values()) == shown["iterations"] > 0
     assert len(lines) == len(RELAXATIONS)
     assert shown["history"] == []
 

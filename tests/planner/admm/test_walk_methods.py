@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import walk_by_ipopt
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import plan
+from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.admm.walk_limb_block import FootBlock, FootPlan
-from crux_planner.admm.walk_motion_block import WalkMotion
 from crux_planner.model.gait import Step, longest_step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
-from crux_planner.physics.walk_cost import walk_cost
+from crux_planner.physics.cost import walk_cost
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.slots import Slots
 from crux_planner.solvers import clock
 from crux_planner.trajectory import walk_exact as exact
-from crux_planner.trajectory import walk_nlp as nlp
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import ContactQp, Reference
 
@@ -43,8 +43,8 @@ def test_a_walk_converges_and_passes_the_check(method: str) -> None:
     assert shown["residuals"]["position_m"] <= 0.03
     assert shown["residuals"]["force_N"] <= 0.5
     assert shown["iterations"] == len(shown["history"]) == len(lines)
-    assert shown["alone"]["converged"]
-    assert sorted(shown["alone"]["gait"]) == sorted(result.gait)
+    assert shown["method_report"]["converged"]
+    assert sorted(shown["method_report"]["gait"]) == sorted(result.gait)
 
 
 def test_a_method_that_walks_do_not_have_is_named() -> None:
@@ -57,7 +57,7 @@ def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) 
     gait = FlatSearch(problem).begin(np.inf).gait
     first = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
     assert first is not None
-    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), nlp.solve(problem, first, 10.0)
+    again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), walk_by_ipopt.solve(problem, first, 10.0)
     assert again.solved
     assert by_ipopt.solved
     assert again.cost == pytest.approx(by_ipopt.cost, rel=1e-3)
@@ -93,7 +93,7 @@ def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> No
     eta = Eta.of_points(knots.body, knots.feet(problem.step_height_m), knots.forces)
     spoilt = eta + eta.times(0.0)
     spoilt.forces[10, 0, 2] += 20.0
-    motion = WalkMotion(problem, Scales(force=0.03))
+    motion = MotionBlock(problem, scales=Scales(force=0.03))
     delta = motion.project(spoilt, 1.5)
     assert motion.solved
     force = delta.forces.sum(axis=1)

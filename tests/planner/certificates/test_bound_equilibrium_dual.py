@@ -27,7 +27,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.walk_problem import WalkProblem, build_walk
-from crux_planner.physics.walk_cost import FORCE_SHARE, gait_cost, walk_cost
+from crux_planner.physics.cost import FORCE_SHARE, gait_cost, walk_cost
 from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, Slots
 from crux_planner.trajectory.walk_exact import solve
 from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots

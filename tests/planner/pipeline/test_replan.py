@@ -10,7 +10,7 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import BodyPose, ScenarioError
 from crux_planner.errors import InfeasibleError
-from crux_planner.pipeline.climb import plan
+from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import stances
 from walls import ladder, scenario, two_rows

@@ -14,6 +14,7 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.walk_problem import build_walk
 from crux_planner.pipeline import climb
+from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.solvers import clock
 from walls import scenario, two_rows
@@ -24,7 +25,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
     content = two_rows(slope_deg=slope_deg)
     content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
-    result = climb.plan(scenario(content), robot)
+    result = plan(scenario(content), robot)
     assert result.check.ok
     return result
 
@@ -103,7 +104,7 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
     content["planner"] = {"time_limit_s": 4.0}
     began = clock.now()
     with pytest.raises(InfeasibleError, match="as made up"):
-        climb.plan(scenario(content), robot)
+        plan(scenario(content), robot)
     assert len(deadlines) == 2  # the quickest sequence, and after other headings any
     assert max(deadlines) - began < 4.0 - 0.8 + 0.1
 

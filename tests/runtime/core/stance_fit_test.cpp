@@ -5,6 +5,7 @@
 
 #include <utility>
 
+#include "core/compliance_estimator.hpp"
 #include "core/slip_watch.hpp"
 #include "core/weight_balance.hpp"
 #include "fixture.hpp"
@@ -137,7 +138,10 @@ TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
   };
   watch(600, 0.5, Vector3::Zero());
   EXPECT_FALSE(fresh.squeezes() || used_up.squeezes());
+  EXPECT_EQ(used_up.borne(), 0.5);
+  EXPECT_EQ(used_up.slipped_at(), 0.0);
   watch(40, 0.5, {0.0, 0.05, 0.0});
+  EXPECT_EQ(used_up.slipped_at(), 0.5);
   EXPECT_TRUE(fresh.squeezes() && !fresh.slips());
   EXPECT_TRUE(used_up.squeezes() && used_up.slips());
   EXPECT_NEAR(used_up.slid_m(), 0.004, 5e-4);
@@ -149,6 +153,26 @@ TEST_F(Stance, AGripThatMovesSqueezesAndOneWhoseFrictionIsUsedUpAsWellSlips) {
   EXPECT_TRUE(used_up.squeezes());
   watch(100, 0.5, {0.0, 0.05, 0.0});
   EXPECT_TRUE(used_up.out_of_hand());
+}
+
+TEST(Compliance, IsTheSlopeOfShiftOverForceOfTheseGripsWhereTheForceChanges) {
+  ComplianceEstimator estimator;
+  Random random(3);
+  double time_s = 0.0;
+  const auto bear = [&](unsigned grips, double swing_N, double compliance_m_N, const Vector3& from_m) {
+    for (int i = 0; i < 1000; ++i) {
+      time_s += kDt_s;
+      const Vector3 force_N = Vector3(0.0, 2.0, -30.0) + swing_N * std::sin(3.0 * time_s) * Vector3(0.0, 0.6, -0.8);
+      estimator.update(grips, force_N + random.vector(0.3), from_m - compliance_m_N * force_N + random.vector(1e-5),
+                       kDt_s);
+    }
+    return estimator.compliance_m_N();
+  };
+  EXPECT_EQ(bear(0xF, 1.0, 1e-4, Vector3::Zero()), 0.0);  // nothing to tell it by
+  EXPECT_NEAR(bear(0xF, 20.0, 1e-4, Vector3::Zero()), 1e-4, 2e-6);
+  EXPECT_NEAR(bear(0x7, 1.0, 3e-4, {0.0, 0.004, 0.0}), 1e-4, 2e-6);  // counted from other grips: no shift of this one
+  EXPECT_NEAR(bear(0x7, 20.0, 3e-4, {0.0, 0.004, 0.0}), 3e-4, 6e-6);
+  EXPECT_EQ(bear(0x0, 20.0, 3e-4, Vector3::Zero()), 0.0);
 }
 
 /// Four limbs that share a weight at their middle, and what one of them feels besides.

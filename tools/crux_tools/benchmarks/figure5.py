@@ -8,9 +8,9 @@ from crux_tools.benchmarks.residuals import FORCE, MOMENT, ORIENTATION, POSITION
 
 
 def _residuals(scenario: Scenario, method: str, iterations: int) -> History:
-    from crux_planner.method_report import climb_alone
+    from crux_planner.method_report import climb_report
 
-    return climb_alone(scenario, method, iterations=iterations, to_the_end=True).decided.residuals
+    return climb_report(scenario, method, iterations=iterations, to_the_end=True).decided.history
 
 
 FIGURE = ResidualFigure("fig5", "climb", "climb-four-holds", (POSITION, FORCE, ORIENTATION, MOMENT), _residuals)

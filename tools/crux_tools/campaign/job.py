@@ -130,7 +130,7 @@ class ClimbJob:
         result = plan(scenario, load_robot(scenario.robot), method=method, time_limit_s=self.time_limit_s)
         write_plan(path, result.plan)
         said = {**result.to_json(), "plan_id": result.plan.plan_id}
-        return {name: value for name, value in said.items() if name not in ("check", "history", "alone")}
+        return {name: value for name, value in said.items() if name not in ("check", "history", "method_report")}
 
     def climb_command(self) -> str:
         """What climbs so, beside the job's files."""

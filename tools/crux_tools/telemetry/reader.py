@@ -37,7 +37,10 @@ N_LIMBS = 4
 ADDED = {
     "/control_input": {"bus_state", "command_value", "late_s"},
     "/cycle_timing": {"answer_ns"},
-    "/limb_telemetry": {"utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"},
+    "/limb_telemetry": {
+        *("utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"),
+        *("borne_friction", "slip_friction", "compliance_m_n"),
+    },
     "/robot_state": {"motion", "speed_scale", "verified_time_s", "unbalanced_force_w_n", "unbalanced_moment_w_nm"},
 }
 PER_LIMB = ("/limb_reference", "/limb_telemetry")

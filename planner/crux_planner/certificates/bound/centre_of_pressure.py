@@ -19,7 +19,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.physics.cost import FORCE_SHARE
 
 _TILTING_SHARE, _TURNING_SHARE = 0.8, 0.3  # of the cost of rates about the body's x and y, and about its z, kept back
 _LATERAL_SHARE = 0.4  # of the cost of accelerations along the ground, kept back

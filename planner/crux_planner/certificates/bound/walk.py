@@ -24,7 +24,7 @@ from crux_planner.certificates.bound.equilibrium_dual import crawl_bound
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE, Step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
-from crux_planner.physics.walk_cost import FORCE_SHARE
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.solvers.qp import Qp
 
 
