@@ -12,7 +12,7 @@ from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
 
-from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
@@ -73,7 +73,7 @@ class PlanResult:
         """What the gap is about: the plans that the bound of the cost is below."""
         if is_walk(self.plan):
             return f"{FOR_ITS_REACH}, its accelerations and single steps"
-        return f"{FOR_ITS_REACH}, its swings and its places on the holds"
+        return f"{FOR_ALL_REACH}, its swings and its places on the holds"
 
     @property
     def steps(self) -> int:

@@ -153,7 +153,7 @@ class ContactQp:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        yaws = of.reference.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        yaws = reference.gait.yaw(float(problem.goal.body.rpy_rad[2]))
         centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
         arms = feet[:n] - centre[:, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
