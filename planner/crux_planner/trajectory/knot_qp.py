@@ -23,7 +23,7 @@ from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
 from crux_planner.solvers.qp import SparseQp
 from crux_planner.trajectory.consensus import Eta, Scales
-from crux_planner.trajectory.solution import Solution, Start, start_from_path
+from crux_planner.trajectory.solution import Solution, Start, start_from_path, to_net
 
 _FORCE_BOUND_N, _TWIST_BOUND_NM, _FREE = 300.0, 10.0, 1e3  # beyond what matters: they keep the QP compact
 
@@ -54,7 +54,7 @@ class KnotSolution:
 
     def start(self) -> Start:
         """Where the exact program starts: no more squeeze than the smaller of two normal forces."""
-        shared = [{limb: _shared(q) for limb, q in knot.items()} for knot in self.wrenches]
+        shared = [{limb: to_net(q) for limb, q in knot.items()} for knot in self.wrenches]
         return start_from_path(self.problem, BodyPath(self.body[:, :3], shared), self.schedule.yaw_rad)
 
 
@@ -181,8 +181,3 @@ def _body_cost(
         qp.squares(index[:, None], np.sqrt(q)[:, None], np.sqrt(q) * wanted, 1.0)
         if target is not None:
             qp.squares(index[:, None], unit[:, None], unit * target.body[k], rho / 2)
-
-
-def _shared(q: Array) -> Array:
-    """(s1, s2, m, F, n): net normal force and the smaller of the two."""
-    return np.array([*q[:3], q[3] - q[4], min(q[3], q[4])])

@@ -66,8 +66,16 @@ def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = No
         body[:, 5] = yaw_rad
         body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
     body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
-    wrenches = [
-        {limb: np.array([s1, s2, m, n + max(f, 0.0), n + max(-f, 0.0)]) for limb, (s1, s2, m, f, n) in knot.items()}
-        for knot in path.wrenches
-    ]
+    wrenches = [{limb: to_normals(w) for limb, w in knot.items()} for knot in path.wrenches]
     return Start(body, wrenches)
+
+
+def to_normals(w: Array) -> Array:
+    """A gripper's q = (s1, s2, m, n1, n2) from (s1, s2, m, F, n): net normal force, and the smaller of the two."""
+    s1, s2, m, net, least = w
+    return np.array([s1, s2, m, least + max(net, 0.0), least + max(-net, 0.0)])
+
+
+def to_net(q: Array) -> Array:
+    """The other way round."""
+    return np.array([*q[:3], q[3] - q[4], min(q[3], q[4])])
