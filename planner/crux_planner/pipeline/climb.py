@@ -58,7 +58,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         reason, late = none, work.cut_short
         if climb.method == "auto":
             reason = _cause(climb, none)
-        raise reason.out_of_time() if reason is none and (late or climb.late) else reason from None
+        longer = reason is not none and isinstance(reason, HorizonError)  # that is a plan found in time
+        raise reason.out_of_time() if (late or climb.late) and not longer else reason from None
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
