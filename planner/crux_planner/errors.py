@@ -27,6 +27,7 @@ class InfeasibleError(Exception):
         self.constraint = constraint
         self.proven = proven
         self.undecided = not proven and (undecided or constraint == TIME_LIMIT)
+        self.relaxed: dict[str, Any] | None = None  # what would help: constraint, amount, unit, place
         self.blamed: tuple[int, int] | None = None  # the move (contact to contact) without which there may be a plan
 
     def blaming(self, move: tuple[int, int] | None) -> Self:
@@ -46,12 +47,15 @@ class InfeasibleError(Exception):
         if self.proven or self.undecided:
             return self
         text = f"{self}; time ran out before all was tried, allow more with --time-limit"
-        return InfeasibleError(self.constraint, text, undecided=True)
+        undecided = InfeasibleError(self.constraint, text, undecided=True)
+        undecided.relaxed = self.relaxed
+        return undecided
 
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` prints of it, beside the text."""
         scope = FOR_ALL_REACH if self.proven else None
-        return {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
+        said = {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
+        return {**said, "relaxed": self.relaxed}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For the way from a worker process to its parent."""
@@ -64,6 +68,7 @@ class HorizonError(InfeasibleError):
     def __init__(self, text: str, needed: int) -> None:
         super().__init__("horizon", f"horizon.steps: {text}")
         self.needed = needed
+        self.relaxed = {"constraint": "horizon", "amount": needed, "unit": "steps", "place": None}
 
 
 def unsolved(gait: str, status: str) -> InfeasibleError:

@@ -19,7 +19,6 @@ from crux_planner.model.kinematics import rotation_z
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
-    from crux_planner.model.gait import Gait
     from crux_planner.model.problem import CentroidalProblem, Problem
     from crux_planner.model.schedule import Schedule
     from crux_planner.model.walk_problem import WalkProblem
@@ -131,12 +130,13 @@ def plan_message(
 
 
 def walk_message(
-    scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution, method: str = "auto"
+    scenario: Scenario, robot: Robot, problem: WalkProblem, solution: WalkSolution, method: str = "auto"
 ) -> Any:
     """The plan of a walk, complete with its plan_id (msgs/PLAN.md, point feet)."""
     plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
     plan.max_normal_n = problem.max_normal_N
+    gait = solution.gait
     height, yaw = problem.step_height_m * gait.height, gait.yaw(float(problem.goal.body.rpy_rad[2]))
     opening = np.full(height.shape, problem.opening_m)
     poses = np.concatenate([gait.blend @ solution.footholds, np.stack([height, yaw, opening], axis=2)], axis=2)

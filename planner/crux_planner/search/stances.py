@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -147,14 +146,14 @@ def search(
     at_once: int,
     greed: float,
     deadline: float,
-    busy_until: float = np.inf,
+    most: float = np.inf,
     known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
-    and at `busy_until` (of time.process_time).
+    and after `most` stances.
     """
     tree = _Tree(oracles, at_once, greed)
     report = tree.report
@@ -171,7 +170,7 @@ def search(
         if ahead < 1e-9 and _ends_well(oracles, stance):
             return tree.moves_to(stance), report
         report.expanded += 1
-        report.timed_out = clock.now() > deadline or time.process_time() > busy_until
+        report.timed_out = report.expanded > most or clock.now() > deadline
         tree.grow(cost, stance, body)
     return None, report
 
