@@ -141,7 +141,7 @@ def test_prices_never_ask_more_than_a_plan_pays() -> None:
     assert nodes is not None
     multipliers, start = Multipliers(problem, about, nodes), [0, 0, 0, 0]
     node = np.flatnonzero((nodes.options == start).all(axis=1))
-    qp = KnotQp(problem, multipliers.carriers)
+    qp = KnotQp(problem, multipliers.carriers, multipliers.offset)
     good = qp.multipliers(dict(enumerate(problem.start_contacts)), slack)
     best = multipliers.values(good, node)[0]
     random = np.random.default_rng(0)

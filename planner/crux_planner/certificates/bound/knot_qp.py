@@ -11,7 +11,7 @@ from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import polytope_directions
 from crux_planner.solvers.qp import Qp
 
-_BODY = 6  # r, roll, pitch, yaw
+_BODY = 9  # r, roll, pitch, yaw, centre of mass off r
 _GRIP = 5  # s1, s2, m / k, n1, n2
 _MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
 _FORCE_N = 300.0
@@ -20,8 +20,9 @@ _FORCE_N = 300.0
 class KnotQp:
     """QPs of one problem."""
 
-    def __init__(self, problem: Problem, carriers: Carriers) -> None:
-        self.problem, self.carriers = problem, carriers
+    def __init__(self, problem: Problem, carriers: Carriers, offset: tuple[Array, Array]) -> None:
+        """`offset`: bounds of the centre of mass off the body's origin."""
+        self.problem, self.carriers, self.offset = problem, carriers, offset
         directions, _, spine = polytope_directions(1.0)
         self._directions, self._spine = directions / np.linalg.norm(directions, axis=1)[:, None], spine
 
@@ -32,20 +33,20 @@ class KnotQp:
         weights, goal = problem.weights, problem.goal.body
         square = np.zeros(n)
         square[:3], square[3:6] = weights.position, weights.orientation
-        square[6 : 6 + _GRIP * many] = weights.wrench * np.tile([2.0, 2, 2, 1, 1], many)
+        square[_BODY : _BODY + _GRIP * many] = weights.wrench * np.tile([2.0, 2, 2, 1, 1], many)
         square[-6:] = _MISSING
         linear = np.zeros(n)
         linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
         tilt = problem.body.max_tilt_rad
-        low = np.concatenate([box[0], [-tilt, -tilt, -1.0], np.full(n - 6, -_FORCE_N)])
-        high = np.concatenate([box[1], [tilt, tilt, 1.0], np.full(n - 6, _FORCE_N)])
+        low = np.concatenate([box[0], [-tilt, -tilt, -1.0], self.offset[0], np.full(n - _BODY, -_FORCE_N)])
+        high = np.concatenate([box[1], [tilt, tilt, 1.0], self.offset[1], np.full(n - _BODY, _FORCE_N)])
         equal = np.zeros((6, n))
         equal[:, -6:] = np.eye(6)
-        equal[3:, :3] = -skew(problem.weight_N)
+        equal[3:, :3] = equal[3:, 6:9] = -skew(problem.weight_N)
         right = np.concatenate([-problem.weight_N, np.zeros(3)])
         rows, bounds = [], []
         for i, (limb, c) in enumerate(held.items()):
-            at = 6 + _GRIP * i
+            at = _BODY + _GRIP * i
             grip = carriers.maps[c]
             equal[:, at : at + 4] = grip
             equal[:, at + 4] = -grip[:, 3]

@@ -2,8 +2,9 @@
 
 For any multipliers pi of the six rows of balance, (8a) and (8b) at a knot,
     cost of the knot  >=  sum over limbs of the least of R |q|^2 + pi . wrench(q)
-                        + least over bodies of Q |x - x_g|^2 - pi . (M (a - g), r x M (a - g) + I alpha + ...),
-with accelerations anything that speeds within (7) allow from one knot to the next. The first is bound.carrying, the
+                        + least over bodies of Q |x - x_g|^2 - pi . (M (a - g), c x M (a - g) + I alpha + ...),
+with accelerations anything that speeds within (7) allow from one knot to the next, and the centre of mass c anywhere
+about r where limbs within (9a) may have it. The first is bound.carrying, the
 second falls apart by axes over the boxes of bound.grasps. Whoever finds good multipliers need not be trusted.
 """
 
@@ -15,6 +16,7 @@ from crux_planner.certificates.bound.carrying import Carriers
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.places import Orientations
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.mass import offset_bounds
 from crux_planner.model.problem import Problem
 
 
@@ -24,6 +26,8 @@ class Multipliers:
     def __init__(self, problem: Problem, about: Orientations, nodes: Grasps) -> None:
         self.problem, self.about, self.nodes = problem, about, nodes
         self.carriers = Carriers.of(problem)
+        yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
+        self.offset = offset_bounds(problem, 0.0, yaw)  # of the centre of mass, (3,) and (3,)
         self._ends = np.append(nodes.first, len(nodes.node))
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
@@ -82,6 +86,7 @@ class Multipliers:
         weight = problem.weight_N
         slope = np.cross(weight, moment)  # of  pi_M . (r x M g)  in r
         total = about.yaw_cost[cell] + force @ weight
+        total = total + np.minimum(slope * self.offset[0], slope * self.offset[1]).sum(axis=-1)
         arm_low, arm_high = low.copy(), high.copy()
         for axis in range(3):
             options = []
@@ -95,6 +100,7 @@ class Multipliers:
                 options.append(cost + (about.tilt_cost[t, axis] if axis < 2 else 0.0))
             total = total + np.minimum.reduce(options)
             arm_low[:, axis], arm_high[:, axis] = near, far
+        arm_low, arm_high = arm_low + self.offset[0], arm_high + self.offset[1]
         middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
         help_ = np.abs(force + np.cross(moment, middle)).sum(axis=1)
         size = np.abs(moment)
