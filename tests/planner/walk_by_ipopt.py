@@ -19,7 +19,7 @@ from crux_planner.physics.bounds import (
     walk_bounds,
 )
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, body_cost, walk_cost
-from crux_planner.physics.dynamics import euler_step, rotation
+from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet
 from crux_planner.physics.limit_surface import SMOOTHING_N
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import ONCE, Nlp, NlpSolution
@@ -82,10 +82,12 @@ def _rows(
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
     true_shares = _true_shares_function(problem)
-    centre_of_pressure = holds @ ca.sparsify(ca.DM(problem.centre_of_pressure(knots.gait.blend.sum(axis=1)).T))
+    hanging = holds @ ca.sparsify(ca.DM(problem.limbs_inertia(knots.gait.blend.sum(axis=1)).T))
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
-    parts.append((_step_function(problem).map(n)(x[:, :-1], totals) - x[:, 1:], 0.0, 0.0))
+    yaws = ca.DM(knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))[:n].T)
+    steps = _step_function(problem).map(n)(x[:, :-1], totals, ca.reshape(feet[:, : 4 * n], 12, n), yaws)
+    parts.append((steps - x[:, 1:], 0.0, 0.0))
     parts.append((_cone_function(problem).map(len(places))(f), 0.0, np.inf))
     change = rate_steps(problem)
     parts.append((x[6:12, 1:] - x[6:12, :-1], -change, change))
@@ -97,7 +99,7 @@ def _rows(
         parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
     for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
         rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], centre_of_pressure[:, k], x[:, k], x[:, k + 1])
+        shares = true_shares(f[2, rows], here[:2, rows], hanging[:, k], x[:, k], x[:, k + 1])
         parts.append((shares, problem.profile.true_share, np.inf))
     parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
@@ -145,8 +147,9 @@ def _wrench_function() -> ca.Function:
 
 def _step_function(problem: WalkProblem) -> ca.Function:
     x, total = ca.SX.sym("x", BODY_STATES), ca.SX.sym("total", 6)
-    step = euler_step(x, total[0:3], total[3:6], problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
-    return ca.Function("euler_step", [x, total], [step])
+    feet, yaws = ca.SX.sym("feet", 12), ca.SX.sym("yaws", 4)
+    step = euler_step(x, total[0:3], total[3:6], centre_of_mass(problem, x, on_feet(problem, feet, yaws)), problem)
+    return ca.Function("euler_step", [x, total, feet, yaws], [step])
 
 
 def _cone_function(problem: WalkProblem) -> ca.Function:
@@ -157,12 +160,11 @@ def _cone_function(problem: WalkProblem) -> ca.Function:
 
 
 def _true_shares_function(problem: WalkProblem) -> ca.Function:
-    """Shares of the weight on three feet in stance when the limbs' mass pulls on the centre of pressure."""
+    """Shares of the weight on three feet in stance as the limbs' mass accelerates over a body that does, too."""
     loads, standing = ca.SX.sym("loads", 1, 3), ca.SX.sym("standing", 2, 3)
     feet, x, after = ca.SX.sym("feet", 2), ca.SX.sym("x", BODY_STATES), ca.SX.sym("after", BODY_STATES)
-    neutral = rotation(x[3:6])[:2, :2] @ ca.DM(problem.neutral_feet_b_m.sum(axis=0))
-    body = x[0:2] - problem.pendulum_s2 / problem.dt_s * (after[6:8] - x[6:8])
-    pulled = problem.limbs_share * (feet - 4 * body - neutral)
+    body = -problem.pendulum_s2 / problem.dt_s * (after[6:8] - x[6:8])
+    pulled = problem.limbs_share * (feet - 4 * body)
     point = standing @ loads.T / ca.sum2(loads) + pulled
     corners = [standing[:, i] - point for i in range(3)]
     areas = [_area(corners[(i + 1) % 3], corners[(i + 2) % 3]) for i in range(3)]

@@ -23,7 +23,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import cone_demand
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.relaxation import Relaxed
@@ -134,9 +134,10 @@ class Benchmark:
             contact, pose = problem.contacts[c], g[_POSE * limb : _POSE * (limb + 1)]
             each = q[WRENCH_INPUTS * i : WRENCH_INPUTS * (i + 1)] * unit
             demand = cone_demand(each[0:3], ca.DM.zeros(3), problem.patch.k_m)
-            inner = problem.friction_share * min(contact.spine_shear_N, contact.spine_twist_Nm / problem.patch.k_m)
-            for normal, may_press in zip((3, 4), contact.may_press, strict=True):
-                slack = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
+            by_spines = problem.friction_share * (contact.spines / [1.0, 1.0, problem.patch.k_m]).min(axis=1)
+            of_finger = zip((3, 4), contact.may_press, contact.grip_friction, by_spines, strict=True)
+            for normal, may_press, friction, inner in of_finger:
+                slack = problem.friction_share * friction * each[normal] + inner * alpha[i] - demand
                 press = problem.friction_share * problem.patch.max_normal_N * may_press * alpha[i] - each[normal]
                 rows += [(slack + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
             rows.append(relaxation - alpha[i] * _apart(pose, problem, c))
@@ -171,7 +172,8 @@ class Benchmark:
                 ca.DM(contact.tangent),
             )
             force, moment = force + each[0], moment + each[1]
-        dynamics = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+        centre = centre_of_mass(problem, x, [g[_POSE * limb : _POSE * limb + 4] for limb in range(4)])
+        dynamics = euler_step(x, force, moment, centre, problem)
         rows = [dynamics - x_then]
         for limb in range(4):
             rows.append(g_then[_POSE * limb : _POSE * limb + 3] - g[_POSE * limb : _POSE * limb + 3])

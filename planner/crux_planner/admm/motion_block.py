@@ -17,7 +17,7 @@ from crux_planner.model.problem import BODY_STATES, CentroidalProblem, Problem
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import body_bounds, rate_steps, walk_bounds
 from crux_planner.physics.cost import body_cost
-from crux_planner.physics.dynamics import euler_step
+from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import AGAIN, Nlp
 from crux_planner.trajectory.consensus import Eta, Scales
@@ -99,7 +99,10 @@ class Ends:
             force += each
             twist = scaled[after + 3 * i : after + 3 * i + 3] if self.yaw_rad else ca.SX.zeros(3)
             moment += ca.cross(point, each) + twist
-        step = euler_step(x, force, moment, problem.mass_kg, problem.inertia_b, problem.gravity_w, problem.dt_s)
+        hands = [end[:4] for end in self.each(g)]
+        if isinstance(problem, WalkProblem):  # the feet turn with the body, about
+            hands = on_feet(problem, g, ca.repmat(x[5], 4))
+        step = euler_step(x, force, moment, centre_of_mass(problem, x, hands), problem)
         return ca.Function("step", [x, g, u], [step])
 
     def reach(self) -> ca.Function:

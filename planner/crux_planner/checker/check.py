@@ -18,7 +18,8 @@ from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
-from crux_planner.checker.load_sharing import largest_torque
+from crux_planner.checker.load_sharing import check_torques, shared_load
+from crux_planner.checker.momentum import centre_of_mass
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
@@ -57,21 +58,22 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     loads = finger_loads(plan, scene.wall_friction)
     report.tumble_margin_m = tumble_margin(plan, loads, model.mass_kg)
 
-    samples = sample(plan)
-    twist_length_m = robot.control.twist_length_m
-    check_between_knots(plan, samples, loads, scene, twist_length_m=twist_length_m, findings=findings)
-    feet, pads = samples, robot.gripper.pad_radius_m
+    samples = feet = sample(plan)
+    pad_radius_m = robot.gripper.pad_radius_m
     if point:
-        samples = on_pads(samples, pads)
+        samples = on_pads(samples, pad_radius_m)
     continuous_Nm = np.array(robot.servo.continuous_torque_Nm)
     motions, report.joints = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, findings)
-    start = np.stack([motion.q_rad[0] for motion in motions])
-    inertia = model.inertia_about_body_origin(start, samples.opening[0])
-    check_dynamics(plan, model.mass_kg, inertia, findings)
-    report.largest_torque = largest_torque(
-        feet, motions, model, plan.gravity_w, twist_length_m=twist_length_m, pad_radius_m=pads if point else None
-    )
-    limbs = [limb_parts(samples, limb, i, motions[i], pads) for i, limb in enumerate(model.limbs)]
+    states = [motion.state for motion in motions]
+    centre = centre_of_mass(samples, model, states)
+    knots = np.searchsorted(samples.interval, np.arange(plan.n_knots - 1))
+    check_dynamics(plan, centre[knots], model.mass_kg, model.inertia(states, 0), findings)
+    net = (feet.force.sum(axis=1), np.zeros_like(centre)) if point else None
+    shared, left = shared_load(feet, centre, net, robot.control.twist_length_m)
+    check_between_knots(plan, shared, left, loads, scene, findings)
+    shared = on_pads(shared, pad_radius_m) if point else shared
+    report.largest_torque = check_torques(shared, motions, model, plan.gravity_w, findings)
+    limbs = [limb_parts(samples, limb, i, motions[i], pad_radius_m) for i, limb in enumerate(model.limbs)]
     body = body_parts(samples, model.body)
     check_clearance(samples, plan.cuboids, limbs, body, point_model=point, findings=findings)
-    check_limb_clearance(samples, limbs, findings)
+    check_limb_clearance(samples, limbs, body, findings)

@@ -1,4 +1,6 @@
-"""The equations of motion at the knots: (8a), (8b) with the moment about the centre of mass, explicit Euler with dt."""
+"""The equations of motion at the knots: (8a), (8b) with the moment about the centre of mass, limbs counted, explicit
+Euler with dt.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,12 @@ from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
 
-def check_dynamics(plan: PlanArrays, mass_kg: float, inertia_b: Array, findings: Findings) -> None:
-    """Residuals over the intervals [k, k + 1): M r'' = sum f + M g, I w' + w x I w = R^T sum ((p - r) x f + m),
+def check_dynamics(plan: PlanArrays, centre_w_m: Array, mass_kg: float, inertia_b: Array, findings: Findings) -> None:
+    """Residuals over the intervals [k, k + 1): M r'' = sum f + M g, I w' + w x I w = R^T sum ((p - c) x f + m),
     r and theta stepped by explicit Euler with omega_B = E(theta) theta'.
 
-    `inertia_b` is the composite inertia about the body's origin, axes of B, at the plan's first posture.
+    `centre_w_m` (K - 1, 3) is the whole robot's centre of mass c at the knots before the last one, `inertia_b` the
+    composite inertia about it, axes of B, at the plan's first posture.
     """
     dt, now, nxt = plan.dt_s, slice(0, -1), slice(1, None)
     times = plan.time_s[now]
@@ -33,7 +36,7 @@ def check_dynamics(plan: PlanArrays, mass_kg: float, inertia_b: Array, findings:
     balance = mass_kg * (acceleration - plan.gravity_w) - force
     findings.add_series("force_balance", np.abs(balance).max(axis=1), times, "N", tolerance=tolerances.FORCE_N)
 
-    arm = plan.finger_position[now] - plan.body_position[now][:, None, None, :]
+    arm = plan.finger_position[now] - centre_w_m[:, None, None, :]
     moment = (np.cross(arm, plan.finger_force[now]) + plan.finger_moment[now]).sum(axis=(1, 2))
     rotation = rotation_from_rpy(plan.body_rpy[now])
     moment_b = (rotation.swapaxes(1, 2) @ moment[..., None])[..., 0]

@@ -25,19 +25,22 @@ from crux_planner.checker.scene import Scene
 
 
 def corrected_wrenches(
-    samples: Samples, twist_length_m: float, point_model: bool, about_w_m: Array
+    samples: Samples, twist_length_m: float, about_w_m: Array, net: tuple[Array, Array] | None
 ) -> tuple[Array, Array, Array]:
     """Gripper forces and moments (T, 4, 3) after the least correction that balances the moment about the places
     `about_w_m` (T, 3) without changing the total force, and the residual (T,) [Nm] that no correction of the limbs in
-    stance removes.
+    stance removes. Point feet are given the total force and moment `net`, (T, 3) each, and no twists.
 
     `twist_length_m` weighs a twist [Nm] against a force [N], as the controller's own sharing of loads does.
     """
     force, moment, axis = (v.transpose(1, 2, 0) for v in (samples.force, samples.moment, samples.opening_axis))
     arm = (samples.gripper_position - about_w_m[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
+    point_model = net is not None
     share, directions = samples.load.T, 3 if point_model else 4
     lack = np.zeros((6, len(samples.time_s)))
-    lack[3:] = -sum(cross(arm[limb], force[limb]) + moment[limb] for limb in range(4))
+    if net is not None:
+        lack[:3], lack[3:] = net[0].T - force.sum(axis=0), net[1].T
+    lack[3:] -= sum(cross(arm[limb], force[limb]) + moment[limb] for limb in range(4))
     effects = np.zeros((4, directions, 6, lack.shape[1]))  # of a force along each axis, and of a twist
     for limb in range(4):
         for i, along in enumerate(np.eye(3)):
@@ -74,22 +77,19 @@ _POOR_PIVOT = 1e-4
 
 
 def check_between_knots(
-    plan: PlanArrays,
-    samples: Samples,
-    loads: FingerLoads,
-    scene: Scene,
-    *,
-    twist_length_m: float,
-    findings: Findings,
+    plan: PlanArrays, shared: Samples, left: Array, loads: FingerLoads, scene: Scene, findings: Findings
 ) -> None:
-    """Blended wrenches: none on a limb whose load is zero, and a correction inside the limit surface everywhere."""
+    """Blended wrenches: none on a limb whose load is zero, and a correction inside the limit surface everywhere.
+
+    `shared` has the corrected wrenches, `left` (T,) [Nm] is what no correction removes.
+    """
+    samples, force, moment = shared, shared.force, shared.moment
     for limb in range(4):
-        stray = np.where(samples.load[:, limb] <= 0.0, np.linalg.norm(samples.force[:, limb], axis=1), -np.inf)
+        stray = np.where(samples.load[:, limb] <= 0.0, np.linalg.norm(force[:, limb], axis=1), -np.inf)
         findings.add_series(
             "air_force_between_knots", stray, samples.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb
         )
     point_model = scene.point_model
-    force, moment, left = corrected_wrenches(samples, twist_length_m, point_model, samples.body_position)
     findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m", tolerance=tolerances.MOMENT_NM)
     for limb in range(4):
         at = samples.interval

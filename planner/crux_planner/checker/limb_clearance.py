@@ -1,4 +1,5 @@
-"""Limbs keep off each other: links, palms and fingers of one against those of another, along the whole way.
+"""Limbs keep off each other and off the body: links, palms and fingers of one against those of another, along the whole
+way.
 
 Only what may be a violation, or the tightest place of all, is measured: boxes around the parts settle the rest.
 """
@@ -23,21 +24,28 @@ from crux_planner.checker.sampling import Samples
 Indices = NDArray[np.int_]
 
 
-def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Findings) -> None:
-    """Every part of every limb (in limb order) against every part of every other one."""
-    limbs = [_Limb(of_limb) for of_limb in parts]
-    pairs = [_Pair(first, second, _apart(first.extent, second.extent)) for first, second in combinations(limbs, 2)]
+def check_limb_clearance(samples: Samples, limbs: list[list[Part]], body: list[Part], findings: Findings) -> None:
+    """Every part of every limb (in limb order) against every part of every other one, and of the body but what turns on
+    it.
+    """
+    sides = [*combinations(limbs, 2), *(([part for part in limb if not part.on_body], body) for limb in limbs)]
+    names = [*combinations(range(len(limbs)), 2), *((limb, None) for limb in range(len(limbs)))]
+    groups = [(_Limb(first), _Limb(second)) for first, second in sides if first and second]
+    pairs = [_Pair(first, second, _apart(first.extent, second.extent)) for first, second in groups]
     sure = max(0.0, tolerances.MOVING_CLEARANCE_M - tolerances.LENGTH_M)  # closer than this is a violation
     least = min((float(pair.far.min(initial=np.inf)) for pair in pairs), default=np.inf)
     for pair in pairs:
         least = min(least, float(pair.measured(*pair.middles()).min(initial=np.inf)))
-    for (first, second), pair in zip(combinations(range(len(parts)), 2), pairs, strict=True):
+    named = [name for name, (first, second) in zip(names, sides, strict=True) if first and second]
+    for (first, second), pair in zip(named, pairs, strict=True):
         gap, closest = pair.gaps(max(least, sure))
         need = np.where(np.isfinite(gap), tolerances.MOVING_CLEARANCE_M - gap, -np.inf)
         what, worst = "", closest[int(np.argmax(need))]
+        whose = "the body" if second is None else LIMB_NAMES[second]
         if worst >= 0:
-            i, j = divmod(int(worst), len(parts[second]))
-            what = f"{parts[first][i].kind} to {parts[second][j].kind} of {LIMB_NAMES[second]}"
+            i, j = divmod(int(worst), len(pair.second.parts))
+            part = "" if second is None else f"{pair.second.parts[j].kind} of "
+            what = f"{pair.first.parts[i].kind} to {part}{whose}"
         findings.add_series(
             "clearance_limbs",
             need,
@@ -45,7 +53,7 @@ def check_limb_clearance(samples: Samples, parts: list[list[Part]], findings: Fi
             "m",
             tolerance=tolerances.LENGTH_M,
             limb=first,
-            detail=what or f"to {LIMB_NAMES[second]}",
+            detail=what or f"to {whose}",
         )
 
 

@@ -102,6 +102,12 @@ class Limb:
         return np.array([j.upper for j in self.joints])
 
     @cached_property
+    def on_body(self) -> frozenset[str]:
+        """Links up to the one that the first joint turns."""
+        first = next(i for i, joint in enumerate(self.chain) if joint.kind == "revolute")
+        return frozenset(joint.child for joint in self.chain[: first + 1])
+
+    @cached_property
     def _turns(self) -> list[tuple[Joint, Array, Array | None]]:
         """The chain's joints with the constant turn before each, to a frame whose z is the joint's axis, and the one
         back from there, transposed; None where the joint's own frame is such a one.
@@ -204,17 +210,14 @@ class WholeRobot:
         moments = [limb.first_moment(state) for limb, state in zip(self.limbs, states, strict=True)]
         return np.asarray((self.body.mass_kg * self.body.com_m + np.sum(moments, axis=0)) / self.mass_kg)
 
-    def inertia_about_body_origin(self, q_rad: Array, opening_m: Array) -> Array:
-        """Composite inertia (3, 3) about B's origin, axes of B, at joint angles (limbs, J) and openings (limbs,)."""
+    def inertia(self, states: list[ChainState], at: int) -> Array:
+        """Composite inertia (3, 3) about the centre of mass, axes of B, at sample `at` of states with fingers."""
         total = _about_origin(self.body, np.zeros(3), np.eye(3))
-        for i, limb in enumerate(self.limbs):
-            state = limb.forward(q_rad[i : i + 1], opening_m[i : i + 1])
+        for limb, state in zip(self.limbs, states, strict=True):
             for link in limb.links:
-                if link.name in state.link_position_m:
-                    total = total + _about_origin(
-                        link, state.link_position_m[link.name][0], state.link_rotation[link.name][0]
-                    )
-        return total
+                place, rotation = state.link_position_m[link.name][at], state.link_rotation[link.name][at]
+                total = total + _about_origin(link, place, rotation)
+        return total - _point_mass(self.mass_kg, self.centre_of_mass(states)[at])
 
 
 def axis_frame(axis: Array) -> Array:
@@ -260,9 +263,13 @@ def _read_model(
 
 
 def _about_origin(link: Link, position: Array, rotation: Array) -> Array:
-    com = position + rotation @ link.com_m
-    steiner = link.mass_kg * (com @ com * np.eye(3) - np.outer(com, com))
+    steiner = _point_mass(link.mass_kg, position + rotation @ link.com_m)
     return np.asarray(rotation @ link.inertia_kg_m2 @ rotation.T + steiner)
+
+
+def _point_mass(mass_kg: float, place: Array) -> Array:
+    """Inertia (3, 3) about the origin of a mass at a place (3,)."""
+    return np.asarray(mass_kg * (place @ place * np.eye(3) - np.outer(place, place)))
 
 
 def _vector(text: str | None, default: str) -> Array:

@@ -1,7 +1,7 @@
-"""The joint torques that the controller will ask for, as information beside the plan's own.
+"""The wrenches that the controller will make of the plan's, and the joint torques that these ask for.
 
-P1 has all mass at the body's origin; the controller shares the load anew about the true centre of mass, which the limbs
-pull some centimetres away from there. So a joint may be asked for more than the plan's wrenches need.
+Between the knots the body and a limb in the air move on under the plan's wrenches; the controller shares the load anew
+about the centre of mass. So a joint may be asked for more than the plan's wrenches need.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from crux_planner.checker import tolerances
 from crux_planner.checker.equilibrium import corrected_wrenches
-from crux_planner.checker.geometry import Array, turned, turned_back
+from crux_planner.checker.geometry import Array, turned_back
 from crux_planner.checker.kinematics import LimbMotion
 from crux_planner.checker.limb_model import WholeRobot
-from crux_planner.checker.report import PeakTorque
-from crux_planner.checker.sampling import Samples, on_pads
+from crux_planner.checker.report import Findings, PeakTorque
+from crux_planner.checker.sampling import Samples
 
 
 def along_plane(feet_w_m: Array, force_w: Array) -> Array:
@@ -39,30 +40,42 @@ def along_plane(feet_w_m: Array, force_w: Array) -> Array:
     return shared
 
 
-def largest_torque(
-    samples: Samples,
-    motions: list[LimbMotion],
-    robot: WholeRobot,
-    gravity_w: Array,
-    *,
-    twist_length_m: float,
-    pad_radius_m: float | None,
-) -> PeakTorque:
-    """The joint and moment that come closest to, or furthest beyond, what a joint can give.
+def shared_load(
+    samples: Samples, centre_w_m: Array, net: tuple[Array, Array] | None, twist_length_m: float
+) -> tuple[Samples, Array]:
+    """The samples with the wrenches that the controller makes of the plan's: balanced about the centre of mass
+    (T, 3) and, on feet, with what acts along the wall shared anew. And what no correction removes, (T,).
 
-    `pad_radius_m` is None for patch contacts, and that of the pads which point feet stand on.
+    `net` are the force and moment that point feet must have together; None for grasps, whose forces sum as planned.
     """
-    centre = samples.body_position + turned(samples.rotation, robot.centre_of_mass([m.state for m in motions]))
-    force, moment, _ = corrected_wrenches(samples, twist_length_m, pad_radius_m is not None, centre)
-    shared = replace(samples, force=force, moment=moment)
-    if pad_radius_m is not None:
-        shared = on_pads(replace(shared, force=along_plane(samples.gripper_position, force)), pad_radius_m)
+    force, moment, left = corrected_wrenches(samples, twist_length_m, centre_w_m, net)
+    if net is not None:
+        force = along_plane(samples.gripper_position, force)
+    return replace(samples, force=force, moment=moment), left
+
+
+def check_torques(
+    samples: Samples, motions: list[LimbMotion], robot: WholeRobot, gravity_w: Array, findings: Findings
+) -> PeakTorque:
+    """No joint is asked for more than it can give, with the shared wrenches in `samples` acting at the grippers'
+    centres; returns the joint and moment that come closest to that, or furthest beyond.
+    """
     gravity_b = turned_back(samples.rotation, gravity_w)
     torques = []
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
-        wrench_b = [turned_back(samples.rotation, part[:, index]) for part in (shared.force, shared.moment)]
+        wrench_b = [turned_back(samples.rotation, part[:, index]) for part in (samples.force, samples.moment)]
         torque = limb.gravity_torque(motion.state, gravity_b) + limb.contact_torque(motion.state, *wrench_b)
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
+        for joint, size in zip(limb.joints, torques[-1].T, strict=True):
+            findings.add_series(
+                "joint_torque_shared",
+                np.where(motion.reached, size - joint.effort, -np.inf),
+                samples.time_s,
+                "N m",
+                tolerance=tolerances.TORQUE_NM,
+                limb=index,
+                detail=joint.name,
+            )
     size = np.stack(torques)
     efforts = np.array([[joint.effort for joint in limb.joints] for limb in robot.limbs])
     i, row, j = np.unravel_index(int(np.argmax(size / efforts[:, None])), size.shape)

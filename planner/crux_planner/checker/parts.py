@@ -31,6 +31,7 @@ class Part:
     radius_m: float
     half_m: Array | None = None
     rotation: Array | None = None
+    on_body: bool = False  # it turns on the body by its first joint
 
     def at(self, some: NDArray[np.int_]) -> Part:
         """The part at some of the samples."""
@@ -74,7 +75,7 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
     parts = []
     for link in limb.links:
         if link.name not in slides and link.name != limb.gripper:
-            parts += _link_parts(samples, link, motion)
+            parts += _link_parts(samples, link, motion, on_body=link.name in limb.on_body)
             continue
         position, rotation, finger = gripper, hand, None
         if link.name in slides:
@@ -95,7 +96,7 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
     return parts
 
 
-def _link_parts(samples: Samples, link: Link, motion: LimbMotion) -> list[Part]:
+def _link_parts(samples: Samples, link: Link, motion: LimbMotion, *, on_body: bool) -> list[Part]:
     """A link's shapes as inverse kinematics has them."""
     if not (link.capsules or link.boxes):
         return []
@@ -105,10 +106,10 @@ def _link_parts(samples: Samples, link: Link, motion: LimbMotion) -> list[Part]:
     parts = []
     for capsule in link.capsules:
         start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
-        parts.append(Part("link", None, start, end, capsule.radius_m))
+        parts.append(Part("link", None, start, end, capsule.radius_m, on_body=on_body))
     for box in link.boxes:
         centre = position + turned_constant(rotation, box.centre_m)
-        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
+        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation), on_body))
     return parts
 
 

@@ -28,8 +28,9 @@ from crux_planner.model.contacts import (
 )
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
-from crux_planner.model.limits import SwingLimits, limb_masses
-from crux_planner.model.mass import composite_inertia
+from crux_planner.model.limb import limb_masses
+from crux_planner.model.limits import SwingLimits
+from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
@@ -93,6 +94,7 @@ def build_problem(
         weights=weights_of(scenario, Weights()),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        body_moment_kg_m=body_moment(robot),
         limb_shape=limb_shape(robot),
         torque_limits_Nm=torque_share * effort,
         last_torques_Nm=last_torque_share * effort,
@@ -219,29 +221,25 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
             yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
             centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
             contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
-            grips.append(Grip(contact.from_above, aside, (low, high)))
+            grips.append(Grip(contact, aside, (low, high)))
     return grips
 
 
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    faces = slice(2 * pair, 2 * pair + 2)
-    spiny, friction = hold.spines[faces], hold.friction[faces]
-    alike = min(friction) == max(friction) and min(spiny) == max(spiny)
-    spines = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    faces = [2 * pair + int(swapped), 2 * pair + int(not swapped)]  # of fingers 1 and 2
+    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
     return Contact(
         hold=index,
         pair=pair,
-        finger1_face=2 * pair + int(swapped),
+        finger1_face=faces[0],
         yaw_rad=yaw,
         centre_w_m=centre,
         separation_m=hold.size_m[pair],
-        friction=min(friction),
-        spine_shear_N=spines[0] * min(spiny),
-        spine_twist_Nm=spines[1] * min(spiny),
+        friction=np.array([hold.friction[face] for face in faces]),
+        spines=np.outer([hold.spines[face] for face in faces], [shear_N, shear_N, twist_Nm]),
         open_m=opening,
-        better=None if alike else (max(friction), spines[0] * max(spiny), spines[1] * max(spiny)),
     )
 
 
@@ -278,7 +276,7 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
 
 
 def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
-    """Inertia about the body's origin in the posture of the start."""
+    """Inertia about the centre of mass in the posture of the start."""
     rotation = rotation_from_rpy(start.rpy_rad)
     positions: dict[str, float] = {}
     for limb, grasp in zip(robot.limbs, grasps, strict=True):

@@ -1,8 +1,9 @@
-"""Composite inertia and centre of mass of the whole robot from its description."""
+"""Composite inertia and centre of mass of the whole robot: from its description, or from poses of body and grippers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -10,11 +11,53 @@ from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.limb import Vector, combined, placed
+
+if TYPE_CHECKING:
+    from crux_planner.model.problem import CentroidalProblem
+
+_STEP = 1e-30  # of complex differentiation: exact to rounding
+
+
+def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vector, Vector]]) -> Vector:
+    """Centre of mass of the whole robot with its grippers upright on the wall: their z axis `up`, and the centre and
+    opening axis of each; all in the body frame, of whatever numbers model.limb takes.
+    """
+    x, y, z = problem.body_moment_kg_m.tolist()
+    total: Vector = (x, y, z)
+    for limb, (gripper, along) in zip(problem.limb_masses, hands, strict=True):
+        total = combined((1.0, total), (1.0, placed(limb, gripper, up, along).first_moment()))
+    return combined((1.0 / problem.mass_kg, total))
+
+
+def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
+    """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
+    to_w = rotation_from_rpy(poses[..., 3:])
+    to_b = to_w.swapaxes(-1, -2)
+    places = np.einsum("...ij,...lj->l...i", to_b, hands[..., :3] - poses[..., None, :3])
+    axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
+    axes = np.einsum("...ij,...lj->l...i", to_b, axes)
+    centre = centre_in_body(
+        problem, _parts(to_b[..., 2]), [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
+    )
+    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, np.stack(centre, axis=-1))
+    return found
+
+
+def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, Array]:
+    """`centres_of_mass` (n, 3) of poses (n, 6), and their derivatives (n, 3, 6) by the poses."""
+    moved = poses + 1j * _STEP * np.eye(6)[:, None]
+    found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
+    return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
+
+
+def _parts(v: Any) -> Vector:
+    return v[..., 0], v[..., 1], v[..., 2]
 
 
 def composite_inertia(robot: Robot, positions: dict[str, float]) -> Array:
-    """(3, 3) about the body frame's origin, in its axes, at joint positions by name (rad or m)."""
-    total = np.zeros((3, 3))
+    """(3, 3) about the centre of mass, in the body's axes, at joint positions by name (rad or m)."""
+    total = -_point_mass(robot.total_mass_kg, centre_of_mass(robot, positions))
     for link, origin, rotation in _placed_links(robot, positions):
         total += _about_origin(link, origin, rotation)
     return total
@@ -27,6 +70,12 @@ def centre_of_mass(robot: Robot, positions: dict[str, float]) -> Array:
         moment += link.mass_kg * (origin + rotation @ np.array(link.com_m))
     place: Array = moment / robot.total_mass_kg
     return place
+
+
+def body_moment(robot: Robot) -> Array:
+    """(3,) mass times place of the body link's centre of mass, in its frame."""
+    body = robot.urdf.links[robot.body_link]
+    return body.mass_kg * np.array(body.com_m)
 
 
 def _placed_links(robot: Robot, positions: dict[str, float]) -> Iterator[tuple[Link, Array, Array]]:
@@ -55,7 +104,12 @@ def _place(joint: Joint, position: float, origin: Array, rotation: Array) -> tup
 
 def _about_origin(link: Link, origin: Array, rotation: Array) -> Array:
     xx, xy, xz, yy, yz, zz = link.inertia_kg_m2
-    own = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
-    com = origin + rotation @ np.array(link.com_m)
-    inertia: Array = own + link.mass_kg * (com @ com * np.eye(3) - np.outer(com, com))
+    own: Array = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+    own += _point_mass(link.mass_kg, origin + rotation @ np.array(link.com_m))
+    return own
+
+
+def _point_mass(mass_kg: float, place: Array) -> Array:
+    """Inertia about the origin of a mass at a place (3,)."""
+    inertia: Array = mass_kg * (place @ place * np.eye(3) - np.outer(place, place))
     return inertia

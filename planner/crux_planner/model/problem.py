@@ -17,7 +17,8 @@ from crux_planner.model.schedule import SpeedLimits
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact, GripperShape
     from crux_planner.model.cuboids import Cuboids
-    from crux_planner.model.limits import LimbMasses, SwingLimits
+    from crux_planner.model.limb import LimbMasses
+    from crux_planner.model.limits import SwingLimits
     from crux_planner.model.shapes import LimbShape
     from crux_planner.model.workspace import AcceptanceBoxes
 
@@ -112,7 +113,9 @@ class CentroidalProblem:
     dt_s: float
     gravity_w: Array
     mass_kg: float
-    inertia_b: Array
+    inertia_b: Array  # about the centre of mass, in the posture of the start
+    limb_masses: tuple[LimbMasses, ...]
+    body_moment_kg_m: Array  # (3,) mass times place of the body link's centre of mass, body frame
     start: Pose
     goal: Goal
     boxes: AcceptanceBoxes  # (9a) of grippers or foot points
@@ -135,7 +138,6 @@ class Problem(CentroidalProblem):
     shape: GripperShape
     swing: SwingLimits
     friction_share: float  # of the limit surface that a plan may use
-    limb_masses: tuple[LimbMasses, ...]
     limb_shape: LimbShape
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin

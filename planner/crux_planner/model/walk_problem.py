@@ -16,7 +16,8 @@ from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
-from crux_planner.model.mass import centre_of_mass, composite_inertia
+from crux_planner.model.limb import limb_masses
+from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
 from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
@@ -71,6 +72,7 @@ class WalkProblem(CentroidalProblem):
     neutral_feet_b_m: Array  # (4, 2) where the centre of mass is the body's origin
     profile: MarginProfile
     opening_m: float  # of the fingers, all the time
+    pad_radius_m: float  # of the gripper's centre above the foot point
 
     @property
     def pendulum_s2(self) -> float:
@@ -78,14 +80,17 @@ class WalkProblem(CentroidalProblem):
         height = (self.start.position_m[2] + self.goal.body.position_m[2]) / 2
         return float(height / -self.gravity_w[2])
 
-    def centre_of_pressure(self, places: Array) -> Array:
-        """Places (N + 1, ...) at the knots, less what moving masses at them by their acceleration do to the centre of
-        pressure.
-        """
+    def centres_of_mass(self, poses: Array, feet: Array, yaws: Array) -> Array:
+        """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
+        above = feet + np.array([0.0, 0.0, self.pad_radius_m])
+        return centres_of_mass(self, poses, np.concatenate([above, yaws[..., None]], axis=2))
+
+    def limbs_inertia(self, places: Array) -> Array:
+        """What masses at places (N + 1, ...) at the knots do to the centre of pressure by their acceleration."""
         ahead = np.zeros_like(places)
         ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
-        centre_of_pressure: Array = places - self.pendulum_s2 / self.dt_s**2 * ahead
-        return centre_of_pressure
+        moved: Array = -self.pendulum_s2 / self.dt_s**2 * ahead
+        return moved
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
@@ -117,6 +122,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
         inertia_b=composite_inertia(robot, posture(robot, start, feet)),
+        limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
+        body_moment_kg_m=body_moment(robot),
         friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
         wall_friction=scenario.wall.friction,
         max_normal_N=scenario.contact.max_normal_N,
@@ -138,6 +145,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         weights=weights_of(scenario, WEIGHTS),
         profile=USUAL,
         opening_m=robot.gripper.opening_m[0],
+        pad_radius_m=robot.gripper.pad_radius_m,
         heading_rad=heading,
     )
     _check_start(scenario, problem)

@@ -1,4 +1,8 @@
-"""Equations (8a) and (8b): centroidal dynamics, explicit Euler, W-frame forces on the robot positive."""
+"""Equations (8a) and (8b): centroidal dynamics, explicit Euler, W-frame forces on the robot positive.
+
+Moments are about the centre of mass c of the whole robot, limbs counted, which follows from the poses of body and
+grippers; c accelerates as the body's origin does.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,9 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.mass import centre_in_body
+from crux_planner.model.problem import CentroidalProblem
+from crux_planner.model.walk_problem import WalkProblem
 
 WRENCH_INPUTS = 5  # q = (s1, s2, m, n1, n2) of one gripper, see physics.limit_surface
 
@@ -45,13 +52,33 @@ def next_pose(x: Any, dt: float) -> Any:
     return ca.vertcat(r + dt * v, theta + dt * euler_rates(theta, omega))
 
 
-def euler_step(x: Any, force: Any, moment_origin: Any, mass: float, inertia: Array, gravity: Array, dt: float) -> Any:
-    """The body state one step on, from the total force and its moment about W's origin (casadi)."""
-    r, theta, v, omega = x[0:3], x[3:6], x[6:9], x[9:12]
-    moment = rotation(theta).T @ (moment_origin - ca.cross(r, force))
-    acceleration = force / mass + gravity
-    angular = np.linalg.inv(inertia) @ (moment - ca.cross(omega, inertia @ omega))
-    return ca.vertcat(next_pose(x, dt), v + dt * acceleration, omega + dt * angular)
+def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any]) -> Any:
+    """(3,) in W for a body state and the grippers (x, y, z, yaw) (casadi)."""
+    to_b = rotation(x[3:6]).T
+
+    def parts(v: Any) -> tuple[Any, Any, Any]:
+        return v[0], v[1], v[2]
+
+    placed = []
+    for hand in hands:
+        axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
+        placed.append((parts(to_b @ (hand[0:3] - x[0:3])), parts(to_b @ axis)))
+    return x[0:3] + to_b.T @ ca.vertcat(*centre_in_body(problem, parts(to_b[:, 2]), placed))
+
+
+def on_feet(problem: WalkProblem, feet: Any, yaws: Any) -> list[Any]:
+    """Grippers (x, y, z, yaw) that stand on foot points (12) with yaws (4) (casadi)."""
+    above = ca.DM([0.0, 0.0, problem.pad_radius_m])
+    return [ca.vertcat(feet[3 * i : 3 * i + 3] + above, yaws[i]) for i in range(4)]
+
+
+def euler_step(x: Any, force: Any, moment_origin: Any, centre: Any, p: CentroidalProblem) -> Any:
+    """The body state one step on, from the total force and its moment about W's origin; `centre` is that of mass."""
+    v, omega = x[6:9], x[9:12]
+    moment = rotation(x[3:6]).T @ (moment_origin - ca.cross(centre, force))
+    acceleration = force / p.mass_kg + p.gravity_w
+    angular = np.linalg.inv(p.inertia_b) @ (moment - ca.cross(omega, p.inertia_b @ omega))
+    return ca.vertcat(next_pose(x, p.dt_s), v + p.dt_s * acceleration, omega + p.dt_s * angular)
 
 
 def static_map(centre: Array, normal: Array, tangent: Array) -> Array:

@@ -16,11 +16,14 @@ def euler_rates(theta: Array, omega_b: Array) -> Array:
     return np.stack([p + np.tan(pitch) * turning, np.cos(roll) * q - np.sin(roll) * r, turning / np.cos(pitch)], -1)
 
 
-def defects(problem: WalkProblem, body: Array, feet: Array, forces: Array) -> Array:
-    """(N, 12): body states (N + 1, 12) less what explicit Euler makes of feet (N + 1, 4, 3) and forces (N, 4, 3)."""
+def defects(problem: WalkProblem, body: Array, feet: Array, yaws: Array, forces: Array) -> Array:
+    """(N, 12): body states (N + 1, 12) less what explicit Euler makes of feet (N + 1, 4, 3), their yaws (N + 1, 4) and
+    forces (N, 4, 3).
+    """
     now, dt = body[:-1], problem.dt_s
     theta, omega = now[:, 3:6], now[:, 9:12]
-    moment = np.cross(feet[:-1] - now[:, None, :3], forces).sum(axis=1)
+    centre = problem.centres_of_mass(now[:, :6], feet[:-1], yaws[:-1])
+    moment = np.cross(feet[:-1] - centre[:, None], forces).sum(axis=1)
     turned = np.einsum("kba,kb->ka", rotation_from_rpy(theta), moment)
     inertia = problem.inertia_b
     spin = np.linalg.solve(inertia, (turned - np.cross(omega, omega @ inertia.T)).T).T

@@ -17,13 +17,12 @@ from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain
 from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.session import Climb, Session, Work, method_settings
-from crux_planner.pipeline.solve_and_check import finish, solve_and_check
+from crux_planner.pipeline.session import Session, Work, method_settings
+from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
+from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
-from crux_planner.swing.swing_cache import SwingCache
 
 QUICKEST = 10.0  # stances a second of the time limit are looked at for the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
@@ -45,8 +44,7 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         check_start(scenario, problem, equilibrium)
-        reach, swings = ReachableSet(problem), SwingCache(problem)
-    climb = Climb(**vars(session), problem=problem, equilibrium=equilibrium, reach=reach, swings=swings)
+        climb = Climb(**vars(session), **vars(Oracles.of(problem, equilibrium)))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
         return _plan_anyhow(climb) if climb.method == "auto" else _plan_by_method(climb)
@@ -111,7 +109,7 @@ def _plan_level(climb: Climb, quick: bool) -> PlanResult:
                 moves, seen = _search(climb, at_once, quick)
             if moves is not None:
                 return solve_and_check(climb, moves)
-            failures.append(explain(climb.problem, climb.equilibrium, climb.reach, climb.swings, seen, at_once))
+            failures.append(explain(climb, seen, at_once))
             return None
 
         climb = _within_torques(climb, climb.problem.friction_share)
@@ -150,7 +148,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     work = climb.work
     failures: list[InfeasibleError] = []
     aimed = climb.problem.aimed()
-    if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
+    if all(goal_contacts(climb.problem, climb.reachable, aimed.goal.aim_m)):
         climb = replace(climb, problem=aimed)
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError:
@@ -158,7 +156,9 @@ def _plan_by_method(climb: Climb) -> PlanResult:
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
             settings = method_settings(climb)
-            task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
+            task = Task(
+                problem=problem, equilibrium=equilibrium, reachable=climb.reachable, swings=climb.swings, **settings
+            )
             decided = METHODS[climb.method](task)
         knots = decided.knots
         reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
@@ -191,5 +191,4 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
     """The quickest moves if they are found with so much work, else any that are quick enough."""
     greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
-    oracles = climb.problem, climb.equilibrium, climb.reach, climb.swings
-    return search(*oracles, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)
+    return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)

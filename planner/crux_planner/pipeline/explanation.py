@@ -12,10 +12,10 @@ from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
-_LACKING_N = 0.01  # a balance that lacks less is met
+LACKING_N = 0.01  # a balance that lacks less is met
 
 
 def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
@@ -44,19 +44,13 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             "start.grasps",
             _stance_text(problem, stance),
             f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
-            f"{_counted(problem, stance)}; give the grasped faces more friction, or the body another place",
+            "; give the grasped faces more friction, or the body another place",
         )
 
 
-def explain(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    report: SearchReport,
-    at_once: int,
-) -> InfeasibleError:
+def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
     """Why the search found nothing."""
+    problem, equilibrium, reach, swings = oracles.problem, oracles.equilibrium, oracles.reachable, oracles.swings
     return (
         _goal_out_of_reach(problem, reach)
         or _chain_broken(problem, reach, swings)
@@ -144,7 +138,7 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
-        f"{max(lacking, _LACKING_N):.1f} N{_counted(problem, report.nearest)}",
+        f"{max(lacking, LACKING_N):.1f} N",
     )
 
 
@@ -165,18 +159,11 @@ def _lift_unbalanced(
         f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on "
         f"{_stance_text(problem, report.nearest, without=limb)}: "
         + (
-            f"friction and spines fall short by {lacking:.1f} N{_counted(problem, report.nearest)}"
-            if lacking >= _LACKING_N
+            f"friction and spines fall short by {lacking:.1f} N"
+            if lacking >= LACKING_N
             else "the joints are too weak for what friction would hold"
         ),
     )
-
-
-def _counted(problem: Problem, stance: Stance) -> str:
-    """What a shortage of force leaves out, where it leaves something out."""
-    if all(problem.contacts[c].better is None for c in stance):
-        return ""
-    return " with the lesser of a grip's two faces counted for both"
 
 
 def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:

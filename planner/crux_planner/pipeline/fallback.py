@@ -19,11 +19,11 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import Climb
+from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles
 from crux_planner.search.standing import clear_start
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
@@ -130,7 +130,7 @@ def _plan_aimed(
             work.cut_short = True
             return None
         with work.part("headings", 0.2):
-            headings = HeadingSearch(climb.problem, climb.reach, climb.swings, ends)
+            headings = HeadingSearch(climb.problem, climb.reachable, climb.swings, ends)
             moves, seen = headings.search(greed=GREED, deadline=until)
         work.cut_short |= seen.timed_out
         if moves is None:
@@ -150,7 +150,7 @@ def _plan_aimed(
         body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
         return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
 
-    wide = replace(climb, problem=problem, reach=ReachableSet(problem), swings=SwingCache(problem))
+    wide = replace(climb, **vars(Oracles.of(problem, climb.equilibrium)))
     return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0]
 
 

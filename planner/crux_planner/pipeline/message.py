@@ -126,7 +126,7 @@ def plan_message(
     none = np.zeros(WRENCH_INPUTS)
     q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
     axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
-    grips = [None if c is None else (c.hold, c.finger1_face, c.friction) for c in held]
+    grips = [None if c is None else (c.hold, c.finger1_face, float(c.friction.min())) for c in held]
     return _with_knots(plan, problem, solution.body, schedule.poses, finger_forces(q, axes, tangents), grips)
 
 

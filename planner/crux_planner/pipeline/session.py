@@ -16,10 +16,6 @@ from crux_planner.solvers import clock
 
 if TYPE_CHECKING:
     from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
-    from crux_planner.model.problem import Problem
-    from crux_planner.search.equilibrium import StaticEquilibrium
-    from crux_planner.search.stances import ReachableSet
-    from crux_planner.swing.swing_cache import SwingCache
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -70,16 +66,6 @@ class Session:
         """When (of clock.now) a share of the time left is over."""
         now = clock.now()
         return now + share * (self.deadline - now)
-
-
-@dataclass(frozen=True)
-class Climb(Session):
-    """A climb, with the oracles of its problem."""
-
-    problem: Problem
-    equilibrium: StaticEquilibrium
-    reach: ReachableSet
-    swings: SwingCache
 
 
 def method_settings(session: Session) -> dict[str, Any]:

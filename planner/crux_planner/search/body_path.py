@@ -19,9 +19,8 @@ from crux_planner.model.schedule import Move, Schedule
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles
 from crux_planner.solvers.qp import SparseQp
-from crux_planner.swing.swing_cache import SwingCache
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
@@ -29,17 +28,15 @@ _ANYWHERE_M = 100.0  # beyond any wall
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
-def smooth_events(
-    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache, moves: list[Move]
-) -> list[Move]:
+def smooth_events(oracles: Oracles, moves: list[Move]) -> list[Move]:
     """The same moves with all body positions at lift-off and touch-down chosen together: short way, low wrenches."""
     if not moves:
         return moves
-    qp = SparseQp()
+    problem, equilibrium, swings, qp = oracles.problem, oracles.equilibrium, oracles.swings, SparseQp()
     path: list[Indices] = []
     for move in moves:
         for stance in (move.before, move.after):
-            bounds = reach.turned(move.yaw_rad).of(stance)
+            bounds = oracles.reachable.turned(move.yaw_rad).of(stance)
             assert bounds is not None
             path.append(_position(qp, equilibrium, *bounds, move.support, rotation_z(move.yaw_rad))[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]

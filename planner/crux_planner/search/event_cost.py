@@ -15,17 +15,15 @@ import numpy as np
 import scipy.linalg as la
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.physics.reach import body_positions, turned_half
 from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
-from crux_planner.search.stances import REACH_RESERVE_M, ReachableSet
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
+from crux_planner.search.stances import REACH_RESERVE_M, Oracles
 from crux_planner.solvers.qp import Entries, SparseQp
-from crux_planner.swing.swing_cache import SwingCache
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
@@ -95,16 +93,16 @@ class Estimate:
 class EventCost:
     """Estimates of one problem; what belongs to one stance or swing is kept."""
 
-    def __init__(
-        self, problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache
-    ) -> None:
-        self.problem, self.equilibrium, self.reach, self.swings = problem, equilibrium, reach, swings
+    def __init__(self, oracles: Oracles) -> None:
+        problem, equilibrium = oracles.problem, oracles.equilibrium
+        self.problem, self.equilibrium = problem, equilibrium
+        self.reach, self.swings = oracles.reachable, oracles.swings
         self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
         turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
         self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
-        self._directions, _, _ = polytope_directions(problem.patch.k_m)
+        self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
         self._grips: dict[tuple[int, ...], _Grips] = {}
@@ -297,17 +295,19 @@ class EventCost:
 
     def _gripped(self, support: tuple[int, ...]) -> _Grips:
         bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, FORCE_BOUND_N])
-        equilibrium, count = self.equilibrium, len(self._load)
+        equilibrium = self.equilibrium
         limits, balance = [], []
         right: list[Any] = []
         lows: list[Any] = []
         for contact in support:
+            surfaces, press_N = equilibrium.limits[contact], equilibrium.press_N[contact]
+            rows_of_grip, right_of_grip = grip_rows(surfaces, self._directions, self._load, press_N)
+            count = len(self._load) * len(surfaces)
             rows = np.zeros((count + 4, _WRENCH))
-            rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * equilibrium.friction[contact]
+            rows[:count, [0, 1, 2, 3, 5 if len(surfaces) == 1 else 4]] = rows_of_grip[:count]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
             limits.append(rows)
-            right += [equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]]
+            right += [right_of_grip[:count], [0.0, 0.0], press_N]
             least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
             lows += [-bound[:4], [0.0, least]]
             balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))

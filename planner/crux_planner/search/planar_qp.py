@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.gait import Gait, nominal_footholds, progress
+from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import (
@@ -67,7 +68,7 @@ class FlatQp:
         first[k, k], first[k, k + 1] = -1.0 / dt, 1.0 / dt
         # variables: the body's of every knot, then loads, then footholds
         self._at_loads = 5 * (n + 1)
-        motion = self.height / self.across * self._second - np.eye(n, n + 1)
+        motion = self.height / self.across * self._second - (1.0 - 4 * problem.limbs_share) * np.eye(n, n + 1)
         tilting = self._second * np.diag(problem.inertia_b)[[1, 0], None, None] / self.weight_N
         rows, columns, values = [], [], []
         for axis, (turn, sign) in enumerate(((3, 1.0), (2, -1.0))):
@@ -118,13 +119,19 @@ class FlatQp:
         even = stance / stance.sum(axis=1, keepdims=True)
         # loads sum to the weight; (8a), (8b) linear about even loads on nominal footholds
         load = at_l + np.arange(count)
-        carried = np.einsum("ki,kij->kj", even, blend[:n])
+        follow = problem.limbs_share  # of the centre of mass, each foot
+        carried = np.einsum("ki,kij->kj", even - follow, blend[:n])
         here, which = np.nonzero(carried)
         rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
         columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
         values = [np.ones(count), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
         equal = _matrix(rows, columns, values, (3 * n, size))
-        lean = self.height / self.across * problem.gravity_w[:2] + carried @ nominal
+        way = np.interp(np.arange(n), *progress(problem, gait))
+        neutral = rotation_z(way * float(problem.goal.body.rpy_rad[2]))[:, :2, :2] @ problem.neutral_feet_b_m.sum(
+            axis=0
+        )
+        lean = self.height / self.across * problem.gravity_w[:2] + np.einsum("ki,kij->kj", even, blend[:n]) @ nominal
+        lean += follow * (fixed[:n].sum(axis=1) - neutral)
         right = np.concatenate([np.ones(n), lean.ravel()])
         weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
         others = np.arange(at_l, size)
@@ -197,7 +204,7 @@ class FlatQp:
         c, s = np.cos(yaw), np.sin(yaw)
         turned = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)[1:]
         self._reach(rows, blend, fixed, yaw, turned, at_h)
-        self._three_feet(rows, gait, (k, i), blend, fixed, whole @ nominal, turned, at_h)
+        self._three_feet(rows, gait, (k, i), blend, fixed, whole @ nominal, at_h)
         step_rows(rows, problem, gait, nominal, at_h)
         apart_rows(rows, blend, fixed, at_h)
         return rows.all(size, zeros=True)
@@ -230,10 +237,9 @@ class FlatQp:
         blend: Array,
         fixed: Array,
         feet: Array,
-        turned: Array,
         at_h: int,
     ) -> None:
-        """The limbs' mass on three feet; the same feet when the body has moved on to the next knot."""
+        """Loads on three feet as the limbs' mass accelerates, and when the body has moved on to the next knot."""
         problem, n = self.problem, self.problem.steps
         number = np.full((n, 4), -1)
         number[places] = np.arange(len(places[0]))
@@ -242,26 +248,25 @@ class FlatQp:
         corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
         shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
         spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
-        neutral = np.einsum("kba,b->ka", turned[np.maximum(three - 1, 0)], problem.neutral_feet_b_m.sum(axis=0))
-        together = problem.centre_of_pressure(blend.sum(axis=1))[three]
+        together = problem.limbs_inertia(blend.sum(axis=1))[three]
         seen, j = np.nonzero(together)
         for corner in range(3):
             row = 3 * np.arange(len(three)) + corner
             rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
             for b in (0, 1):
-                rows.entries(row, 5 * three + b, -4 * spread[:, corner, b])
                 rows.entries(row[seen], at_h + 2 * j + b, spread[seen, corner, b] * together[seen, j])
                 for ahead, share in enumerate((1.0, -2.0, 1.0)):
                     value = 4 * share * inertia * spread[:, corner, b]
                     rows.entries(row, 5 * np.minimum(three + ahead, n) + b, value)
-        known = np.einsum("kab,kb->ka", spread, problem.centre_of_pressure(fixed.sum(axis=1))[three] - neutral)
+        known = np.einsum("kab,kb->ka", spread, problem.limbs_inertia(fixed.sum(axis=1))[three])
         rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
         for corner in range(3):
             row = 3 * np.arange(len(three)) + corner
             rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
             for b in (0, 1):
-                rows.entries(row, 5 * three + b, -shift[:, corner, b])
-                rows.entries(row, 5 * three + 5 + b, shift[:, corner, b])
+                moved = (1.0 - 4 * problem.limbs_share) * shift[:, corner, b]
+                rows.entries(row, 5 * three + b, -moved)
+                rows.entries(row, 5 * three + 5 + b, moved)
         rows.close(_MOVED_SHARE * problem.profile.least_share, np.inf, 3 * len(three))
 
 

@@ -123,11 +123,26 @@ def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> li
     return tables
 
 
+@dataclass(frozen=True, kw_only=True)
+class Oracles:
+    """A climb's problem, and what answers the questions of its search and keeps the answers."""
+
+    problem: Problem
+    equilibrium: StaticEquilibrium
+    reachable: ReachableSet
+    swings: SwingCache
+
+    @classmethod
+    def of(cls, problem: Problem, equilibrium: StaticEquilibrium | None = None) -> Oracles:
+        """New ones; balance is within the problem's share of friction."""
+        equilibrium = equilibrium or StaticEquilibrium(problem, problem.friction_share)
+        return cls(
+            problem=problem, equilibrium=equilibrium, reachable=ReachableSet(problem), swings=SwingCache(problem)
+        )
+
+
 def search(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
+    oracles: Oracles,
     *,
     at_once: int,
     greed: float,
@@ -141,7 +156,7 @@ def search(
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
     and after `most` stances.
     """
-    tree = _Tree(problem, equilibrium, reach, swings, at_once, greed)
+    tree = _Tree(oracles, at_once, greed)
     report = tree.report
     while tree.open and not report.timed_out:
         cost, stance, body = tree.next()
@@ -153,7 +168,7 @@ def search(
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead
             report.lifts_without_balance.clear()
-        if ahead < 1e-9 and _ends_well(problem, equilibrium, reach, stance):
+        if ahead < 1e-9 and _ends_well(oracles, stance):
             return tree.moves_to(stance), report
         report.expanded += 1
         report.timed_out = report.expanded > most or clock.now() > deadline
@@ -164,18 +179,11 @@ def search(
 class _Tree:
     """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        equilibrium: StaticEquilibrium,
-        reach: ReachableSet,
-        swings: SwingCache,
-        at_once: int,
-        greed: float,
-    ) -> None:
-        self.equilibrium, self.reach, self.swings = equilibrium, reach, swings
+    def __init__(self, oracles: Oracles, at_once: int, greed: float) -> None:
+        problem, swings = oracles.problem, oracles.swings
+        self.equilibrium, self.reach, self.swings = oracles.equilibrium, oracles.reachable, swings
         self.report = SearchReport()
-        self._to_go, self._at_once, self._greed = costs_to_go(problem, reach, swings), at_once, greed
+        self._to_go, self._at_once, self._greed = costs_to_go(problem, self.reach, swings), at_once, greed
         self._links, self._goal = LinkClearance(problem, swings), problem.goal.body.position_m
         self._groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
         self._counter = itertools.count()
@@ -251,11 +259,11 @@ def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
     return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 
-def _ends_well(problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, stance: Stance) -> bool:
+def _ends_well(oracles: Oracles, stance: Stance) -> bool:
     """Whether the goal's body pose is in reach and in balance on a stance."""
-    bounds = reach.of(stance)
+    problem, bounds = oracles.problem, oracles.reachable.of(stance)
     if bounds is None:
         return False
     goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
     low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
-    return bool((low <= high).all()) and equilibrium.position(stance, low, high, goal) is not None
+    return bool((low <= high).all()) and oracles.equilibrium.position(stance, low, high, goal) is not None

@@ -14,8 +14,9 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.limb import JOINTS
 from crux_planner.model.problem import Problem
-from crux_planner.physics.torque import JOINTS, joint_torques
+from crux_planner.physics.torque import joint_torques
 from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt

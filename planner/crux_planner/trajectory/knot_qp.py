@@ -111,10 +111,9 @@ def _grip(qp: SparseQp, problem: Problem, equilibrium: StaticEquilibrium, contac
         [_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, equilibrium.max_normal_N, equilibrium.max_normal_N]
     )
     index = qp.variables(np.maximum(low, -free), np.minimum(high, free))
-    load = equilibrium.margin * equilibrium.reach * equilibrium.friction[contact]
-    for normal in (3, 4):
+    for normal, load, spine in zip((3, 4), equilibrium.load[contact], equilibrium.spine[contact], strict=True):
         rows = np.column_stack([equilibrium.directions, -load])
-        qp.below(rows, index[[0, 1, 2, normal]], equilibrium.spine[contact])
+        qp.below(rows, index[[0, 1, 2, normal]], spine)
     qp.squares(index[:, None], np.sqrt(wrench_weights(problem))[:, None], np.zeros(5), problem.weights.wrench)
     return index
 

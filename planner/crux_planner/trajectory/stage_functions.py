@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.mass import centres_and_slopes
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.cost import body_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.torque import interval_torques
@@ -32,9 +33,9 @@ _WRENCH = 6
 class Equations(NamedTuple):
     """The equations alone, as functions of casadi's columns."""
 
-    step: ca.Function  # (x, total)
+    step: ca.Function  # (x, total, hands)
     reach: ca.Function  # (x, grippers)
-    surface: ca.Function  # (u, friction)
+    surface: ca.Function  # (u, fingers)
     torques: list[ca.Function]  # (x, q, grasp) of each limb
     body_cost: ca.Function  # (x)
     column_cost: ca.Function  # (u)
@@ -63,12 +64,21 @@ class StageFunctions:
     def equations(self) -> Equations:
         """The same for a solver that differentiates by itself."""
         torques = [mapped.equation for mapped in self._torque_values]
-        step, reach, surface = self._step.equation, self._reach.equation, self._surface.equation
+        x, total, hands = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("hands", 16)))
+        centre = centre_of_mass(self.problem, x, ca.vertsplit(hands, 4))
+        after = euler_step(x, total[0:3], total[3:6], centre, self.problem)
+        step = ca.Function("step", [x, total, hands], [after])
+        reach, surface = self._reach.equation, self._surface.equation
         return Equations(step, reach, surface, torques, self._body_cost.equation, self._column_cost.equation)
 
-    def step(self, x: Array, total: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), (n, 12)."""
-        found: tuple[Array, Array, Array, Array, Array] = self._step(x, total, multiplier)
+    def step(self, x: Array, total: Array, hands: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
+
+        Second derivatives take the centre of mass as linear in the pose.
+        """
+        centre, slope = centres_and_slopes(self.problem, x[:, :POSE], hands.reshape(-1, 4, 4))
+        slope = slope.swapaxes(1, 2).reshape(-1, 3 * POSE)  # casadi counts down the columns
+        found: tuple[Array, Array, Array, Array, Array] = self._step(x, total, centre, slope, x[:, :POSE], multiplier)
         return found
 
     def reach(self, x: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
@@ -76,9 +86,12 @@ class StageFunctions:
         found: tuple[Array, Array, Array] = self._reach(x, grippers, multiplier)
         return found
 
-    def surface(self, u: Array, friction: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Room (n, m) of (2) or its stand-in, derivatives (n, m, 8), Hessian (n, 8, 8)."""
-        found: tuple[Array, Array, Array] = self._surface(u, friction, multiplier)
+    def surface(self, u: Array, fingers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
+        """Slack (n, m) of (2) or its stand-in, finger 1's rows first, derivatives (n, m, 8), Hessian (n, 8, 8).
+
+        `fingers` (n, 4): friction of both, and 1 or 0 for those with and without spines.
+        """
+        found: tuple[Array, Array, Array] = self._surface(u, fingers, multiplier)
         return found
 
     def torque(self, limb: int, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
@@ -115,11 +128,13 @@ class StageFunctions:
     @cached_property
     def _step(self) -> _Mapped:
         p = self.problem
-        x, total, multiplier = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("l", BODY_STATES)))
-        step = euler_step(x, total[0:3], total[3:6], p.mass_kg, p.inertia_b, p.gravity_w, p.dt_s)
+        sizes = {"x": BODY_STATES, "w": 6, "c": 3, "slope": 3 * POSE, "at": POSE, "l": BODY_STATES}
+        x, total, centre, by_pose, at, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+        centre = centre + ca.reshape(by_pose, 3, POSE) @ (x[:POSE] - at)
+        step = euler_step(x, total[0:3], total[3:6], centre, p)
         slope = ca.gradient(ca.dot(multiplier, step), x)
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
-        return _function("step", [x, total, multiplier], [*outputs, ca.jacobian(slope, total)])
+        return _function("step", arguments, [*outputs, ca.jacobian(slope, total)])
 
     @cached_property
     def _reach(self) -> _Mapped:
@@ -131,14 +146,15 @@ class StageFunctions:
     @cached_property
     def _surface(self) -> _Mapped:
         p, scale = self.problem, self.scale
-        u, friction = ca.SX.sym("u", COLUMN), ca.SX.sym("friction")
-        loads = friction * u[3:5] * scale[3:]
-        slack = (
-            surface_slack(p.limit_surface, u[0:3] * scale[:3], u[5:8] * scale[:3], loads, p.patch.k_m) / FORCE_SCALE_N
+        u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 4)
+        loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
+        slack = ca.vertcat(
+            *[surface_slack(p.limit_surface, wrench, fingers[2 + i] * share, loads[i], p.patch.k_m) for i in (0, 1)]
         )
+        slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
-        return _function("surface", [u, friction, multiplier], [slack, ca.jacobian(slack, u), hessian])
+        return _function("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
     def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:

@@ -57,7 +57,8 @@ def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
 
 def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:
     """A walk as it is; `solved` where (8) holds."""
-    left = np.abs(defects(problem, knots.body, knots.feet(problem.step_height_m), knots.forces))
+    feet, yaws = knots.feet(problem.step_height_m), knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+    left = np.abs(defects(problem, knots.body, feet, yaws, knots.forces))
     moment = float((left[:, 9:12] @ np.abs(problem.inertia_b).T).max()) / problem.dt_s
     force = float(left[:, 6:9].max()) * problem.mass_kg / problem.dt_s
     place = float(left[:, :6].max())

@@ -187,13 +187,17 @@ class ContactQp:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        arms = feet[:n] - reference.body[:n, None, :3]
+        yaws = of.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
+        arms = feet[:n] - centre[:, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
         turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
         lever = np.einsum("kab,kibc->kiac", turn, skews(arms))  # (N, 4, 3, 3): angular acceleration per newton
-        total = reference.forces.sum(axis=1)
-        moved = np.einsum("kab,kibc->kiac", turn, skews(reference.forces))
+        # The centre of mass follows body and feet, each limb's mass its foot by `limbs_share`.
+        total = skews(reference.forces.sum(axis=1))
+        lean = (1.0 - 4 * problem.limbs_share) * turn @ total
+        moved = turn[:, None] @ (skews(reference.forces) - problem.limbs_share * total[:, None])
         rows = Entries()
         k, i = of.places.T
         rows.blocks(
@@ -205,13 +209,13 @@ class ContactQp:
         if self.moments:
             knots = np.arange(n)
             rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
-            rows.blocks(12 * knots + 9, 12 * knots, -dt * np.einsum("kab,kbc->kac", turn, skews(total)))
+            rows.blocks(12 * knots + 9, 12 * knots, -dt * lean)
             about = np.einsum("kiab,kij->kjab", moved[..., :2], of.blend[:n])
             for j in range(len(of.gait.steps)):
                 rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
             off = of.fixed[:n] - feet[:n, :, :2]
             constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
-            constant -= np.einsum("kab,kbc,kc->ka", turn, skews(total), reference.body[:n, :3])
+            constant -= np.einsum("kab,kb->ka", lean, reference.body[:n, :3])
             constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
             right[:, _MOMENT_OF_FORCE] = dt * constant
         return rows.matrix((BODY_STATES * n, of.size), self._euler).tocsr(), right, lever
@@ -277,8 +281,8 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """The limbs' mass on three feet; between the knots their cone, where they balance the body here and at the
-        next knot.
+        """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
+        here and at the next knot.
         """
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.gait
         number = np.full((n, 4), -1)
@@ -292,16 +296,16 @@ class ContactQp:
         weight = reference.forces[three, :, 2].sum(axis=1)
         for corner in range(3):
             rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-        rows.blocks(begin, 12 * three, -4 * pull)
         inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
         rows.blocks(begin, 12 * three + 18, inertia)
         rows.blocks(begin, 12 * three + 6, -inertia)
-        all_feet = problem.centre_of_pressure(of.blend.sum(axis=1))[three]
+        hanging = problem.limbs_inertia(of.blend.sum(axis=1))[three]
         for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * all_feet[:, j, None, None])
-        neutral = rotation_z(reference.body[three, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        known = np.einsum("kab,kb->ka", pull, problem.centre_of_pressure(of.fixed.sum(axis=1))[three] - neutral)
+            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
+        known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
         rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
+        neutral = rotation_z(reference.body[:, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
+        together, standing = of.blend.sum(axis=1), of.fixed.sum(axis=1) - neutral
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
@@ -310,8 +314,14 @@ class ContactQp:
                 place = number[three, on[:, corner]]
                 rows.blocks(begin + corner, of.at_f + 3 * place, cone[place, 0, None, :2])
                 rows.blocks(begin, of.at_f + 3 * place, height)
-            rows.blocks(begin, 12 * (three + ahead), -lean)
-            rows.close(-np.inf, (problem.wall_friction * weight[:, None] * level).ravel() - _CONE_RESERVE_N)
+            rows.blocks(begin, 12 * (three + ahead), -(1.0 - 4 * problem.limbs_share) * lean)
+            followed = problem.limbs_share * lean
+            for j in range(len(gait.steps)):
+                moved = -followed * together[three + ahead, j, None, None]
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), moved)
+            most = problem.wall_friction * weight[:, None] * level
+            most += np.einsum("kab,kb->ka", followed, standing[three + ahead])
+            rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""

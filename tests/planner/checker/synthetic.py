@@ -1,15 +1,19 @@
 """A small plan made by hand: RF swings to a hold higher up the wall while the body moves 20 mm.
 
-Wrenches come from a least-norm balance of forces and moments at every knot, written here from the equations and not
-with the planner or the checker. Everything a test needs to spoil is a field of the returned message.
+Wrenches come from a least-norm balance of forces and moments about the whole robot's centre of mass at every knot,
+written here from the equations, with pinocchio for the posture, and not with the planner or the checker. Everything a
+test needs to spoil is a field of the returned message.
 """
 
 from __future__ import annotations
 
 import hashlib
+from functools import cache
+from typing import Any
 
 import numpy as np
-from crux_contracts.robot import load_robot
+import pinocchio as pin
+from crux_contracts.robot import Limb, load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
 
 MASS_KG = 9.6
@@ -136,9 +140,46 @@ def _knot(k: int, x: float, speed: np.ndarray) -> plan_knot_t:
     return knot
 
 
+def centre_of_mass(knot: plan_knot_t) -> np.ndarray:
+    """Of the whole robot in W, with its grippers where the knot has them: inverse kinematics by pinocchio."""
+    model, data = _robot()
+    q = pin.neutral(model)
+    body = pin.SE3(pin.rpy.rpyToMatrix(*knot.body_rpy_rad), np.array(knot.body_position_w_m))
+    q[:7] = pin.SE3ToXYZQUAT(body)
+    for limb, wanted in zip(load_robot("scaler").limbs, knot.limbs, strict=True):
+        turn = pin.rpy.rpyToMatrix(0.0, 0.0, wanted.gripper_yaw_w_rad)
+        _reach(model, data, q, limb, pin.SE3(turn, np.array(wanted.gripper_position_w_m)))
+        for finger in limb.finger_joints:
+            q[model.joints[model.getJointId(finger)].idx_q] = wanted.finger_separation_m / 2
+    return np.array(pin.centerOfMass(model, data, q))
+
+
+@cache
+def _robot() -> tuple[Any, Any]:
+    model = pin.buildModelFromUrdf(str(load_robot("scaler").urdf_path), pin.JointModelFreeFlyer())
+    return model, model.createData()
+
+
+def _reach(model: Any, data: Any, q: np.ndarray, limb: Limb, wanted: Any) -> None:
+    """Newton's method from a bent elbow, by the frame's own Jacobian."""
+    frame = model.getFrameId(limb.gripper_link, pin.FrameType.BODY)
+    joints = [model.joints[model.getJointId(name)] for name in limb.joint_names]
+    at, by = [joint.idx_q for joint in joints], [joint.idx_v for joint in joints]
+    q[at] = [0.0, 0.6, 1.6, -0.6, 0.0, 0.0]
+    for _ in range(100):
+        pin.framesForwardKinematics(model, data, q)
+        error = pin.log6(data.oMf[frame].actInv(wanted)).vector
+        if np.abs(error).max() < 1e-11:
+            return
+        by_angle = pin.computeFrameJacobian(model, data, q, frame, pin.ReferenceFrame.LOCAL)[:, by]
+        step = np.linalg.solve(by_angle.T @ by_angle + 1e-9 * np.eye(6), by_angle.T @ error)
+        q[at] += step * min(1.0, 0.3 / np.abs(step).max())
+    raise AssertionError(f"{limb.name} does not reach")
+
+
 def _balance(knot: plan_knot_t, total_force: np.ndarray) -> None:
-    """Least-norm wrenches that give the body the total force and no moment about its centre."""
-    r = np.array(knot.body_position_w_m)
+    """Least-norm wrenches that give the robot the total force and no moment about its centre of mass."""
+    r = centre_of_mass(knot)
     stance = [limb for limb in knot.limbs if limb.phase == limb_knot_t.STANCE]
     up = np.array([0.0, 0.0, 1.0])
     columns = []

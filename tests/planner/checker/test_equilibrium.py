@@ -27,7 +27,7 @@ def arrays(plan: plan_t) -> PlanArrays:
 
 def test_corrected_wrenches_balance_about_the_moving_body() -> None:
     samples = sample(arrays(VALID))
-    force, moment, left = corrected_wrenches(samples, ROBOT.control.twist_length_m, False, samples.body_position)
+    force, moment, left = corrected_wrenches(samples, ROBOT.control.twist_length_m, samples.body_position, None)
     arm = samples.gripper_position - samples.body_position[:, None, :]
     np.testing.assert_allclose((np.cross(arm, force) + moment).sum(axis=1), 0.0, atol=1e-9)
     np.testing.assert_allclose(force.sum(axis=1), samples.force.sum(axis=1), atol=1e-9)
@@ -41,7 +41,7 @@ def test_the_correction_is_the_least_one() -> None:
     """Against NumPy's minimum-norm least squares at one moment in full stance."""
     samples, length = sample(arrays(VALID)), 0.03
     row = 5
-    force, moment, _ = corrected_wrenches(samples, length, False, samples.body_position)
+    force, moment, _ = corrected_wrenches(samples, length, samples.body_position, None)
     arm = samples.gripper_position[row] - samples.body_position[row]
     columns = []
     for limb in range(4):

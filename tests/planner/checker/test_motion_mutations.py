@@ -367,6 +367,10 @@ def test_wrong_format_and_sizes() -> None:
 
 
 def test_unused_moves_are_reported_nowhere() -> None:
-    """A change inside every limit is no violation: the swing passes 1 mm higher."""
-    report = broken(lambda p: move(p, RF, slice(5, 6), np.array([0.0, 0.0, 0.001])))
+    """A change inside every limit is no violation: in the air both fingers open 0.5 mm wider."""
+
+    def change(plan: plan_t) -> None:
+        plan.knots[5].limbs[RF].finger_separation_m += 0.001
+
+    report = broken(change)
     assert report.violations == []

@@ -33,23 +33,27 @@ def stand(slope_deg: float) -> plan_t:
     plan.gravity_w_m_s2 = synthetic.gravity_w(slope_deg).tolist()
     plan.max_normal_n, plan.goal_tolerance_m, plan.goal_tolerance_rad = 60.0, 0.01, float(np.deg2rad(3))
     columns = []
+    centre = synthetic.centre_of_mass(_knot(0.0, np.zeros((4, 3)), above=ROBOT.gripper.pad_radius_m))
     for x, y in FEET.values():
-        arm = np.array([x, y, -0.185])
+        arm = np.array([x, y, 0.0]) - centre
         columns += [np.concatenate([unit, np.cross(arm, unit)]) for unit in np.eye(3)]
     wanted = np.concatenate([-9.6 * synthetic.gravity_w(slope_deg), np.zeros(3)])
     forces = np.linalg.lstsq(np.array(columns).T, wanted, rcond=None)[0].reshape(4, 3)
-    for k in range(4):
-        knot = plan_knot_t()
-        knot.time_s, knot.body_position_w_m = 0.08 * k, [0.0, 0.0, 0.185]
-        for limb, (xy, force) in enumerate(zip(FEET.values(), forces, strict=True)):
-            foot = limb_knot_t()
-            foot.phase, foot.hold, foot.finger1_face, foot.friction = 0, -1, limb_knot_t.FACE_WALL, 0.6
-            foot.gripper_position_w_m = [*xy, 0.0]
-            foot.finger_force_w_n = [*force.tolist(), 0.0, 0.0, 0.0]
-            knot.limbs[limb] = foot
-        plan.knots.append(knot)
+    plan.knots = [_knot(0.08 * k, forces) for k in range(4)]
     plan.n_knots = 4
     return synthetic.sign(plan)
+
+
+def _knot(time_s: float, forces: np.ndarray, above: float = 0.0) -> plan_knot_t:
+    knot = plan_knot_t()
+    knot.time_s, knot.body_position_w_m = time_s, [0.0, 0.0, 0.185]
+    for limb, (xy, force) in enumerate(zip(FEET.values(), forces, strict=True)):
+        foot = limb_knot_t()
+        foot.phase, foot.hold, foot.finger1_face, foot.friction = 0, -1, limb_knot_t.FACE_WALL, 0.6
+        foot.gripper_position_w_m = [*xy, above]
+        foot.finger_force_w_n = [*force.tolist(), 0.0, 0.0, 0.0]
+        knot.limbs[limb] = foot
+    return knot
 
 
 def checked(plan: plan_t) -> CheckReport:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from crux_contracts.robot import Robot
 from crux_planner.model.kinematics import forward, inverse, limit_margin, rotation_from_rpy, rotation_z, wrap_near
-from crux_planner.model.mass import composite_inertia
+from crux_planner.model.limb import limb_masses
+from crux_planner.model.mass import body_moment, centres_and_slopes, centres_of_mass, composite_inertia
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 limbs = st.integers(0, 3)
+seeds = st.integers(0, 2**32 - 1)
 shares = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6).map(np.array)
 angles = st.floats(-np.pi, np.pi)
 
@@ -99,5 +103,37 @@ def test_composite_inertia_is_that_of_pinocchio(robot: Robot, share: np.ndarray)
         positions.update(dict.fromkeys(limb.finger_joints, 0.03))
     for name, value in positions.items():
         full[free.joints[free.getJointId(name)].idx_q] = value
-    spatial = pin.crba(free, data, full)[:6, :6]  # of the free body joint: the whole robot's, about its origin
-    np.testing.assert_allclose(composite_inertia(robot, positions), spatial[3:, 3:], atol=1e-9)
+    pin.ccrba(free, data, full, np.zeros(free.nv))
+    np.testing.assert_allclose(composite_inertia(robot, positions), data.Ig.inertia, atol=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=20, deadline=None)
+def test_centres_of_mass_from_gripper_poses_are_those_of_pinocchio(robot: Robot, seed: int) -> None:
+    """And their slopes are what small moves of the body make of them."""
+    random = np.random.default_rng(seed)
+    free = pin.buildModelFromUrdf(str(robot.urdf_path), pin.JointModelFreeFlyer())
+    data, full = free.createData(), pin.neutral(free)
+    pose = np.array([0.3, -0.2, 0.18, *random.uniform(-0.06, 0.06, 3)])
+    turn = rotation_from_rpy(pose[3:])
+    full[:7] = pin.SE3ToXYZQUAT(pin.SE3(turn, pose[:3]))
+    hands = []
+    for limb in robot.limbs:
+        place = limb.shoulder_b_m + np.sign(limb.shoulder_b_m) * random.uniform(0.12, 0.22, 3) * [0.3, 1.0, 0.0]
+        place[2] = -0.13
+        yaw = random.uniform(-0.4, 0.4)
+        q, reached = inverse(limb, place, turn.T @ rotation_z(yaw))
+        assert reached
+        hands.append([*(pose[:3] + turn @ place), yaw])
+        for name, value in zip([*limb.joint_names, *limb.finger_joints], [*q, 0.03, 0.03], strict=True):
+            full[free.joints[free.getJointId(name)].idx_q] = value
+    masses = SimpleNamespace(
+        mass_kg=robot.total_mass_kg,
+        limb_masses=[limb_masses(robot, limb) for limb in robot.limbs],
+        body_moment_kg_m=body_moment(robot),
+    )
+    at, slope = centres_and_slopes(masses, pose[None], np.array([hands]))
+    np.testing.assert_allclose(at[0], pin.centerOfMass(free, data, full), atol=1e-9)
+    step = 1e-6 * random.normal(size=6)
+    ends = [centres_of_mass(masses, (pose + sign * step)[None], np.array([hands]))[0] for sign in (-1.0, 1.0)]
+    np.testing.assert_allclose((ends[1] - ends[0]) / 2, slope[0] @ step, atol=1e-12)

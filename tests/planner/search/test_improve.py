@@ -12,13 +12,11 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import start_from_path
 from walls import ladder, scenario, two_rows
@@ -55,15 +53,11 @@ def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs:
     content = two_rows(all_limbs=all_limbs)
     content["planner"] = {"weights": weights or {}}
     problem = build_problem(scenario(content), robot)
-    equilibrium, reach, swings = (
-        StaticEquilibrium(problem, problem.friction_share),
-        ReachableSet(problem),
-        SwingCache(problem),
-    )
+    oracles = Oracles.of(problem)
     later = clock.now() + 30
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=later)
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
-    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
+    return Wall(problem, moves, EventCost(oracles))
 
 
 @pytest.fixture(scope="module")
@@ -160,12 +154,10 @@ def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None
 
 @pytest.fixture(scope="module")
 def route(robot: Robot) -> Wall:
-    problem = build_problem(scenario(ladder(8)), robot)
-    equilibrium, reach = StaticEquilibrium(problem, problem.friction_share), ReachableSet(problem)
-    swings = SwingCache(problem)
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    oracles = Oracles.of(build_problem(scenario(ladder(8)), robot))
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
-    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
+    return Wall(oracles.problem, moves, EventCost(oracles))
 
 
 def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route(route: Wall) -> None:
@@ -189,9 +181,7 @@ def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route
 
 
 def test_the_search_on_the_cost_ends_where_no_neighbour_is_better_also_on_a_long_route(route: Wall) -> None:
-    fresh = replace(
-        route, costs=EventCost(route.problem, route.costs.equilibrium, route.costs.reach, route.costs.swings)
-    )
+    fresh = replace(route, costs=EventCost(Oracles.of(route.problem)))
     much = improve(fresh.costs, route.moves, clock.now() + 300, work=10**8)
     usual = improve(route.costs, route.moves, clock.now() + 300)
     assert much is not None
