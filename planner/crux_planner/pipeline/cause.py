@@ -220,11 +220,11 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
             return f"with {LIMB_NAMES[limb]} at the goal"
     for move in way:
         swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
-        ends = [
+        gone = [
             f"{LIMB_NAMES[limb]} goes to {problem.hold_names[problem.contacts[move.after[limb]].hold]}"
             for limb in move.limbs
         ]
-        where = f"where {' and '.join(ends)}"
+        where = f"where {' and '.join(gone)}"
         bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
         if None in bounds or not climb.swings.free(swings, move.support):
             return where
