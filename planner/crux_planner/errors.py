@@ -10,14 +10,16 @@ if TYPE_CHECKING:
 
 
 TIME_LIMIT = "time limit"
+FOR_ALL_REACH = "for all that the limbs reach"
+"""What proofs and bounds of climbs are about: every place up to the joint limits, more than plans use."""
 FOR_ITS_REACH = "for the reach it plans with"
-"""What proofs and bounds are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
+"""What bounds of walks are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
 
 
 class InfeasibleError(Exception):
     """The scenario is well formed, but there is no plan; str() says which constraint cannot be met, and where.
 
-    `proven`: no plan exists with the planner's reach; else none was found. `undecided`: time ran out before that.
+    `proven`: no plan exists; else none was found. `undecided`: time ran out before that.
     """
 
     def __init__(self, constraint: str, message: str, *, proven: bool = False, undecided: bool = False) -> None:
@@ -37,7 +39,7 @@ class InfeasibleError(Exception):
     def verdict(self) -> str:
         """In words, for people."""
         if self.proven:
-            return f"proven infeasible {FOR_ITS_REACH}"
+            return f"proven infeasible {FOR_ALL_REACH}"
         return "undecided" if self.undecided else "infeasible"
 
     def out_of_time(self) -> InfeasibleError:
@@ -51,7 +53,7 @@ class InfeasibleError(Exception):
 
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` prints of it, beside the text."""
-        scope = FOR_ITS_REACH if self.proven else None
+        scope = FOR_ALL_REACH if self.proven else None
         said = {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
         return {**said, "relaxed": self.relaxed}
 

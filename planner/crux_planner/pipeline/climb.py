@@ -14,8 +14,8 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
-from crux_planner.pipeline.explanation import check_start, explain
-from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
+from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
@@ -52,42 +52,58 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
         late = work.cut_short or climb.late
-        reason = cause(climb, none, _steps_with) if climb.method == "auto" else none
+        reason = _cause(climb, none) if climb.method == "auto" else none
         raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+    """A level body, first with limbs in their boxes, then in all of their inner reach, then with other headings; where
+    the level search takes long, other headings before it goes on.
+    """
     work = climb.work
 
-    def level(quick: bool) -> PlanResult:
+    def level(climb: Climb, quick: bool) -> PlanResult:
         return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
 
     try:
-        return level(quick=True)
+        return level(climb, quick=True)
+    except InfeasibleError as none_near:
+        near = none_near
+    proof = disproved(climb, near)
+    climb = farther(climb)
+    try:
+        return level(climb, quick=True)
     except InfeasibleError as none_quick:
         none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(climb, none_level, solve_and_check)
+        return plan_wider(climb, none_level, proof, solve_and_check)
     try:
-        return plan_wider(climb, none_level, solve_and_check, share=WIDER_SHARE)
+        return plan_wider(climb, none_level, proof, solve_and_check, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
         if none_wider.proven or climb.late:
             raise
         work.bound = bound
-        return level(quick=False)
+        return level(climb, quick=False)
     finally:
         if bound is not None and work.bound is None:
             bound.stop()
 
 
+def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
+    """Why there is no plan; no want of reach where joint limits let a level body stand at the goal."""
+    reason = cause(farther(climb), none, _steps_with)
+    wants_reach = reason.constraint == "reach" and not reason.proven
+    stance = level_stance_at_goal(climb.problem, climb.robot) if wants_reach else None
+    return reason if stance is None else no_way_to(climb.problem, stance, reason)
+
+
 def _steps_with(longer: Climb) -> int | None:
     """The steps of a plan with a longer horizon, None where none is found."""
     try:
-        return _plan_level(longer, quick=True).steps
+        return _plan_level(farther(longer), quick=True).steps
     except InfeasibleError:
         found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE))
         return None if found is None else found[0].steps

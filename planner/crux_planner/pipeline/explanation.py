@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
@@ -24,9 +27,10 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     for limb, name in enumerate(LIMB_NAMES):
         contact = problem.contacts[problem.start_contacts[limb]]
         place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
-        centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
-        beyond = np.abs(place - centre) - half
-        if beyond.max() > 0:
+        widest = problem.limb_reach.inner
+        if problem.boxes.beyond(limb, place).max() > 0 and widest.beyond(limb, place).max() > 0:
+            centre, half = widest.centre_b_m[limb], widest.half_m
+            beyond = np.abs(place - centre) - half
             axis = int(np.argmax(beyond))
             low, high = centre[axis] - half[axis], centre[axis] + half[axis]
             raise wrong(
@@ -65,6 +69,40 @@ def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleE
     )
 
 
+def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
+    """Four holds that the joint limits themselves let a level body grip at its goal; None if there are none.
+
+    The body is looked at in the middle of the goal's tolerance and at the corners of a cube in it.
+    """
+    goal = problem.goal
+    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
+    holds = np.array([c.hold for c in problem.contacts])
+    corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])
+    for position in goal.body.position_m + goal.position_slack_m * corners:
+        place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
+        ends = []
+        for index, limb in enumerate(robot.limbs):
+            q, reached = inverse(limb, place, rotation_z(yaws))
+            held = goal.grasps.get(index)
+            ok = reached & (limit_margin(limb, q) >= 0.0)
+            ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
+            ok &= np.array([held in (None, (c.hold, c.pair)) for c in problem.contacts])
+            at = np.flatnonzero(ok)
+            ends.append(at[np.unique(holds[at], return_index=True)[1]].tolist())
+        for first, second, third, fourth in itertools.product(*ends):
+            if len(set(holds[[first, second, third, fourth]])) == len(LIMB_NAMES):
+                return first, second, third, fourth
+    return None
+
+
+def no_way_to(problem: Problem, stance: Stance, none: InfeasibleError) -> InfeasibleError:
+    """What to say instead of a want of reach where a level body could stand at the goal."""
+    held = _stance_text(problem, stance)
+    text = f"no sequence of contacts found to the goal, where joint limits let a level body hold {held}"
+    return InfeasibleError("contacts", text, undecided=none.undecided)
+
+
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:
     goal, slack = problem.goal.body.position_m, problem.goal.position_slack_m
     for limb, ends in enumerate(goal_contacts(problem, reach)):
@@ -78,8 +116,8 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         ]
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
-        low, high = reach.low[limb, usable], reach.high[limb, usable]
-        beyond = np.maximum(low - slack - goal, goal - slack - high).max(axis=1)
+        near, far = reach.around(goal, slack)
+        beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
         place = point_text(problem, goal)
@@ -98,9 +136,10 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             continue
         low, high = reach.low[limb], reach.high[limb]
         line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
+        along = line @ reach.shape.directions.T
         usable = problem.limb_contacts[limb]
         inside = (
-            ((line[:, None] >= low[usable] - 1e-9) & (line[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
+            ((along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
         )
         if not inside.all():
             first = int(np.argmin(inside))

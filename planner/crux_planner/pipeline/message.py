@@ -12,14 +12,13 @@ from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
 
-from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
-    from crux_planner.model.gait import Gait
     from crux_planner.model.problem import CentroidalProblem, Problem
     from crux_planner.model.schedule import Schedule
     from crux_planner.model.walk_problem import WalkProblem
@@ -74,7 +73,7 @@ class PlanResult:
         """What the gap is about: the plans that the bound of the cost is below."""
         if is_walk(self.plan):
             return f"{FOR_ITS_REACH}, its accelerations and single steps"
-        return f"{FOR_ITS_REACH}, its swings and its places on the holds"
+        return f"{FOR_ALL_REACH}, its swings and its places on the holds"
 
     @property
     def steps(self) -> int:
@@ -131,12 +130,13 @@ def plan_message(
 
 
 def walk_message(
-    scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution, method: str = "auto"
+    scenario: Scenario, robot: Robot, problem: WalkProblem, solution: WalkSolution, method: str = "auto"
 ) -> Any:
     """The plan of a walk, complete with its plan_id (msgs/PLAN.md, point feet)."""
     plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
     plan.max_normal_n = problem.max_normal_N
+    gait = solution.gait
     height, yaw = problem.step_height_m * gait.height, gait.yaw(float(problem.goal.body.rpy_rad[2]))
     opening = np.full(height.shape, problem.opening_m)
     poses = np.concatenate([gait.blend @ solution.footholds, np.stack([height, yaw, opening], axis=2)], axis=2)

@@ -177,5 +177,6 @@ class Planner:
 
 def _inside(values: Array, low: Array, high: Array) -> Array:
     """Values moved into bounds, with a little space where there is some."""
+    low, high = low[:3], high[:3]
     slack = np.minimum(_SLACK_M, (high - low) / 2)
     return np.clip(values, low + slack, high - slack)

@@ -25,6 +25,12 @@ MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
 _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
 
 
+def clipped(position: Array, low: Array, high: Array) -> Array:
+    """The position moved into bounds (m,) as far as these are along x, y and z."""
+    near: Array = np.clip(position, low[:3], high[:3])
+    return near
+
+
 class StaticEquilibrium:
     """Balance queries of one problem; contacts are indices into `problem.contacts`."""
 
@@ -48,13 +54,18 @@ class StaticEquilibrium:
         self._rows: dict[int, tuple[Array, Array]] = {}
 
     def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
-        """A body position in [low, high], near `wanted`, in balance on the contacts `support`; None if none exists."""
+        """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
+
+        Its bounds are along the directions of the problem's reach, or as many of these as are given, x, y and z first.
+        """
         self.queries += 1
         support = tuple(sorted(support))
         key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._known:
-            near = np.clip(wanted, low, high)
-            settled = self._least_norm_fits(support, near)
+            near = clipped(wanted, low, high)
+            along = self.problem.boxes.directions[3 : len(low)] @ near
+            inside = (along >= low[3:]).all() and (along <= high[3:]).all()
+            settled = inside and self._least_norm_fits(support, near)
             self._known[key] = near if settled else self._solve(support, low, high, wanted)
         return self._known[key]
 
@@ -77,7 +88,7 @@ class StaticEquilibrium:
         n = 3 + WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
-        low, high = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        low, high = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
@@ -140,8 +151,12 @@ class StaticEquilibrium:
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         if further is not None:
             rows, bounds = np.vstack([rows, further[0]]), np.concatenate([bounds, further[1]])
+        if len(low) > 3:
+            oblique = np.zeros((len(low) - 3, rows.shape[1]))
+            oblique[:, :3] = self.problem.boxes.directions[3 : len(low)]
+            rows, bounds = np.vstack([rows, oblique, -oblique]), np.concatenate([bounds, high[3:], -low[3:]])
         right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
-        lows, highs = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        lows, highs = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         qp = Qp(np.diag(cost), linear, (equilibrium, right), (rows, None, bounds), lows, highs, **_SETTINGS)
         found = qp.solve()
-        return np.clip(found.x[:3], low, high) if found.solved else None
+        return clipped(found.x[:3], low, high) if found.solved else None

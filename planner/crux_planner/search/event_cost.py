@@ -19,15 +19,16 @@ from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
-from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.body_path import SPEED_SHARE
+from crux_planner.physics.reach import body_positions
+from crux_planner.search.body_path import SPEED_SHARE, within
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
-from crux_planner.search.stances import REACH_RESERVE_M, Oracles
+from crux_planner.search.stances import Oracles
 from crux_planner.solvers.qp import Entries, SparseQp
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
 _AT_GOAL = 3  # knots, about, for which the body is at the goal rather than where the last stance is easiest
+_LEVEL = np.eye(3)
 _ABOUT = 1  # node beside what is different that an estimate near another solves again: the body meets its bounds
 _SOLVED = 10
 _SAME = 7  # digits [m] to which places of the body are the same
@@ -100,8 +101,6 @@ class EventCost:
         self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
-        turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
-        self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
         self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
@@ -169,7 +168,7 @@ class EventCost:
         grips: list[Indices] = []
         for i, node in enumerate(nodes):
             if free.start <= i < free.stop:
-                places.append(qp.variables(node.low, np.maximum(node.low, node.high)))
+                places.append(self._place(qp, node.low, node.high))
                 grips.append(self._carry(qp, places[-1], node.support, node.share))
             else:
                 at = fixed[0 if i < free.start else -1]
@@ -216,26 +215,30 @@ class EventCost:
         """Of the body's place on all four limbs; the lower above the upper where there is none."""
         key = (stance, last)
         if key not in self._reached:
-            low, high = self.reach.of(stance) or (np.ones(3), np.zeros(3))
+            nothing = np.ones(len(self.reach.shape.directions))
+            low, high = self.reach.of(stance) or (nothing, -nothing)
             if last:
-                goal, slack = self.problem.goal.body.position_m, self.problem.goal.position_slack_m
-                low, high = np.maximum(low, goal - slack), np.minimum(high, goal + slack)
+                near = self.reach.around(self.problem.goal.body.position_m, self.problem.goal.position_slack_m)
+                low, high = np.maximum(low, near[0]), np.minimum(high, near[1])
             self._reached[key] = low, high
         return self._reached[key]
+
+    def _place(self, qp: SparseQp, low: Array, high: Array) -> Indices:
+        return within(qp, self.reach.shape, low, np.maximum(low, high), _LEVEL)
 
     def _on_the_way(self, move: Move, air: int, knots: int) -> tuple[Array, Array]:
         """Bounds of the body's place `knots` after lift-off."""
         key = (move.before, move.after, air, knots)
         if key not in self._reached:
-            reach, boxes = self.reach, self.problem.boxes
+            reach = self.reach
             on = [limb for limb in range(4) if limb not in move.limbs]
             lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
             for limb in move.limbs:
                 swing = self.swings.swing(move.before[limb], move.after[limb])
                 assert swing is not None
-                low, high = body_positions(swing.poses(air)[knots, :3], boxes.centre_b_m[limb], self._half_m)
-                lows.append(low)
-                highs.append(high)
+                low, high = body_positions(swing.poses(air)[knots, None, :3], reach.shape)
+                lows.append(low[limb])
+                highs.append(high[limb])
             self._reached[key] = np.max(lows, axis=0), np.min(highs, axis=0)
         return self._reached[key]
 
@@ -258,7 +261,7 @@ class EventCost:
             solution = None
             if (low <= high + 1e-9).all():
                 qp = SparseQp()
-                self._carry(qp, qp.variables(low, np.maximum(low, high)), stance, 1.0)
+                self._carry(qp, self._place(qp, low, high), stance, 1.0)
                 solution = qp.solve()
             self._standing[key] = np.inf if solution is None else qp.value(solution)
         return self._standing[key]

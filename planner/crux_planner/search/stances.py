@@ -13,14 +13,13 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Move, Stance
-from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.physics.reach import body_positions, spread, turned
+from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
 from crux_planner.swing.link_clearance import LinkClearance
 from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
-_IN_PLANE = np.array([1.0, 1.0, 0.0])
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
@@ -50,10 +49,10 @@ class ReachableSet:
         turn = 0.0 if turn_rad is None and problem.turns else turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-        half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - problem.reach_reserve_m
+        self.shape, self._spread = turned(problem.boxes, turn, problem.reach_reserve_m), spread(problem.boxes)
         centres = np.stack([c.centre_w_m for c in problem.contacts])
-        bounds = [body_positions(centres, centre, half) for centre in problem.boxes.centre_b_m]
-        self.low, self.high = (np.stack([b[i] for b in bounds]) for i in (0, 1))  # (4, C, 3)
+        bounds = body_positions(centres[:, None], self.shape)
+        self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
         self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])
         self.high[..., 2] = np.minimum(self.high[..., 2], problem.body.height_m[1])
 
@@ -72,7 +71,7 @@ class ReachableSet:
         return np.flatnonzero(self._meet[limb, contact])
 
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
-        """Bounds of the body position for all four limbs, None where they leave nothing.
+        """Bounds (m,) of the body position for all four limbs, None where they leave nothing.
 
         A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
         """
@@ -80,8 +79,13 @@ class ReachableSet:
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
         if (low > high + 1e-9).any():
             return None
-        slack = self.problem.tilt_slack_m * _IN_PLANE
+        slack = self.problem.tilt_slack_m * np.abs(self.shape.directions[:, :2]).sum(axis=1)
         return low - slack, high + slack
+
+    def around(self, position: Array, half_m: float) -> tuple[Array, Array]:
+        """Bounds (m,) of a cube around a position."""
+        along = self.shape.directions @ position
+        return along - half_m * self._spread, along + half_m * self._spread
 
 
 def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | None = None) -> list[list[int]]:
@@ -89,17 +93,12 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
 
     That is a cube of half edge `tolerance_m`, usually the goal's `position_slack_m`.
     """
-    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m
+    low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)
         ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
-        near = [
-            c
-            for c in ends
-            if (reach.low[limb, c] <= position + tolerance).all()
-            and (reach.high[limb, c] >= position - tolerance).all()
-        ]
+        near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)
     return result
 
@@ -236,7 +235,7 @@ class _Tree:
             new_cost = cost + _move_cost(swings, moves)
             if new_cost >= self.best.get(after, np.inf) - 1e-9:
                 continue
-            touch_down = self.equilibrium.position(support, *landing, np.clip(self._goal, *landing))
+            touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing))
             if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
                 continue
             self.best[after] = new_cost
@@ -264,6 +263,7 @@ def _ends_well(oracles: Oracles, stance: Stance) -> bool:
     problem, bounds = oracles.problem, oracles.reachable.of(stance)
     if bounds is None:
         return False
-    goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
-    low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
+    goal = problem.goal.body.position_m
+    near = oracles.reachable.around(goal, problem.goal.position_slack_m)
+    low, high = np.maximum(bounds[0], near[0]), np.minimum(bounds[1], near[1])
     return bool((low <= high).all()) and oracles.equilibrium.position(stance, low, high, goal) is not None

@@ -82,7 +82,7 @@ class StageFunctions:
         return found
 
     def reach(self, x: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Offsets (n, 12) of (9a), their derivatives (n, 12, 6) by the pose, and the Hessian (n, 6, 6)."""
+        """Offsets (n, 4 m) of (9a), their derivatives (n, 4 m, 6) by the pose, and the Hessian (n, 6, 6)."""
         found: tuple[Array, Array, Array] = self._reach(x, grippers, multiplier)
         return found
 
@@ -138,8 +138,9 @@ class StageFunctions:
 
     @cached_property
     def _reach(self) -> _Mapped:
-        x, grippers, multiplier = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.SX.sym("z", 12)
-        offsets = ca.vertcat(*[offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
+        x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
+        offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
+        multiplier = ca.SX.sym("z", offsets.size1())
         hessian = ca.hessian(ca.dot(multiplier, offsets), x)[0][:POSE, :POSE]
         return _function("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
 

@@ -38,7 +38,7 @@ class Derivatives:
     state_map: Array  # (N, 12, 12)
     into_state: Array  # (N, 4, 12, 8)
     rows: Array  # (R,)
-    reach: Array  # (N, 12, 6), knots 1..N
+    reach: Array  # (N, 4 m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
     torques: list[Array]  # per limb (P, 12, 17)
 
@@ -74,7 +74,7 @@ class StageProblem:
         self._set_bounds(schedule, contacts)
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
-        problem, n = self.problem, self.knots
+        problem = self.problem
         low, high = body_bounds(problem, schedule)
         self.first, self.last = low[0], (low[-1] + high[-1]) / 2
         fixed = low >= high - 1e-12
@@ -93,7 +93,7 @@ class StageProblem:
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)
         self.high = np.where(self.bounded[1], self.high + _RELAXED * np.maximum(1.0, np.abs(self.high)), np.inf)
-        sizes = [body_low.size, 12 * n, column_low.size, surface_low.size, *[limit.size for limit in torque]]
+        sizes = [body_low.size, reach_low.size, column_low.size, surface_low.size, *[limit.size for limit in torque]]
         self._ends = np.cumsum(sizes)[:-1]
 
     def _column_bounds(self, contacts: list[list[Contact | None]]) -> tuple[Array, Array]:
@@ -113,12 +113,12 @@ class StageProblem:
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, 12), column (N, 4, 8), surface (N, 4, m) and torques
+        """A vector of rows as body (N, 12), reach (N, 4 m), column (N, 4, 8), surface (N, 4, m) and torques
         (P, 12)."""
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
             (n, BODY_STATES),
-            (n, 12),
+            (n, 4 * len(self.problem.boxes.directions)),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
             *[(-1, INTERVAL_TORQUES)] * 4,

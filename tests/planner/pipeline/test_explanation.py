@@ -83,7 +83,8 @@ def weaker(robot: Robot, factor: float) -> Robot:
     def limb(each: Limb) -> Limb:
         return replace(each, joints=tuple(replace(joint, effort=factor * joint.effort) for joint in each.joints))
 
-    return replace(robot, limbs=tuple(map(limb, robot.limbs)))
+    first, second, third, fourth = map(limb, robot.limbs)
+    return replace(robot, limbs=(first, second, third, fourth))
 
 
 def test_weak_motors_are_named_with_the_torque_that_would_do(robot: Robot) -> None:

@@ -11,13 +11,14 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.model.build import build_problem
+from crux_planner.model.mass import centres_and_slopes
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import scheduled
 from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.trajectory import exact
+from crux_planner.trajectory import exact, stage_functions
 from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point
 from crux_planner.trajectory.solution import start_from_path
@@ -79,7 +80,7 @@ def stages_at_random(seed: int) -> tuple[StageProblem, Point]:
     return stages, point
 
 
-def test_slopes_and_hessians_are_those_of_finite_differences() -> None:
+def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest.MonkeyPatch) -> None:
     stages, point = stages_at_random(3)
     random = np.random.default_rng(4)
     step_body, step_columns = random.standard_normal(point.body.shape), random.standard_normal(point.columns.shape)
@@ -101,6 +102,18 @@ def test_slopes_and_hessians_are_those_of_finite_differences() -> None:
     ahead = np.einsum("kij,kj->ki", at.state_map, step_body[:-1])
     ahead += np.einsum("klij,klj->ki", at.into_state, step_columns)
     np.testing.assert_allclose((above.next_states - below.next_states) / (2 * h), ahead, atol=1e-6)
+
+    poses, hands = point.body[:-1, :6], stages.hands.reshape(-1, 4, 4)
+    centre, slopes = centres_and_slopes(stages.problem, poses, hands)  # its curvature is left out of the Hessian, too
+
+    def straight(_problem: Problem, moved: np.ndarray, _hands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return centre + np.einsum("kij,kj->ki", slopes, moved - poses), slopes
+
+    monkeypatch.setattr(stage_functions, "centres_and_slopes", straight)
+    above, below = (
+        stages.derivatives(point.body + s * step_body, point.columns + s * step_columns, point.multipliers, duals)
+        for s in (h, -h)
+    )
 
     def lagrangian_slope(d: Any) -> tuple[np.ndarray, np.ndarray]:
         body, columns = (part.copy() for part in stages.condensed(d, np.zeros_like(duals), duals)[3:])
