@@ -63,9 +63,11 @@ def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) 
     assert again.cost == pytest.approx(by_ipopt.cost, rel=1e-3)
     assert again.cost == pytest.approx(walk_cost(problem, gait, again.body, again.forces))
     np.testing.assert_allclose(again.body[:, :3], by_ipopt.body[:, :3], atol=0.01)
-    # Moments by hand: what the forces do about the body's middle is what its rotation needs.
+    # Moments by hand: what the forces do about the centre of mass is what the body's rotation needs.
     feet = np.concatenate([gait.blend @ again.footholds, problem.step_height_m * gait.height[..., None]], axis=2)[:-1]
-    moment = np.cross(feet - again.body[:-1, None, :3], again.forces).sum(axis=1)
+    yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))[:-1]
+    centre = problem.centres_of_mass(again.body[:-1, :6], feet, yaws)
+    moment = np.cross(feet - centre[:, None], again.forces).sum(axis=1)
     wanted = np.diff(again.body[:, 9:12], axis=0) / problem.dt_s @ problem.inertia_b.T
     np.testing.assert_allclose(moment, wanted, atol=0.05)  # body frame, and tilt is small
 
