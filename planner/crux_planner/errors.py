@@ -10,14 +10,16 @@ if TYPE_CHECKING:
 
 
 TIME_LIMIT = "time limit"
+FOR_ALL_REACH = "for all that the limbs reach"
+"""What proofs and bounds of climbs are about: every place up to the joint limits, more than plans use."""
 FOR_ITS_REACH = "for the reach it plans with"
-"""What proofs and bounds are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
+"""What bounds of walks are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
 
 
 class InfeasibleError(Exception):
     """The scenario is well formed, but there is no plan; str() says which constraint cannot be met, and where.
 
-    `proven`: no plan exists with the planner's reach; else none was found. `undecided`: time ran out before that.
+    `proven`: no plan exists; else none was found. `undecided`: time ran out before that.
     """
 
     def __init__(self, constraint: str, message: str, *, proven: bool = False, undecided: bool = False) -> None:
@@ -25,6 +27,7 @@ class InfeasibleError(Exception):
         self.constraint = constraint
         self.proven = proven
         self.undecided = not proven and (undecided or constraint == TIME_LIMIT)
+        self.relaxed: dict[str, Any] | None = None  # what would help: constraint, amount, unit, place
         self.blamed: tuple[int, int] | None = None  # the move (contact to contact) without which there may be a plan
 
     def blaming(self, move: tuple[int, int] | None) -> Self:
@@ -36,7 +39,7 @@ class InfeasibleError(Exception):
     def verdict(self) -> str:
         """In words, for people."""
         if self.proven:
-            return f"proven infeasible {FOR_ITS_REACH}"
+            return f"proven infeasible {FOR_ALL_REACH}"
         return "undecided" if self.undecided else "infeasible"
 
     def out_of_time(self) -> InfeasibleError:
@@ -44,12 +47,15 @@ class InfeasibleError(Exception):
         if self.proven or self.undecided:
             return self
         text = f"{self}; time ran out before all was tried, allow more with --time-limit"
-        return InfeasibleError(self.constraint, text, undecided=True)
+        undecided = InfeasibleError(self.constraint, text, undecided=True)
+        undecided.relaxed = self.relaxed
+        return undecided
 
     def to_json(self) -> dict[str, Any]:
         """What `crux plan --json` prints of it, beside the text."""
-        scope = FOR_ITS_REACH if self.proven else None
-        return {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
+        scope = FOR_ALL_REACH if self.proven else None
+        said = {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}
+        return {**said, "relaxed": self.relaxed}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For the way from a worker process to its parent."""
@@ -62,6 +68,7 @@ class HorizonError(InfeasibleError):
     def __init__(self, text: str, needed: int) -> None:
         super().__init__("horizon", f"horizon.steps: {text}")
         self.needed = needed
+        self.relaxed = {"constraint": "horizon", "amount": needed, "unit": "steps", "place": None}
 
 
 def unsolved(gait: str, status: str) -> InfeasibleError:

@@ -53,15 +53,11 @@ def climb_report(scenario: Scenario, method: str, **settings: Any) -> MethodRepo
     from crux_planner.checker import check_plan
     from crux_planner.model.build import build_problem
     from crux_planner.pipeline.message import plan_message
-    from crux_planner.search.equilibrium import StaticEquilibrium
-    from crux_planner.search.stances import ReachableSet
-    from crux_planner.swing.swing_cache import SwingCache
+    from crux_planner.search.stances import Oracles
 
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
-    equilibrium = StaticEquilibrium(problem, problem.friction_share)
-    reach, swings = ReachableSet(problem), SwingCache(problem)
-    task = Task(problem, equilibrium, reach, swings, deadline=clock.now() + LIMIT_S, **settings)
+    task = Task(**vars(Oracles.of(problem)), deadline=clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
     knots = decided.knots
     plan = plan_message(scenario, robot, problem, knots.schedule, knots.solution, method)
@@ -74,7 +70,7 @@ def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dic
     from crux_planner.model.walk_problem import build_walk
 
     problem = build_walk(scenario, load_robot(scenario.robot))
-    return WALK_METHODS[method](WalkTask(problem, deadline=clock.now() + LIMIT_S, **settings)).history
+    return WALK_METHODS[method](WalkTask(problem=problem, deadline=clock.now() + LIMIT_S, **settings)).history
 
 
 def start_is_well_formed(scenario: Scenario) -> bool:

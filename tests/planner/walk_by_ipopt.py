@@ -127,6 +127,7 @@ def _solution(problem: WalkProblem, knots: WalkKnots, found: NlpSolution, places
     body = values[:size].reshape(n + 1, BODY_STATES)
     defects = np.abs(found.rows[: BODY_STATES * n].reshape(n, BODY_STATES))
     return WalkSolution(
+        gait=knots.gait,
         body=body,
         forces=forces,
         footholds=footholds,

@@ -134,9 +134,10 @@ class Benchmark:
             contact, pose = problem.contacts[c], g[_POSE * limb : _POSE * (limb + 1)]
             each = q[WRENCH_INPUTS * i : WRENCH_INPUTS * (i + 1)] * unit
             demand = cone_demand(each[0:3], ca.DM.zeros(3), problem.patch.k_m)
-            inner = problem.friction_share * min(contact.spine_shear_N, contact.spine_twist_Nm / problem.patch.k_m)
-            for normal, may_press in zip((3, 4), contact.may_press, strict=True):
-                slack = problem.friction_share * contact.grip_friction * each[normal] + inner * alpha[i] - demand
+            by_spines = problem.friction_share * (contact.spines / [1.0, 1.0, problem.patch.k_m]).min(axis=1)
+            of_finger = zip((3, 4), contact.may_press, contact.grip_friction, by_spines, strict=True)
+            for normal, may_press, friction, inner in of_finger:
+                slack = problem.friction_share * friction * each[normal] + inner * alpha[i] - demand
                 press = problem.friction_share * problem.patch.max_normal_N * may_press * alpha[i] - each[normal]
                 rows += [(slack + 0.05) / _FORCE_UNIT_N, press / _FORCE_UNIT_N]
             rows.append(relaxation - alpha[i] * _apart(pose, problem, c))

@@ -10,11 +10,8 @@ from crux_planner.admm.window_cost import window_cost
 from crux_planner.admm.windows import Swinging, Windows, clash
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.model.problem import Problem
-from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
@@ -28,20 +25,11 @@ _CUTS = 12  # decisions thrown away in one iteration before giving up
 class ContactBlock:
     """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        equilibrium: StaticEquilibrium,
-        reach: ReachableSet,
-        swings: SwingCache,
-        *,
-        moments: bool = True,
-        scales: Scales,
-    ) -> None:
-        self.problem, self.moments, self.scales = problem, moments, scales
-        self.windows = Windows(problem, reach, swings)
-        self._balance = equilibrium
-        self._hull = HullMilp(self.windows, equilibrium, moments=moments)
+    def __init__(self, oracles: Oracles, *, moments: bool = True, scales: Scales) -> None:
+        self.problem, self.moments, self.scales = oracles.problem, moments, scales
+        self.windows = Windows(oracles.problem, oracles.reachable, oracles.swings)
+        self._balance, self._oracles = oracles.equilibrium, oracles
+        self._hull = HullMilp(self.windows, oracles.equilibrium, moments=moments)
         self._known = self._searched()
         self.bound = -np.inf  # proven, of the last MILP's objective
 
@@ -74,11 +62,8 @@ class ContactBlock:
     def _searched(self) -> list[Swinging] | None:
         """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
         until = clock.now() + _SEARCH_TIME_S
-        windows = self.windows
-        moves, _ = search(
-            self.problem, self._balance, windows.reach, windows.swings, at_once=1, greed=GREED, deadline=until
-        )
-        return None if moves is None else windows.one_by_one(moves)
+        moves, _ = search(self._oracles, at_once=1, greed=GREED, deadline=until)
+        return None if moves is None else self.windows.one_by_one(moves)
 
     def path(self, decision: Decision) -> Array:
         """Body positions (N + 1, 3) through those of the windows, each in the middle of its window."""

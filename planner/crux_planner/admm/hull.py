@@ -197,9 +197,13 @@ class HullMilp:
                 q = milp.variables(SHARES, low, high)
                 squares = milp.variables(SQUARED, 0.0, np.inf)
                 self.wrench[t][limb][c], self.squares[t][limb][c] = q, squares
-                load = equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
-                for direction, reach, spine in zip(directions, load, equilibrium.spine[c], strict=True):
-                    milp.row([*q[:3], q[5], held], [*direction, -reach, -spine], -np.inf, 0.0)
+                for finger, limit in enumerate(equilibrium.limits[c]):
+                    more = [q[3 + finger]] * abs(limit.side)  # of a finger's normal force, beside the squeeze q[5]
+                    for direction, load, spine in zip(
+                        directions, equilibrium.load[c, finger], equilibrium.spine[c, finger], strict=True
+                    ):
+                        loads = [-load] * (1 + len(more))
+                        milp.row([*q[:3], q[5], *more, held], [*direction, *loads, -spine], -np.inf, 0.0)
                 for pull, press in zip((3, 4), equilibrium.press_N[c], strict=True):
                     milp.row([q[pull], q[5], held], [1.0, 1.0, -press], -np.inf, 0.0)
                 for i, tangents in enumerate(_TANGENTS_N):

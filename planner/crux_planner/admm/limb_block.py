@@ -70,12 +70,9 @@ class LimbBlock:
             low, high = np.maximum(low, -1e3), np.minimum(high, 1e3)
             units = [finger_forces(unit, contact.axis, contact.tangent) for unit in np.eye(5)]
             to_force, to_moment = (np.stack([unit[i].ravel() for unit in units], axis=1) for i in (0, 1))
-            load = -equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
-            none = np.zeros_like(load)
-            rows = np.vstack(
-                [np.column_stack([equilibrium.directions, *pair]) for pair in ((load, none), (none, load))]
-            )
-            right = np.tile(equilibrium.spine[c], 2)
+            loads = [-np.outer(load, unit) for load, unit in zip(equilibrium.load[c], np.eye(2), strict=True)]
+            rows = np.vstack([np.hstack([equilibrium.directions, load]) for load in loads])
+            right = equilibrium.spine[c].ravel()
             linear = -near * forces @ to_force - turn * moments @ to_moment
             qp = Qp(hessian, linear[0], None, (rows, None, right), low, high)
             for k in range(problem.steps):

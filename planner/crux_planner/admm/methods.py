@@ -19,13 +19,10 @@ from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.admm.walk_limb_block import FootBlock
 from crux_planner.admm.walk_limbs import WalkLimbs
 from crux_planner.admm.windows import Windows
-from crux_planner.model.problem import Problem
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles
 from crux_planner.solvers.relaxation import RELAXATIONS
 from crux_planner.solvers.worker import Team, Worker, crew
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Scales
 from crux_planner.trajectory.knot_qp import KnotSolution
 from crux_planner.trajectory.walk_qp import WalkKnots
@@ -37,13 +34,8 @@ MULTI_SCALES = Scales(position=3.0)  # limbs that know nothing of the body follo
 
 
 @dataclass(frozen=True)
-class Task(Settings):
+class Task(Settings, Oracles):
     """A climb with what has been computed of it, and the method's settings."""
-
-    problem: Problem
-    equilibrium: StaticEquilibrium
-    reach: ReachableSet
-    swings: SwingCache
 
 
 @dataclass(frozen=True)
@@ -56,9 +48,7 @@ class WalkTask(Settings):
 
 def decide_two_block(task: Task) -> Decided[KnotSolution]:
     """Equation (19), but for a contact block that begins with the search of `auto` and has (8b) in its MIP."""
-    contacts = ContactBlock(
-        task.problem, task.equilibrium, task.reach, task.swings, moments=task.moments, scales=SCALES
-    )
+    contacts = ContactBlock(task, moments=task.moments, scales=SCALES)
     return two_block(contacts, MotionBlock(task.problem, scales=SCALES), task, RHO, ITERATIONS)
 
 
@@ -70,7 +60,7 @@ def decide_walk_two_block(task: WalkTask) -> Decided[WalkKnots]:
 
 def decide_multi_block(task: Task) -> Decided[KnotSolution]:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
-    windows = Windows(task.problem, task.reach, task.swings)
+    windows = Windows(task.problem, task.reachable, task.swings)
     with crew(len(LIMB_NAMES) - 1, LimbBlock.__module__, log=task.report) as workers:
         blocks = Team(workers, LimbBlocks, LimbBlock, windows, task.equilibrium)
         limbs = ClimbLimbs(windows, task.equilibrium, blocks, MULTI_SCALES, task.deadline)
@@ -92,7 +82,7 @@ def decide_benchmark(task: Task | WalkTask) -> Decided[Any]:
     if isinstance(task, WalkTask):
         benchmark = WalkBenchmark(task.problem)
     else:
-        benchmark = Benchmark(Windows(task.problem, task.reach, task.swings))
+        benchmark = Benchmark(Windows(task.problem, task.reachable, task.swings))
     knots, iterations = benchmark.solve(task.deadline, task.report)
     return Decided(knots=knots, relaxations=dict(zip(RELAXATIONS, iterations, strict=True)))
 

@@ -15,7 +15,7 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BodyBounds, Goal, Pose, Problem, Weights
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
 from crux_planner.physics.cost import FORCE_SHARE
-from crux_planner.physics.reach import turned_half
+from crux_planner.physics.reach import turned as turned_reach
 
 FLOOR_HALF_M = 2.0  # of the surface that feet stand on
 SIDES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0], [0, 0, 1.0]])  # outward: +x, -x, +y, -y, top
@@ -85,7 +85,7 @@ def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
         effort=problem.weights.wrench,
         limb=np.repeat(np.arange(4), 2),
         reach_b_m=problem.boxes.centre_b_m,
-        reach_half_m=turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, float(turned)),
+        reach_half_m=turned_reach(problem.boxes, float(turned)).half_m,
         yaw_rad=problem.gripper_yaw_rad,
         separation_m=2 * problem.shape.largest_opening,
         step_m=problem.swing.speed_m_s * problem.dt_s,
@@ -116,7 +116,7 @@ def _walk(scenario: Scenario, robot: Robot) -> PaperScene:
         effort=FORCE_SHARE * problem.weights.wrench,
         limb=np.arange(4),
         reach_b_m=problem.boxes.centre_b_m,
-        reach_half_m=turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turned),
+        reach_half_m=turned_reach(problem.boxes, turned).half_m,
         yaw_rad=problem.foot_yaw_rad,
         separation_m=0.0,
         step_m=problem.foot_speed_m_s * problem.dt_s,

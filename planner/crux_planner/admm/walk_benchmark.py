@@ -91,7 +91,7 @@ class WalkBenchmark:
         footholds = np.vstack([problem.start_feet_w_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
         forces = FORCE_UNIT_N * u[:n].reshape(n, _FEET, 3) * gait.stance[:n, :, None]
         cost = walk_cost(problem, gait, x, forces)
-        return WalkKnots(problem, gait, x, forces, footholds, cost, cost, np.zeros((n, _FEET, 3)))
+        return WalkKnots(gait, x, forces, footholds, problem, cost, cost, np.zeros((n, _FEET, 3)))
 
     def _bounds(self) -> tuple[Array, Array]:
         problem, n = self.problem, self.problem.steps

@@ -16,7 +16,7 @@ import numpy as np
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.model.gait import Gait
+from crux_planner.model.gait import Gait, straight_motion
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.search.gait_search import FlatSearch
@@ -24,7 +24,7 @@ from crux_planner.search.planar_qp import FlatWalk
 from crux_planner.search.slots import Change, Slots
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Team, Worker
-from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots
+from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import ContactPlan
@@ -46,7 +46,7 @@ class Lifted:
 
     def __call__(self, walk: FlatWalk) -> WalkKnots | None:
         """None where it has none."""
-        return self._qp.solve(walk.gait, Reference(walk.body, walk.forces, walk.footholds), 0.0, None)
+        return self._qp.solve(walk)
 
 
 class WalkContacts:
@@ -128,21 +128,21 @@ class WalkContacts:
 
     def _settled(self, walk: FlatWalk | WalkKnots) -> WalkKnots | None:
         """The oracle's answer for a walk, linearised about itself; None where nothing is left of it."""
-        about, knots = Reference(walk.body, walk.forces, walk.footholds), None
+        knots = None
         for _ in range(_LINEARISATIONS):
             self.oracles += 1
-            again = self._qp.solve(walk.gait, about, 0.0, None)
+            again = self._qp.solve(knots or walk)
             if again is None:
                 return None
             settled = knots is not None and _alike(knots, again)
-            knots, about = again, Reference(again.body, again.forces, again.footholds)
+            knots = again
             if settled:
                 break
         return knots
 
     def _again(self, known: WalkKnots, rho: float, target: Eta | None) -> WalkKnots:
         """The last answer's binaries with another consensus term."""
-        again = self._qp.solve(known.gait, Reference(known.body, known.forces, known.footholds), rho, target)
+        again = self._qp.solve(known, rho, target)
         return known if again is None else again
 
     def _improved(self, best: WalkKnots, rho: float, target: Eta, deadline: float) -> WalkKnots:
@@ -157,7 +157,7 @@ class WalkContacts:
                 seen.add(slots)
                 self.oracles += 1
                 gait = slots.gait(self.problem.steps + 1)
-                knots = self._qp.solve(gait, Reference.of(self.problem, gait, best.body), rho, target)
+                knots = self._qp.solve(straight_motion(self.problem, gait, best.body), rho, target)
                 if knots is not None and knots.value < best.value - _BETTER:
                     best, improving = knots, True
                     doubts[change] = 0

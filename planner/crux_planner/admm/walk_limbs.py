@@ -88,7 +88,7 @@ class WalkLimbs:
             spots.append(self._plans[step.limb].footholds[done[step.limb]])
             done[step.limb] += 1
         forces = np.stack([self._plans[limb].forces for limb in range(4)], axis=1)
-        knots = WalkKnots(problem, gait, body, forces, np.array(spots), np.inf, np.inf, np.zeros((n, 4, 3)))
+        knots = WalkKnots(gait, body, forces, np.array(spots), problem, np.inf, np.inf, np.zeros((n, 4, 3)))
         return ContactPlan(Eta.of_points(body, knots.feet(problem.step_height_m), forces), knots)
 
 

@@ -34,7 +34,7 @@ from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
-from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
+from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, limb_reach
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
@@ -46,11 +46,11 @@ LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has t
 
 
 def build_problem(
-    scenario: Scenario, robot: Robot, *, off_centre: bool = False, boxes: AcceptanceBoxes | None = None
+    scenario: Scenario, robot: Robot, *, off_centre: bool = False, reach: LimbReach | None = None
 ) -> Problem:
     """P1 of a scenario of patch contacts; with `off_centre`, grasps near the ends of wide faces too.
 
-    `boxes` are the robot's, where another problem has them already: they take most of the time.
+    `reach` is the robot's, where another problem has it already.
 
     Raises ScenarioError and InfeasibleError.
     """
@@ -66,8 +66,8 @@ def build_problem(
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
-    shape, boxes = _gripper_shape(robot), boxes or _boxes(robot)
-    limits = _swing_limits(scenario, robot, boxes, margins.get("clearance_m", robot.grasp.swing_clearance_m))
+    shape, reach = _gripper_shape(robot), reach or reach_of(robot)
+    limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
     begin = start_contacts(scenario, contacts, unusable)
@@ -86,7 +86,8 @@ def build_problem(
         start_contacts=(begin[0], begin[1], begin[2], begin[3]),
         start=start,
         goal=Goal(goal, tolerance_m, tolerance_rad, _goal_grasps(scenario, robot, unusable)),
-        boxes=boxes,
+        boxes=reach.box,
+        limb_reach=reach,
         gripper_yaw_rad=robot.grasp.gripper_yaw_rad,
         body=body,
         shape=shape,
@@ -112,9 +113,9 @@ def _gripper_shape(robot: Robot) -> GripperShape:
     )
 
 
-def _boxes(robot: Robot) -> AcceptanceBoxes:
+def reach_of(robot: Robot) -> LimbReach:
     """(9a) for every tilt and gripper yaw, from the pads' least height on a hold to the highest swing."""
-    return acceptance_boxes(
+    return limb_reach(
         robot.limbs,
         WorkspaceRange(
             robot.body.height_m,
@@ -127,7 +128,7 @@ def _boxes(robot: Robot) -> AcceptanceBoxes:
     )
 
 
-def _swing_limits(scenario: Scenario, robot: Robot, boxes: AcceptanceBoxes, clearance_m: float) -> SwingLimits:
+def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float) -> SwingLimits:
     """No swing is higher than what every limb reaches under the highest body."""
     top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
     return SwingLimits(
@@ -221,29 +222,25 @@ def all_grips(scenario: Scenario, robot: Robot, heading: float) -> list[Grip]:
             yaw = cuboids.yaw_rad[index] + pair * np.pi / 2
             centre = np.array([*cuboids.foot_w_m[index], (low + high) / 2])
             contact = _contact(scenario, hold, index, pair, False, yaw, centre, most)
-            grips.append(Grip(contact.from_above, aside, (low, high)))
+            grips.append(Grip(contact, aside, (low, high)))
     return grips
 
 
 def _contact(
     scenario: Scenario, hold: Hold, index: int, pair: int, swapped: bool, yaw: float, centre: Array, opening: float
 ) -> Contact:
-    faces = slice(2 * pair, 2 * pair + 2)
-    spiny, friction = hold.spines[faces], hold.friction[faces]
-    alike = min(friction) == max(friction) and min(spiny) == max(spiny)
-    spines = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
+    faces = [2 * pair + int(swapped), 2 * pair + int(not swapped)]  # of fingers 1 and 2
+    shear_N, twist_Nm = scenario.contact.spine_shear_N, scenario.contact.spine_twist_Nm
     return Contact(
         hold=index,
         pair=pair,
-        finger1_face=2 * pair + int(swapped),
+        finger1_face=faces[0],
         yaw_rad=yaw,
         centre_w_m=centre,
         separation_m=hold.size_m[pair],
-        friction=min(friction),
-        spine_shear_N=spines[0] * min(spiny),
-        spine_twist_Nm=spines[1] * min(spiny),
+        friction=np.array([hold.friction[face] for face in faces]),
+        spines=np.outer([hold.spines[face] for face in faces], [shear_N, shear_N, twist_Nm]),
         open_m=opening,
-        better=None if alike else (max(friction), spines[0] * max(spiny), spines[1] * max(spiny)),
     )
 
 

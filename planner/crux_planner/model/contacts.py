@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,25 +38,26 @@ class Contact:
     yaw_rad: float  # of the gripper in W
     centre_w_m: Array  # (3,)
     separation_m: float
-    friction: float  # the smaller of the two faces'
-    spine_shear_N: float  # 0 where a face has no spines
-    spine_twist_Nm: float
+    friction: Array  # (2,) of the faces of fingers 1 and 2
+    spines: Array  # (2, 3) most that the spines of each finger hold of (s1, s2, m) by (3); 0 where its face has none
     open_m: float  # opening with which the gripper leaves and comes
     spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
-    better: tuple[float, float, float] | None = None  # friction, spine shear and twist, where a face has more
 
     @property
-    def from_above(self) -> Contact:
-        """The same with the better of its two faces on both sides: no grip carries more, for proofs and bounds."""
-        if self.better is None:
-            return self
-        friction, shear_N, twist_Nm = self.better
-        return replace(self, friction=friction, spine_shear_N=shear_N, spine_twist_Nm=twist_Nm, better=None)
+    def grip_friction(self) -> Array:
+        """Friction (2,) that the fingers can use: a finger that does not press, none.
+
+        Nor has the other a use for any where its spines hold as much: both bear the same shear and twist (4).
+        """
+        usable = self.friction * self.may_press
+        weak = int(np.argmin(usable))
+        enough = usable[weak] <= 0.0 and (self.spines[weak] <= self.spines[1 - weak]).all()
+        return np.zeros(2) if enough else usable
 
     @property
-    def grip_friction(self) -> float:
-        """Friction that the gripper can use: none beside a finger that does not press, for both share the shear (4)."""
-        return 0.0 if self.spines_only else self.friction
+    def slippery(self) -> bool:
+        """Whether one of its fingers, and so neither, carries any shear."""
+        return bool(((self.grip_friction <= 0.0) & (self.spines[:, 0] <= 0.0)).any())
 
     @property
     def may_press(self) -> Array:

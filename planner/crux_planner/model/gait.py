@@ -82,6 +82,39 @@ class Gait:
         return yaw
 
 
+@dataclass(frozen=True)
+class WalkMotion:
+    """A gait with body states (N + 1, 12), foot forces (N, 4, 3) [N] and footholds (4 + S, 2), the start's first."""
+
+    gait: Gait
+    body: Array
+    forces: Array
+    footholds: Array
+
+    def feet(self, step_height_m: float) -> Array:
+        """(N + 1, 4, 3)."""
+        plan = self.gait.blend @ self.footholds
+        return np.concatenate([plan, step_height_m * self.gait.height[..., None]], axis=2)
+
+    def halfway(self, other: WalkMotion) -> WalkMotion:
+        """Between this one and another one by the same gait."""
+        both = zip((self.body, self.forces, self.footholds), (other.body, other.forces, other.footholds), strict=True)
+        return WalkMotion(self.gait, *((one + two) / 2 for one, two in both))
+
+
+def straight_motion(problem: WalkProblem, gait: Gait, body: Array | None = None) -> WalkMotion:
+    """Straight to the goal in the time of the steps, or as `body` is, the weight shared by the feet in stance."""
+    stance = gait.stance[: problem.steps]
+    shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
+    forces = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
+    if body is None:
+        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
+        pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
+        there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
+        body = np.pad(pose + way[:, None] * (there - pose), ((0, 0), (0, 6)))
+    return WalkMotion(gait, body, forces, nominal_footholds(problem, gait))
+
+
 def longest_step(problem: WalkProblem, step: Step) -> float:
     """How long a step may be [m] for the foot's mean speed over every interval."""
     way, lift = (np.abs(np.diff(shares)) for shares in step.shares())

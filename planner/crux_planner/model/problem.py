@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from crux_planner.model.limb import LimbMasses
     from crux_planner.model.limits import SwingLimits
     from crux_planner.model.shapes import LimbShape
-    from crux_planner.model.workspace import AcceptanceBoxes
+    from crux_planner.model.workspace import LimbReach, Reach
 
 BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
 _GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
@@ -118,7 +118,7 @@ class CentroidalProblem:
     body_moment_kg_m: Array  # (3,) mass times place of the body link's centre of mass, body frame
     start: Pose
     goal: Goal
-    boxes: AcceptanceBoxes  # (9a) of grippers or foot points
+    boxes: Reach  # (9a) of grippers or foot points
     body: BodyBounds
     weights: Weights
     heading_rad: float  # of this frame in W
@@ -134,6 +134,7 @@ class Problem(CentroidalProblem):
     contacts: list[Contact]
     limb_contacts: list[list[int]]  # per limb, the contacts within its range of yaw
     start_contacts: tuple[int, int, int, int]
+    limb_reach: LimbReach  # `boxes` are its box or its inner set
     gripper_yaw_rad: tuple[float, float]  # relative to the body
     shape: GripperShape
     swing: SwingLimits

@@ -20,7 +20,7 @@ from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
-from crux_planner.model.workspace import AcceptanceBoxes, WorkspaceRange, acceptance_boxes
+from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
 _UPRIGHT_SHARE = 1e-3  # of gravity along the surface: pressed on it no more than that, nothing stands
@@ -152,7 +152,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     return problem
 
 
-def _boxes(robot: Robot) -> AcceptanceBoxes:
+def _boxes(robot: Robot) -> Reach:
     """(9a) of the feet, whose centres are their pads' radius above the surface."""
     pad, walking = robot.gripper.pad_radius_m, robot.walking
     boxes = acceptance_boxes(
@@ -166,7 +166,7 @@ def _boxes(robot: Robot) -> AcceptanceBoxes:
             walking.foot_yaw_rad,
         ),
     )
-    return AcceptanceBoxes(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+    return box(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
 
 
 def _check_start(scenario: Scenario, problem: WalkProblem) -> None:

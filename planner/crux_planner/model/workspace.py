@@ -1,25 +1,39 @@
-"""Acceptance boxes of (9a): where, in the body frame, a gripper may be, computed from the limb's real workspace.
+"""Where, in the body frame, a gripper may be (9a), computed from the limb's kinematics: inner sets and an outer one.
 
 A gripper stands upright on the wall (its z along W's z) while the body tilts and the gripper turns about W's z. A grid
 of positions is kept where inverse kinematics exists, with a margin to every joint limit, for every corner of the range
-of tilt and yaw. The box holds every height a gripper needs to grasp and to lift over the faces it held; in plan view it
-is the largest rectangle inside that set, and it then grows upwards as far as it fits.
+of tilt and yaw. The acceptance box holds every height a gripper needs to grasp and to lift over the faces it held; in
+plan view it is the largest rectangle inside that set, and it then grows upwards as far as it fits. The inner polytope
+has the same heights and in plan view contains that rectangle and as much of the set as a convex polygon with edges in
+six directions can. Plans keep to one of these two. The outer polytope contains every place of a gripper that grips,
+whatever its yaw, up to the joint limits themselves: proofs and bounds are about it.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
+import tempfile
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from crux_contracts.robot import Limb
 
+from crux_planner.model import kinematics
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 
 GRID_M = 0.01
 JOINT_MARGIN_RAD = 0.05  # covers the grid between its points, IK of a tracked (not exact) pose, and encoder offsets
+STRETCHED_M = 0.008  # kept of the polytope's edges: near a stretched limb so little is all of a joint's margin
 _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
+_FINE_RAD = 0.005  # between joint angles that the outer set is computed from
+_ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
+_DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
+_KINDS, _PARTS = ("box", "inner", "outer"), ("directions", "middle_m", "extent_m")  # in the file that keeps them
 
 
 class WorkspaceError(ValueError):
@@ -39,26 +53,197 @@ class WorkspaceRange:
 
 
 @dataclass(frozen=True)
-class AcceptanceBoxes:
-    """|R(theta)^T (c_l - r) - centre_l| <= half of (9a), limbs LF, RF, LR, RR."""
+class Reach:
+    """|D R(theta)^T (c_l - r) - middle_l| <= extent_l of (9a), limbs LF, RF, LR, RR.
 
-    centre_b_m: Array  # (4, 3)
-    half_m: Array  # (3,)
+    D are unit vectors, of which the first three are x, y and z: with these alone it is a box.
+    """
+
+    directions: Array  # D (m, 3)
+    middle_m: Array  # (4, m)
+    extent_m: Array  # (4, m)
+
+    @property
+    def centre_b_m(self) -> Array:
+        """(4, 3) of the box around it."""
+        return self.middle_m[:, :3]
+
+    @property
+    def half_m(self) -> Array:
+        """(3,) of that box."""
+        half: Array = self.extent_m[:, :3].max(axis=0)
+        return half
+
+    def beyond(self, limb: int, place_b_m: Array) -> Array:
+        """(..., m) how far places (..., 3) in the body frame are outside, direction by direction."""
+        beyond: Array = np.abs(place_b_m @ self.directions.T - self.middle_m[limb]) - self.extent_m[limb]
+        return beyond
 
 
-def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> AcceptanceBoxes:
+def box(centre_b_m: Array, half_m: Array) -> Reach:
+    """A box a limb, (4, 3) and (3,)."""
+    return Reach(np.eye(3), centre_b_m, np.tile(half_m, (len(centre_b_m), 1)))
+
+
+@dataclass(frozen=True)
+class LimbReach:
+    """What the limbs of one robot reach: the acceptance box, the inner and the outer polytope."""
+
+    box: Reach
+    inner: Reach
+    outer: Reach
+
+
+def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
+    """Of limbs that are mirror images of one another; what was computed before is read from ~/.cache/crux/reach."""
+    shape = [[v for k, v in sorted(vars(limb).items()) if k != "joints"] for limb in limbs]
+    limits = [[limb.lower_rad, limb.upper_rad] for limb in limbs]
+    source = Path(__file__).read_bytes() + Path(kinematics.__file__).read_bytes()
+    with np.printoptions(floatmode="unique"):
+        key = hashlib.sha256(source + repr((shape, limits, wanted)).encode()).hexdigest()
+    kept = cache_folder() / f"{key}.npz"
+    try:
+        with np.load(kept) as known:
+            found = [Reach(*(known[f"{kind}_{part}"] for part in _PARTS)) for kind in _KINDS]
+            return LimbReach(*found)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        pass
+    boxes = acceptance_boxes(limbs, wanted)
+    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted))
+    _keep(kept, {f"{kind}_{part}": getattr(getattr(reach, kind), part) for kind in _KINDS for part in _PARTS})
+    return reach
+
+
+def cache_folder() -> Path:
+    """~/.cache/crux/reach, or below $XDG_CACHE_HOME."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "crux" / "reach"
+
+
+def _keep(path: Path, arrays: dict[str, Array]) -> None:
+    """Whole or not at all; where the folder cannot be written, the next plan computes it again."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+        Path(file.name).replace(path)
+    except OSError:
+        return
+
+
+def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     """The acceptance boxes of all limbs, mirror images of one another."""
-    signs = np.array([np.sign(limb.shoulder_b_m[:2]) for limb in limbs])
     low, high = _largest_box(limbs[0], wanted)
     centre, half = (low + high) / 2, (high - low) / 2
-    mirror = np.concatenate([signs * signs[0], np.ones((len(limbs), 1))], axis=1)
-    boxes = AcceptanceBoxes(centre * mirror, half)
+    boxes = box(centre * _mirror(limbs), half)
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
         if not reachable(limb, _corners(middle, half), wanted).all():
             raise WorkspaceError(
                 "the limbs are not mirror images of the first one, their acceptance boxes would differ"
             )
     return boxes
+
+
+def _mirror(limbs: Sequence[Limb]) -> Array:
+    """(4, 3) signs of x, y, z that take the first limb's places to each limb's."""
+    signs = np.array([np.sign(limb.shoulder_b_m[:2]) for limb in limbs])
+    return np.concatenate([signs * signs[0], np.ones((len(limbs), 1))], axis=1)
+
+
+def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach:
+    """A convex set of what the limbs reach over all the box's heights, around the box."""
+    limb, centre, half = limbs[0], boxes.centre_b_m[0], boxes.half_m
+    side = np.sign(limb.shoulder_b_m[1])
+    span = limb.upper_link_m + limb.lower_link_m + GRID_M
+    x = limb.shoulder_b_m[0] + np.arange(-span, span, GRID_M)
+    y = side * np.arange(GRID_M / 2, abs(limb.shoulder_b_m[1]) + span, GRID_M)
+    z = np.linspace(centre[2] - half[2], centre[2] + half[2], int(np.ceil(2 * half[2] / GRID_M)) + 1)
+    ok = reachable(limb, np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1), wanted).all(axis=2).ravel()
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    plan = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]
+    corners = centre[:2] + half[:2] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    normals = np.vstack([plan, -plan])
+    most = _polygon(points, ok, normals, corners)
+    most = np.maximum(most - STRETCHED_M, (corners @ normals.T).max(axis=0))
+    corners = _vertices(normals, most)  # mirrored for the other limbs
+    bounds = []
+    for mirror in _mirror(limbs):
+        along = (corners * mirror[:2]) @ plan.T
+        bounds.append((along.min(axis=0), along.max(axis=0)))
+    lows, highs = (np.insert(np.array([b[i] for b in bounds]), 2, z[end], axis=1) for i, end in ((0, 0), (1, -1)))
+    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2)
+
+
+def _polygon(points: Array, ok: Flags, normals: Array, within: Array) -> Array:
+    """How far (k,) a polygon with edges along `normals` (k, 2) may go that has no point (n, 2) but those that are `ok`.
+
+    One by one the edge moves that gives up the fewest points for the bad point that costs most; it goes around
+    `within`.
+    """
+    along = points @ normals.T
+    least = (within @ normals.T).max(axis=0) - 1e-9
+    most = along[ok].max(axis=0)
+    while True:
+        inside = (along <= most + 1e-9).all(axis=1)
+        bad, good = along[inside & ~ok], np.sort(along[inside & ok], axis=0)
+        if len(bad) == 0:
+            return np.asarray(most)
+        left = np.stack([np.searchsorted(g, b - 1e-9) for g, b in zip(good.T, bad.T, strict=True)], axis=1)
+        bound = np.take_along_axis(good, np.maximum(left - 1, 0), axis=0)
+        lost = np.where((left > 0) & (bound >= least), len(good) - left, len(good) + 1)
+        worst = int(np.argmax(lost.min(axis=1)))
+        edge = int(np.argmin(lost[worst]))
+        most[edge] = bound[worst, edge]
+
+
+def _vertices(normals: Array, most: Array) -> Array:
+    """Corners (v, 2) of the polygon normals @ p <= most."""
+    a, b = np.triu_indices(len(normals), k=1)
+    pairs = np.stack([normals[a], normals[b]], axis=1)
+    crossing = np.abs(np.linalg.det(pairs)) > 1e-9
+    corners = np.linalg.solve(pairs[crossing], np.stack([most[a], most[b]], axis=1)[crossing][..., None])[..., 0]
+    found: Array = corners[(corners @ normals.T <= most + 1e-9).all(axis=1)]
+    return found
+
+
+def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
+    """All places of grippers that grip: any yaw, tilts, and angles within the joint limits, the wrist's left out."""
+    tilt = wanted.max_tilt_rad
+    lows, highs = [], []
+    for limb in limbs:
+        l1, l2, hand = limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m
+        q2, q3 = (
+            np.append(np.arange(limb.lower_rad[i], limb.upper_rad[i], _FINE_RAD), limb.upper_rad[i]) for i in (1, 2)
+        )
+        rounding = _FINE_RAD / 2 * (l1 + 2 * l2)
+        radius = (l1 * np.cos(q2)[:, None] + l2 * np.cos(q2[:, None] - q3)).ravel()
+        height = limb.shoulder_b_m[2] + (l1 * np.sin(q2)[:, None] + l2 * np.sin(q2[:, None] - q3)).ravel() - hand
+        aside = float(np.abs(limb.shoulder_b_m[:2]).sum() + 2 * (l1 + l2 + hand)) * np.sin(tilt)
+        under, over = wanted.pad_height_m[0] - wanted.body_height_m[1], wanted.pad_height_m[1] - wanted.body_height_m[0]
+        bottom, top = ((end + sign * aside) / np.cos(tilt) ** 2 for end, sign in ((under, -1), (over, 1)))
+        top = max(top, over + aside)
+        raised = hand * np.sin(tilt) ** 2
+        grips = (height + raised + rounding >= bottom) & (height - rounding <= top)
+        inward, outward = radius[grips].min() - rounding, radius[grips].max() + rounding
+        azimuth = limb.mount_rad + np.array([limb.lower_rad[0], limb.upper_rad[0]])
+        ways = np.arctan2(_DIRECTIONS[:, 1], _DIRECTIONS[:, 0])
+        ends = []
+        for way in (ways, ways + np.pi):
+            most, least = _largest_cos(azimuth - way[:, None]), -_largest_cos(azimuth - way[:, None] + np.pi)
+            flat = np.max([r * c for r in (inward, outward) for c in (most, least)], axis=0)
+            turned = np.column_stack([np.cos(way), np.sin(way)])
+            ends.append(flat + turned @ limb.shoulder_b_m[:2] + hand * np.sin(tilt) * np.abs(turned).sum(axis=1))
+        high, low = ends[0], -ends[1]
+        low[2], high[2] = max(bottom, height.min() - rounding), min(top, height.max() + raised + rounding)
+        lows.append(low)
+        highs.append(high)
+    return Reach(_DIRECTIONS, (np.array(lows) + highs) / 2, (np.array(highs) - lows) / 2)
+
+
+def _largest_cos(angles: Array) -> Array:
+    """(n,) the largest cosine between the two angles of each pair (n, 2)."""
+    whole = np.ceil(angles[:, 0] / (2 * np.pi)) * 2 * np.pi <= angles[:, 1]
+    largest: Array = np.where(whole, 1.0, np.cos(angles).max(axis=1))
+    return largest
 
 
 def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:

@@ -62,15 +62,15 @@ def _state_bounds(
 
 
 def reach_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
-    """Lower and upper bounds (N, 12) of (9a) at knots 1..N: where each gripper is in the body's frame.
+    """Lower and upper bounds (N, 4 m) of (9a) at knots 1..N: where each gripper is in the body's frame.
 
     A body that starts with a gripper outside its box, as one may in mid-climb, has until the first lift-off to bring it
-    inside: the boxes reach that far until then.
+    inside: limbs count as reaching that far until then.
     """
-    middle, half = problem.boxes.centre_b_m, problem.boxes.half_m
-    low, high = (np.tile((middle + sign * half).ravel(), (problem.steps, 1)) for sign in (-1, 1))
+    middle, extent = problem.boxes.middle_m, problem.boxes.extent_m
+    low, high = (np.tile((middle + sign * extent).ravel(), (problem.steps, 1)) for sign in (-1, 1))
     away = schedule.poses[0, :, :3] - problem.start.position_m
-    begin = (away @ rotation_from_rpy(problem.start.rpy_rad)).ravel()
+    begin = (away @ rotation_from_rpy(problem.start.rpy_rad) @ problem.boxes.directions.T).ravel()
     lift_off = next((k for k, knot in enumerate(schedule.contacts) if None in knot), problem.steps)
     low[: lift_off - 1], high[: lift_off - 1] = np.minimum(low[0], begin), np.maximum(high[0], begin)
     return low, high

@@ -1,13 +1,20 @@
 """Equations (1)-(4): what a two-finger gripper can carry by friction and micro-spines.
 
 By (4) both fingers of a gripper share its shear and its twist, and so does this module: (s1, s2) is the shear of ONE
-finger, m the twist of ONE finger, and both fingers obey the same limit with the smaller friction of their two faces.
+finger, m the twist of ONE finger. Each finger i has a limit of its own: (s1, s2, m) lies in the unit ball of (2) times
+mu_i n_i, friction of its face and its normal force, plus the box (3) of its spines. So faces that differ need no more
+unknowns. What spines bear of a load is one share a for both: the best is the point of the box nearest to the load,
+whatever the friction; a finger without spines has to bear all of the load by friction.
+
+In balance only F = n1 - n2 counts besides (s1, s2, m), and a squeeze n with it. Where both fingers have the same limits
+n is the smaller normal force, whose finger bounds (s1, s2, m) for both. Where they differ n is the mean of the normal
+forces, n1 = n + F / 2 and n2 = n - F / 2, and each finger bounds (s1, s2, m).
 """
 
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -22,17 +29,49 @@ INFINITY_BOUND, ONE_BOUND = 0.8, 1.4
 SMOOTHING_N = 0.05
 
 
-def polytope_directions(k_m: float) -> tuple[Array, Array, Array]:
-    """Rows of an inner polytope of the sum (1) of (2) and (3): G (26, 3), reach (26,), spine (26, 3).
+def polytope_directions(k_m: float) -> tuple[Array, Array]:
+    """Rows of an inner polytope of the sum (1) of (2) and (3): G (26, 3), reach (26,).
 
-    A finger with normal force n carries (s1, s2, m) if G @ (s1, s2, m) <= reach mu n + spine @ (shear, shear, twist),
-    the last being its spines' limits (3). Each direction adds its support over the spine box, which makes the sum
+    A finger with normal force n carries (s1, s2, m) if G @ (s1, s2, m) <= reach mu n + |G| @ spines, the last being
+    what its spines hold of (s1, s2, m) by (3). Each direction adds its support over the spine box, which makes the sum
     exact: the facets of a sum with a box stand on these directions and the box's own axes.
     """
     signs = np.array([g for g in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(g)])
     reach = np.where(np.abs(signs).sum(axis=1) == 1, INFINITY_BOUND, ONE_BOUND)
     scale = np.array([1.0, 1.0, 1.0 / k_m])
-    return signs * scale, reach, np.abs(signs) * scale
+    return signs * scale, reach
+
+
+class FingerLimit(NamedTuple):
+    """What bounds (s1, s2, m) in balance: a finger with normal force n + side F / 2; `side` 0: both alike."""
+
+    side: int
+    friction: float
+    spines: Array  # (3,) most of (s1, s2, m) that they hold
+
+
+def finger_limits(friction: Array, spines: Array) -> list[FingerLimit]:
+    """The limits of a grip whose fingers have friction (2,) and spines (2, 3): one where both have the same."""
+    if friction[0] == friction[1] and (spines[0] == spines[1]).all():
+        return [FingerLimit(0, float(friction[0]), spines[0])]
+    return [FingerLimit(side, float(mu), box) for side, mu, box in zip((1, -1), friction, spines, strict=True)]
+
+
+def grip_rows(limits: list[FingerLimit], directions: Array, reach: Array, most_N: Array) -> tuple[Array, Array]:
+    """(A, b), A @ (s1, s2, m, F, n) <= b of a grip: limit surface, and normal forces up to `most_N` (2,) a finger.
+
+    `directions` and `reach` are those of a polytope; n >= 0 is left to the caller.
+    """
+    rows, right = [], []
+    for side, friction, spines in limits:
+        load = friction * reach[:, None]
+        rows.append(np.hstack([directions, -side / 2 * load, -load]))
+        right.append(np.abs(directions) @ spines)
+    each = np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.0, -1.0, 1.0]])
+    if len(limits) == 1:
+        return np.vstack([*rows, each]), np.concatenate([*right, most_N])
+    each[:, 3] /= 2
+    return np.vstack([*rows, each, -each]), np.concatenate([*right, most_N, np.zeros(2)])
 
 
 def paper_directions(k_m: float) -> tuple[Array, Array]:
@@ -48,16 +87,15 @@ def paper_directions(k_m: float) -> tuple[Array, Array]:
     return signs * np.array([1.0, 1.0, 1.0 / k_m]), np.ones(len(signs))
 
 
-def surface_slack(variant: str, wrench: Any, spine_share: Any, loads: Any, k_m: float) -> Any:
-    """What must not be negative [N] for a gripper's two fingers, with loads mu n each (casadi).
+def surface_slack(variant: str, wrench: Any, spine_share: Any, load: Any, k_m: float) -> Any:
+    """What must not be negative [N] for a finger with load mu n (casadi).
 
     `variant`: `cone` is (2), `inner` its inscribed polytope, `paper` (11).
     """
     if variant == "cone":
-        return loads - cone_demand(wrench, spine_share, k_m)
-    directions, reach = polytope_directions(k_m)[:2] if variant == "inner" else paper_directions(k_m)
-    demand = ca.mtimes(ca.DM(directions), wrench - spine_share)
-    return ca.vertcat(*[ca.DM(reach) * loads[finger] - demand for finger in (0, 1)])
+        return load - cone_demand(wrench, spine_share, k_m)
+    directions, reach = polytope_directions(k_m) if variant == "inner" else paper_directions(k_m)
+    return ca.DM(reach) * load - ca.mtimes(ca.DM(directions), wrench - spine_share)
 
 
 def cone_demand(wrench: Any, spine_share: Any, k_m: float) -> Any:

@@ -1,13 +1,20 @@
-"""Equation (9a): every gripper stays in its limb's acceptance box and within its range of yaw relative to the body."""
+"""Equation (9a): every gripper stays in its limb's reach and within its range of yaw relative to the body.
+
+Bounds of body positions are along the directions of that reach, x, y and z first: three numbers for boxes.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.physics.dynamics import rotation
+
+if TYPE_CHECKING:
+    from crux_planner.model.workspace import Reach
 
 
 def offset_in_body(r: Any, theta: Any, gripper: Any) -> Any:
@@ -15,16 +22,23 @@ def offset_in_body(r: Any, theta: Any, gripper: Any) -> Any:
     return rotation(theta).T @ (gripper - r)
 
 
-def body_positions(gripper: Array, centre_b: Array, half: Array) -> tuple[Array, Array]:
-    """Bounds of the body position for which a level, unturned body has the gripper in the box; shapes (..., 3)."""
-    return gripper - centre_b - half, gripper - centre_b + half
+def body_positions(grippers: Array, reach: Reach) -> tuple[Array, Array]:
+    """Bounds (..., 4, m) of the body position for which a level, unturned body has grippers (..., 4, 3) in reach."""
+    along = grippers @ reach.directions.T
+    return along - reach.middle_m - reach.extent_m, along - reach.middle_m + reach.extent_m
 
 
-def turned_half(half: Array, centre_b: Array, angle_rad: float) -> Array:
-    """Half-box that, used at a fixed heading, is inside the true box for every heading within `angle_rad` of it.
+def spread(reach: Reach) -> Array:
+    """(m,) how far a cube of half edge 1 goes along each direction."""
+    far: Array = np.abs(reach.directions).sum(axis=1)
+    return far
 
-    Turning by a moves a point of the box by no more than a times its lever arm: (9a) with R fixed, conservatively.
+
+def turned(reach: Reach, angle_rad: float, reserve_m: float = 0.0) -> Reach:
+    """What, used at a fixed heading, is inside the true reach for every heading within `angle_rad` of it.
+
+    Turning by a moves a point by no more than a times its lever arm: (9a) with R fixed, conservatively.
     """
-    arm = np.abs(centre_b).max(axis=0) + half
-    shrunk: Array = half - np.sin(angle_rad) * np.array([arm[1], arm[0], 0.0])
-    return shrunk
+    arm = np.abs(reach.centre_b_m).max(axis=0) + reach.half_m
+    lever = np.abs(reach.directions[:, :2]) @ np.array([arm[1], arm[0]])
+    return replace(reach, extent_m=reach.extent_m - np.sin(angle_rad) * lever - reserve_m)

@@ -30,7 +30,7 @@ def steady_speed(contacts: Sequence[Contact], weight_N: Array, dt_s: float, held
     |p_i|^2 I - p_i p_i^T.
     """
     grips = [contacts[c] for c in held if c is not None]
-    slippery = [g.grip_friction <= 0.0 and g.spine_shear_N <= 0.0 for g in grips]
+    slippery = [g.slippery for g in grips]
     if not any(slippery):
         return float(np.inf)
     places = np.stack([g.centre_w_m for g in grips])

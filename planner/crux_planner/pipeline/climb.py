@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from crux_contracts.scenario_reader import MAX_STEPS
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
@@ -15,26 +13,23 @@ from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
-from crux_planner.pipeline.explanation import check_start, explain
-from crux_planner.pipeline.fallback import plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.cause import cause
+from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
+from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.restart import rewritten
-from crux_planner.pipeline.session import Climb, Session, Work, method_settings
-from crux_planner.pipeline.solve_and_check import finish, solve_and_check
+from crux_planner.pipeline.session import Session, Work, method_settings
+from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, goal_contacts, search
+from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
-from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
-from crux_planner.swing.swing_cache import SwingCache
 
-QUICKEST_SHARE = 1 / 3  # of the time left is computed on the quickest sequence of contacts
+QUICKEST = 10.0  # stances a second of the time limit are looked at for the quickest sequence of contacts
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
-LONGER = 2  # times as long a horizon is tried where nothing is found
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
 
 
@@ -49,67 +44,69 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         check_start(scenario, problem, equilibrium)
-        reach, swings = ReachableSet(problem), SwingCache(problem)
-    climb = Climb(**vars(session), problem=problem, equilibrium=equilibrium, reach=reach, swings=swings)
+        climb = Climb(**vars(session), **vars(Oracles.of(problem, equilibrium)))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
         return _plan_anyhow(climb) if climb.method == "auto" else _plan_by_method(climb)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
-        reason, late = none, work.cut_short
-        if climb.method == "auto":
-            reason = _cause(climb, none)
-        raise reason.out_of_time() if reason is none and (late or climb.late) else reason from None
+        late = work.cut_short or climb.late
+        reason = _cause(climb, none) if climb.method == "auto" else none
+        raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, then other headings; where the level search takes long, other headings before it goes on."""
+    """A level body, first with limbs in their boxes, then in all of their inner reach, then with other headings; where
+    the level search takes long, other headings before it goes on.
+    """
     work = climb.work
 
-    def level(quick: bool) -> PlanResult:
+    def level(climb: Climb, quick: bool) -> PlanResult:
         return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
 
     try:
-        return level(quick=True)
+        return level(climb, quick=True)
+    except InfeasibleError as none_near:
+        near = none_near
+    proof = disproved(climb, near)
+    climb = farther(climb)
+    try:
+        return level(climb, quick=True)
     except InfeasibleError as none_quick:
         none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(climb, none_level, solve_and_check)
+        return plan_wider(climb, none_level, proof, solve_and_check)
     try:
-        return plan_wider(climb, none_level, solve_and_check, share=WIDER_SHARE)
+        return plan_wider(climb, none_level, proof, solve_and_check, share=WIDER_SHARE)
     except InfeasibleError as none_wider:
         if none_wider.proven or climb.late:
             raise
         work.bound = bound
-        return level(quick=False)
+        return level(climb, quick=False)
     finally:
         if bound is not None and work.bound is None:
             bound.stop()
 
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
-    """Why there is no plan: before another cause is blamed, whether a longer horizon has one."""
-    if none.proven or none.constraint == TIME_LIMIT or isinstance(none, HorizonError):
-        return none
-    given = climb.problem.steps
-    steps = min(max([LONGER * given, *(short.needed for short in climb.work.too_short)]), MAX_STEPS)
-    if steps > given and not climb.late:
-        longer = replace(
-            climb, scenario=rewritten(climb.scenario, steps=steps), problem=replace(climb.problem, steps=steps)
-        )
-        try:
-            _plan_level(longer, quick=True)
-            found = True
-        except InfeasibleError:
-            found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE)) is not None
-        if found:
-            text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
-            return HorizonError(f"{text}; allow as many", steps)
-    return none
+    """Why there is no plan; no want of reach where joint limits let a level body stand at the goal."""
+    reason = cause(farther(climb), none, _steps_with)
+    wants_reach = reason.constraint == "reach" and not reason.proven
+    stance = level_stance_at_goal(climb.problem, climb.robot) if wants_reach else None
+    return reason if stance is None else no_way_to(climb.problem, stance, reason)
+
+
+def _steps_with(longer: Climb) -> int | None:
+    """The steps of a plan with a longer horizon, None where none is found."""
+    try:
+        return _plan_level(farther(longer), quick=True).steps
+    except InfeasibleError:
+        found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE))
+        return None if found is None else found[0].steps
 
 
 def _plan_level(climb: Climb, quick: bool) -> PlanResult:
@@ -128,7 +125,7 @@ def _plan_level(climb: Climb, quick: bool) -> PlanResult:
                 moves, seen = _search(climb, at_once, quick)
             if moves is not None:
                 return solve_and_check(climb, moves)
-            failures.append(explain(climb.problem, climb.equilibrium, climb.reach, climb.swings, seen, at_once))
+            failures.append(explain(climb, seen, at_once))
             return None
 
         climb = _within_torques(climb, climb.problem.friction_share)
@@ -167,7 +164,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     work = climb.work
     failures: list[InfeasibleError] = []
     aimed = climb.problem.aimed()
-    if all(goal_contacts(climb.problem, climb.reach, aimed.goal.aim_m)):
+    if all(goal_contacts(climb.problem, climb.reachable, aimed.goal.aim_m)):
         climb = replace(climb, problem=aimed)
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError:
@@ -175,7 +172,9 @@ def _plan_by_method(climb: Climb) -> PlanResult:
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
             settings = method_settings(climb)
-            task = Task(problem, equilibrium, climb.reach, climb.swings, **settings)
+            task = Task(
+                problem=problem, equilibrium=equilibrium, reachable=climb.reachable, swings=climb.swings, **settings
+            )
             decided = METHODS[climb.method](task)
         knots = decided.knots
         reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
@@ -207,8 +206,5 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 
 def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
     """The quickest moves if they are found with so much work, else any that are quick enough."""
-    greed, busy_until = GREED, np.inf
-    if quick:
-        greed, busy_until = 1.0, time.process_time() + QUICKEST_SHARE * (climb.deadline - clock.now())
-    oracles = climb.problem, climb.equilibrium, climb.reach, climb.swings
-    return search(*oracles, at_once=at_once, greed=greed, deadline=climb.deadline, busy_until=busy_until)
+    greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
+    return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)

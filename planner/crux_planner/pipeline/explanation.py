@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.poses import point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
 _LACKING_N = 0.01  # a balance that lacks less is met
@@ -24,9 +27,10 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
     for limb, name in enumerate(LIMB_NAMES):
         contact = problem.contacts[problem.start_contacts[limb]]
         place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
-        centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
-        beyond = np.abs(place - centre) - half
-        if beyond.max() > 0:
+        widest = problem.limb_reach.inner
+        if problem.boxes.beyond(limb, place).max() > 0 and widest.beyond(limb, place).max() > 0:
+            centre, half = widest.centre_b_m[limb], widest.half_m
+            beyond = np.abs(place - centre) - half
             axis = int(np.argmax(beyond))
             low, high = centre[axis] - half[axis], centre[axis] + half[axis]
             raise wrong(
@@ -44,19 +48,13 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             "start.grasps",
             _stance_text(problem, stance),
             f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
-            f"{_counted(problem, stance)}; give the grasped faces more friction, or the body another place",
+            "; give the grasped faces more friction, or the body another place",
         )
 
 
-def explain(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
-    report: SearchReport,
-    at_once: int,
-) -> InfeasibleError:
+def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
     """Why the search found nothing."""
+    problem, equilibrium, reach, swings = oracles.problem, oracles.equilibrium, oracles.reachable, oracles.swings
     return (
         _goal_out_of_reach(problem, reach)
         or _chain_broken(problem, reach, swings)
@@ -69,6 +67,40 @@ def explain(
             "way of every swing",
         )
     )
+
+
+def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
+    """Four holds that the joint limits themselves let a level body grip at its goal; None if there are none.
+
+    The body is looked at in the middle of the goal's tolerance and at the corners of a cube in it.
+    """
+    goal = problem.goal
+    centres = np.stack([c.centre_w_m for c in problem.contacts])
+    yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.body.rpy_rad[2]
+    holds = np.array([c.hold for c in problem.contacts])
+    corners = np.array([[0.0] * 3, *itertools.product((-1.0, 1.0), repeat=3)])
+    for position in goal.body.position_m + goal.position_slack_m * corners:
+        place = (centres - position) @ rotation_z(goal.body.rpy_rad[2])
+        ends = []
+        for index, limb in enumerate(robot.limbs):
+            q, reached = inverse(limb, place, rotation_z(yaws))
+            held = goal.grasps.get(index)
+            ok = reached & (limit_margin(limb, q) >= 0.0)
+            ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
+            ok &= np.array([held in (None, (c.hold, c.pair)) for c in problem.contacts])
+            at = np.flatnonzero(ok)
+            ends.append(at[np.unique(holds[at], return_index=True)[1]].tolist())
+        for first, second, third, fourth in itertools.product(*ends):
+            if len(set(holds[[first, second, third, fourth]])) == len(LIMB_NAMES):
+                return first, second, third, fourth
+    return None
+
+
+def no_way_to(problem: Problem, stance: Stance, none: InfeasibleError) -> InfeasibleError:
+    """What to say instead of a want of reach where a level body could stand at the goal."""
+    held = _stance_text(problem, stance)
+    text = f"no sequence of contacts found to the goal, where joint limits let a level body hold {held}"
+    return InfeasibleError("contacts", text, undecided=none.undecided)
 
 
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:
@@ -84,8 +116,8 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         ]
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
-        low, high = reach.low[limb, usable], reach.high[limb, usable]
-        beyond = np.maximum(low - slack - goal, goal - slack - high).max(axis=1)
+        near, far = reach.around(goal, slack)
+        beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
         place = point_text(problem, goal)
@@ -104,9 +136,10 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             continue
         low, high = reach.low[limb], reach.high[limb]
         line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
+        along = line @ reach.shape.directions.T
         usable = problem.limb_contacts[limb]
         inside = (
-            ((line[:, None] >= low[usable] - 1e-9) & (line[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
+            ((along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
         )
         if not inside.all():
             first = int(np.argmin(inside))
@@ -144,7 +177,7 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
-        f"{max(lacking, _LACKING_N):.1f} N{_counted(problem, report.nearest)}",
+        f"{max(lacking, _LACKING_N):.1f} N",
     )
 
 
@@ -165,18 +198,11 @@ def _lift_unbalanced(
         f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on "
         f"{_stance_text(problem, report.nearest, without=limb)}: "
         + (
-            f"friction and spines fall short by {lacking:.1f} N{_counted(problem, report.nearest)}"
+            f"friction and spines fall short by {lacking:.1f} N"
             if lacking >= _LACKING_N
             else "the joints are too weak for what friction would hold"
         ),
     )
-
-
-def _counted(problem: Problem, stance: Stance) -> str:
-    """What a shortage of force leaves out, where it leaves something out."""
-    if all(problem.contacts[c].better is None for c in stance):
-        return ""
-    return " with the lesser of a grip's two faces counted for both"
 
 
 def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:

@@ -12,18 +12,18 @@ from dataclasses import replace
 from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, gap
 from crux_planner.certificates.bound.climb import EFFORT, lower_bound
 from crux_planner.certificates.infeasibility.infeasible import Proof
-from crux_planner.errors import FOR_ITS_REACH, HorizonError, InfeasibleError
+from crux_planner.errors import FOR_ALL_REACH, HorizonError, InfeasibleError
 from crux_planner.model.arrays import Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import Climb
+from crux_planner.pipeline.solve_and_check import Climb
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles, ReachableSet
 from crux_planner.search.standing import clear_start
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
@@ -46,23 +46,38 @@ TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of g
 SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
 
 
+def farther(climb: Climb) -> Climb:
+    """The same with all of the limbs' inner reach."""
+    problem = replace(climb.problem, boxes=climb.problem.limb_reach.inner)
+    return replace(climb, problem=problem, reachable=ReachableSet(problem))
+
+
+def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
+    """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError."""
+    proof = Proof(climb.scenario, climb.robot, climb.problem)
+    with climb.work.part("proof", 0.1):
+        impossible = proof.quick() or proof.goal_equilibrium(clock.now() + GOAL_PROOF_S)
+        if impossible is not None:
+            raise impossible
+        impossible = proof.disconnected(clock.now() + FIRST_PROOF_S)
+    if impossible is not None:
+        raise _explained(proof.instead_of(none_near), impossible)
+    return proof
+
+
 def plan_wider(
-    climb: Climb, none_level: InfeasibleError, solve_and_check: SolveAndCheck, share: float | None = None
+    climb: Climb,
+    none_level: InfeasibleError,
+    proof: Proof,
+    solve_and_check: SolveAndCheck,
+    share: float | None = None,
 ) -> PlanResult:
     """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
 
     With `share`, searches take at most that of the time left, and no long proof follows.
     """
     work, deadline = climb.work, climb.deadline
-    proof = Proof(climb.scenario, climb.robot, climb.problem)
-    with work.part("proof", 0.1):
-        impossible = proof.quick() or proof.goal_equilibrium(clock.now() + GOAL_PROOF_S)
-        if impossible is not None:
-            raise impossible
-        none_level = proof.instead_of(none_level)
-        impossible = proof.disconnected(clock.now() + FIRST_PROOF_S)
-    if impossible is not None:
-        raise _explained(none_level, impossible)
+    none_level = proof.instead_of(none_level)
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
     now = clock.now()
@@ -86,7 +101,7 @@ def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> 
     """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found until then,
     or made of it until the deadline.
     """
-    work, boxes = climb.work, climb.problem.boxes
+    work, reach = climb.work, climb.problem.limb_reach
     aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
         if aim > 0 and aims[off_centre, aim - 1] is None:
@@ -97,8 +112,8 @@ def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> 
         if (off_centre, aim) not in aims:
             tried = [pose[1] for (off, _), pose in aims.items() if pose is not None and off == off_centre]
             with work.part("problem", 0.1):
-                wider = build_problem(climb.scenario, climb.robot, off_centre=off_centre, boxes=boxes)
-                aims[off_centre, aim] = aimed(wider, tried)
+                wider = build_problem(climb.scenario, climb.robot, off_centre=off_centre, reach=reach)
+                aims[off_centre, aim] = aimed(replace(wider, boxes=reach.inner), tried)
         found = aims[off_centre, aim]
         if found is None:
             continue
@@ -116,7 +131,7 @@ def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> 
 
 def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> InfeasibleError:
     """What stops a level body names the place best; the proof is about all others too."""
-    return InfeasibleError(none_level.constraint, f"{none_level} (proven {FOR_ITS_REACH}: {impossible})", proven=True)
+    return InfeasibleError(none_level.constraint, f"{none_level} (proven {FOR_ALL_REACH}: {impossible})", proven=True)
 
 
 def _plan_aimed(
@@ -130,7 +145,7 @@ def _plan_aimed(
             work.cut_short = True
             return None
         with work.part("headings", 0.2):
-            headings = HeadingSearch(climb.problem, climb.reach, climb.swings, ends)
+            headings = HeadingSearch(climb.problem, climb.reachable, climb.swings, ends)
             moves, seen = headings.search(greed=GREED, deadline=until)
         work.cut_short |= seen.timed_out
         if moves is None:
@@ -150,7 +165,7 @@ def _plan_aimed(
         body = replace(given.body, max_speed_m_s=speed * given.body.max_speed_m_s)
         return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
 
-    wide = replace(climb, problem=problem, reach=ReachableSet(problem), swings=SwingCache(problem))
+    wide = replace(climb, **vars(Oracles.of(problem, climb.equilibrium)))
     return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0]
 
 

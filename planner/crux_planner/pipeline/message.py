@@ -12,14 +12,13 @@ from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
 
-from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
     from crux_planner.checker import CheckReport
-    from crux_planner.model.gait import Gait
     from crux_planner.model.problem import CentroidalProblem, Problem
     from crux_planner.model.schedule import Schedule
     from crux_planner.model.walk_problem import WalkProblem
@@ -74,7 +73,7 @@ class PlanResult:
         """What the gap is about: the plans that the bound of the cost is below."""
         if is_walk(self.plan):
             return f"{FOR_ITS_REACH}, its accelerations and single steps"
-        return f"{FOR_ITS_REACH}, its swings and its places on the holds"
+        return f"{FOR_ALL_REACH}, its swings and its places on the holds"
 
     @property
     def steps(self) -> int:
@@ -126,17 +125,18 @@ def plan_message(
     none = np.zeros(WRENCH_INPUTS)
     q = np.array([none if c is None else loads[i // 4][i % 4] for i, c in enumerate(held)])
     axes, tangents = (np.array([_UP if c is None else getattr(c, name) for c in held]) for name in ("axis", "tangent"))
-    grips = [None if c is None else (c.hold, c.finger1_face, c.friction) for c in held]
+    grips = [None if c is None else (c.hold, c.finger1_face, float(c.friction.min())) for c in held]
     return _with_knots(plan, problem, solution.body, schedule.poses, finger_forces(q, axes, tangents), grips)
 
 
 def walk_message(
-    scenario: Scenario, robot: Robot, problem: WalkProblem, gait: Gait, solution: WalkSolution, method: str = "auto"
+    scenario: Scenario, robot: Robot, problem: WalkProblem, solution: WalkSolution, method: str = "auto"
 ) -> Any:
     """The plan of a walk, complete with its plan_id (msgs/PLAN.md, point feet)."""
     plan = plan_header(scenario, robot, solution.cost, method)
     plan.patch_k_m, plan.spine_shear_n, plan.spine_twist_nm = 0.0, 0.0, 0.0
     plan.max_normal_n = problem.max_normal_N
+    gait = solution.gait
     height, yaw = problem.step_height_m * gait.height, gait.yaw(float(problem.goal.body.rpy_rad[2]))
     opening = np.full(height.shape, problem.opening_m)
     poses = np.concatenate([gait.blend @ solution.footholds, np.stack([height, yaw, opening], axis=2)], axis=2)

@@ -15,7 +15,6 @@ from crux_contracts import LIMB_NAMES
 from crux_planner.checker import CheckReport
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.model.gait import Gait
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.schedule import Contacts, SpeedLimits
 from crux_planner.model.walk_problem import Cut, WalkProblem
@@ -63,22 +62,21 @@ def slowed(
     return cut
 
 
-def bent(problem: WalkProblem, gait: Gait, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:
+def bent(problem: WalkProblem, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:
     """The walk without the corners in which joints are too fast; None where that is not what is wrong."""
     cuts = []
     for violation in report.violations:
         if violation.constraint == "joint_speed" and violation.limb is not None and violation.time_s is not None:
             limb = LIMB_NAMES.index(violation.limb)
-            cut = _cut(problem, gait, solution, limb, int(violation.time_s / problem.dt_s))
+            cut = _cut(problem, solution, limb, int(violation.time_s / problem.dt_s))
             cuts += [] if cut is None else [cut]
     return replace(problem, cuts=(*problem.cuts, *cuts)) if cuts else None
 
 
-def _cut(problem: WalkProblem, gait: Gait, solution: WalkSolution, limb: int, knot: int) -> Cut | None:
+def _cut(problem: WalkProblem, solution: WalkSolution, limb: int, knot: int) -> Cut | None:
     """What leaves out the corner that the foot is nearest to about a knot."""
     about = np.clip(np.arange(knot - 1, knot + 3), 0, problem.steps)
-    plan = np.einsum("kj,ja->ka", gait.blend[about, limb], solution.footholds)
-    feet = np.column_stack([plan, problem.step_height_m * gait.height[about, limb]])
+    feet = solution.feet(problem.step_height_m)[about, limb]
     rotation = rotation_from_rpy(solution.body[about, 3:6])
     places = np.einsum("kba,kb->ka", rotation, feet - solution.body[about, :3])
     centre, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m

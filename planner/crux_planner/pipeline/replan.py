@@ -27,13 +27,12 @@ from crux_planner.pipeline.fallback import plan_turning
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
-from crux_planner.pipeline.session import Climb, Work
-from crux_planner.pipeline.solve_and_check import finish, in_time, solve_and_check
+from crux_planner.pipeline.session import Session, Work
+from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, solve_and_check
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 
@@ -50,8 +49,7 @@ class Planner:
         """Raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
         self.scenario, self.robot = scenario, robot
         self.problem = build_problem(scenario, robot)
-        self.equilibrium = TorqueLimits(self.problem, self.problem.friction_share)
-        self.reach, self.swings = ReachableSet(self.problem), SwingCache(self.problem)
+        self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
 
     def replan(
@@ -84,8 +82,8 @@ class Planner:
             if body is not None:
                 check_body(scenario, problem.body, problem.start, problem.goal.body)
             remaining = read_remaining(problem, running, first)
-        given = scenario, self.robot, work, deadline, "auto"
-        climb = Climb(*given, problem, self.equilibrium, self.reach, self.swings)
+        session = Session(scenario, self.robot, work, deadline, "auto")
+        climb = Climb(**vars(session), **vars(replace(self.oracles, problem=problem)))
         result = None
         if remaining is not None and remaining.open_to(problem):
             result = self._along(climb, remaining)
@@ -115,12 +113,12 @@ class Planner:
         """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
         known = None if remaining is None else remaining.known(climb.problem)
         with climb.work.part("contacts", 0.1):
-            oracles = replace(climb.problem, steps=most), self.equilibrium, self.reach, self.swings
-            moves, _ = search(*oracles, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
+            longer = replace(climb, problem=replace(climb.problem, steps=most))
+            moves, _ = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
         for spare in SPARE_KNOTS if moves is not None else ():
             with climb.work.part("body", 0.3):
                 timed, schedule = in_time(climb, moves or [], spare)
-                path = knot_path(self._as_level(timed.problem), self.equilibrium, schedule)
+                path = knot_path(self._as_level(timed.problem), climb.equilibrium, schedule)
             if path is not None:
                 result = self._finish(timed, schedule, start_from_path(timed.problem, path))
                 if result is not None:
@@ -172,12 +170,13 @@ class Planner:
 
     def _as_level(self, problem: Problem) -> Problem:
         """The problem as the path of a level body sees it: how the robot is tilted is left to the exact program."""
-        bounds = self.reach.of(problem.start_contacts)
+        bounds = self.oracles.reachable.of(problem.start_contacts)
         position = problem.start.position_m if bounds is None else _inside(problem.start.position_m, *bounds)
         return replace(problem, start=Pose(position, np.zeros(3)))
 
 
 def _inside(values: Array, low: Array, high: Array) -> Array:
     """Values moved into bounds, with a little space where there is some."""
+    low, high = low[:3], high[:3]
     slack = np.minimum(_SLACK_M, (high - low) / 2)
     return np.clip(values, low + slack, high - slack)

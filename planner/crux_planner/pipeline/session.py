@@ -16,10 +16,6 @@ from crux_planner.solvers import clock
 
 if TYPE_CHECKING:
     from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
-    from crux_planner.model.problem import Problem
-    from crux_planner.search.equilibrium import StaticEquilibrium
-    from crux_planner.search.stances import ReachableSet
-    from crux_planner.swing.swing_cache import SwingCache
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
@@ -34,6 +30,7 @@ class Work:
 
     report: Progress
     log: Callable[[str], None]
+    limit_s: float = TIME_LIMIT_S
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
     bound: ClimbBoundWorker | None = None
@@ -71,16 +68,6 @@ class Session:
         return now + share * (self.deadline - now)
 
 
-@dataclass(frozen=True)
-class Climb(Session):
-    """A climb, with the oracles of its problem."""
-
-    problem: Problem
-    equilibrium: StaticEquilibrium
-    reach: ReachableSet
-    swings: SwingCache
-
-
 def method_settings(session: Session) -> dict[str, Any]:
     """What one of the paper's methods is given beside its problem (crux_planner.admm.admm.Settings)."""
     options = session.scenario.planner
@@ -102,6 +89,6 @@ def begin(
     """
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
+    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None), limit_s)
     return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), method)

@@ -16,18 +16,24 @@ from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import TooFast, slowed
-from crux_planner.pipeline.session import Climb
+from crux_planner.pipeline.session import Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
+from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
+
+
+@dataclass(frozen=True)
+class Climb(Session, Oracles):
+    """A climb being planned: a session, and the oracles of its problem."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +48,9 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     """A checked plan for a sequence of moves, or why there is none: a cheaper one near it if there is one."""
     work, as_given = climb.work, climb.problem
     with work.part("improve", 0.3):
-        costs = EventCost(as_given, climb.equilibrium, climb.reach, climb.swings)
+        costs = EventCost(climb)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        waits = climb.scenario.planner.idle == "keep"
-        timed = improve(costs, moves, climb.deadline, waits=waits) if level else None
+        timed = improve(costs, moves, climb.deadline) if level else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -81,8 +86,6 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
 
 
 def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
-    if timed is not None:
-        climb = replace(climb, problem=replace(climb.problem, steps=timed.steps))
     with climb.work.part("body", 0.4):
         try:
             schedule = (
@@ -102,14 +105,14 @@ def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -
 def evenly(climb: Climb, moves: list[Move]) -> Schedule:
     """The moves as they are, the time to spare spread over stances and swings. Raises HorizonError."""
     problem = climb.problem
-    moves = smooth_events(problem, climb.equilibrium, climb.reach, climb.swings, moves)
+    moves = smooth_events(climb, moves)
     return scheduled(problem, climb.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
 def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:
     """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
     problem, swings = climb.problem, climb.swings
-    moves = smooth_events(problem, climb.equilibrium, climb.reach, swings, moves)
+    moves = smooth_events(climb, moves)
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
     needed = int(sum(part.sum() for part in least_durations(problem, swings, moves, step)))
     problem = replace(problem, steps=max(problem.steps, needed) + spare)

@@ -134,7 +134,7 @@ def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait
-    reached = walk_message(scenario, walk.robot, walk.asked, gait, of_knots(problem, decided.knots, 0), method)
+    reached = walk_message(scenario, walk.robot, walk.asked, of_knots(problem, decided.knots, 0), method)
     with work.part("check", 0.4):
         reached_report = check_plan(reached, walk.robot)
     result = _first_good(walk, contacts.near(gait, walk.deadline))
@@ -190,9 +190,9 @@ def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanRe
         if not solution.solved:
             return unsolved(", ".join(gait.names), solution.status)
         with work.part("check", 0.8):
-            message = walk_message(walk.scenario, walk.robot, problem, gait, solution, walk.method)
+            message = walk_message(walk.scenario, walk.robot, problem, solution, walk.method)
             report = check_plan(message, walk.robot)
-        less = None if report.ok else bent(problem, gait, solution, report)
+        less = None if report.ok else bent(problem, solution, report)
         if less is None:
             break
         problem = less

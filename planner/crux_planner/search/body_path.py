@@ -16,12 +16,12 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
-from crux_planner.physics.reach import body_positions, turned_half
+from crux_planner.model.workspace import Reach
+from crux_planner.physics.reach import body_positions, turned
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
+from crux_planner.search.stances import Oracles
 from crux_planner.solvers.qp import SparseQp
-from crux_planner.swing.swing_cache import SwingCache
 
 SPEED_SHARE = 0.95  # of the body's largest speed
 _WAITING = 1e-2  # cost of a further knot against squared lengths [m^2]: above any detour it could save
@@ -29,17 +29,15 @@ _ANYWHERE_M = 100.0  # beyond any wall
 _COMFORT = 1e-5  # weight of wrenches against squared lengths [m^2/N^2]: keeps the body where the grippers carry least
 
 
-def smooth_events(
-    problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache, moves: list[Move]
-) -> list[Move]:
+def smooth_events(oracles: Oracles, moves: list[Move]) -> list[Move]:
     """The same moves with all body positions at lift-off and touch-down chosen together: short way, low wrenches."""
     if not moves:
         return moves
-    qp = SparseQp()
+    problem, equilibrium, swings, qp = oracles.problem, oracles.equilibrium, oracles.swings, SparseQp()
     path: list[Indices] = []
     for move in moves:
         for stance in (move.before, move.after):
-            bounds = reach.turned(move.yaw_rad).of(stance)
+            bounds = oracles.reachable.turned(move.yaw_rad).of(stance)
             assert bounds is not None
             path.append(_position(qp, equilibrium, *bounds, move.support, rotation_z(move.yaw_rad))[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
@@ -93,19 +91,21 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
         turn, to_w = 0.0, rotation_z(schedule.yaw_rad)
         to_w[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
     reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
-    half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - reserve
+    shape = turned(problem.boxes, turn, reserve)
     grippers = schedule.poses[..., :3] @ to_w  # along the body's axes, knot by knot
-    lows, highs = body_positions(grippers, problem.boxes.centre_b_m, half)
-    low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, 3)
+    lows, highs = body_positions(grippers, shape)
+    low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, m)
     low[:, 2] = np.maximum(low[:, 2], problem.body.height_m[0])
     high[:, 2] = np.minimum(high[:, 2], problem.body.height_m[1])
     if (low > high).any():
         return None
-    low[:, :2], high[:, :2] = low[:, :2] - problem.tilt_slack_m, high[:, :2] + problem.tilt_slack_m
+    tilt_slack = problem.tilt_slack_m * np.abs(shape.directions[:, :2]).sum(axis=1)
+    low, high = low - tilt_slack, high + tilt_slack
     first, last, slack = problem.start.position_m, problem.goal.body.position_m, problem.goal.aim_m
-    low[:2], high[:2] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
-    low[-1] = np.maximum(low[-1], last @ to_w[-1] - slack)
-    high[-1] = np.minimum(high[-1], last @ to_w[-1] + slack)
+    low[:2, 3:], high[:2, 3:] = -_ANYWHERE_M, _ANYWHERE_M
+    low[:2, :3], high[:2, :3] = first @ to_w[0], first @ to_w[0]  # at rest in knot 0: knot 1 is the same
+    low[-1, :3] = np.maximum(low[-1, :3], last @ to_w[-1] - slack)
+    high[-1, :3] = np.minimum(high[-1, :3], last @ to_w[-1] + slack)
     if (low > high).any():
         return None
     path: list[Indices] = []
@@ -117,7 +117,7 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
         )
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
-    path.append(_within(qp, low[-1], high[-1], to_w[-1]))
+    path.append(within(qp, problem.boxes, low[-1], high[-1], to_w[-1]))
     _add_cost(qp, problem, schedule, path)
     solution = qp.solve()
     if solution is None:
@@ -147,7 +147,7 @@ def _position(
     comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
     """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
-    position = _within(qp, low, high, to_w)
+    position = within(qp, equilibrium.problem.boxes, low, high, to_w)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches = []
     for contact in support:
@@ -163,10 +163,13 @@ def _position(
     return position, wrenches
 
 
-def _within(qp: SparseQp, low: Array, high: Array, to_w: Array) -> Indices:
-    """Add a position between bounds along axes that `to_w` (3, 3) turns to W; the numbers of its variables."""
-    if (to_w == np.eye(3)).all():
-        return qp.variables(low, high)
-    position = qp.variables(np.full(3, -_ANYWHERE_M), np.full(3, _ANYWHERE_M))
-    qp.below(np.vstack([to_w.T, -to_w.T]), position, np.concatenate([high, -low]))
+def within(qp: SparseQp, reach: Reach, low: Array, high: Array, to_w: Array) -> Indices:
+    """Add a position between bounds (m,) along directions that `to_w` (3, 3) turns to W; its variables' numbers."""
+    level = (to_w == np.eye(3)).all()
+    ends = (low[:3], high[:3]) if level else (np.full(3, -_ANYWHERE_M), np.full(3, _ANYWHERE_M))
+    position = qp.variables(*ends)
+    some = slice(3 if level else 0, len(low))
+    if some.start < len(low):
+        rows = reach.directions[some] @ to_w.T
+        qp.below(np.vstack([rows, -rows]), position, np.concatenate([high[some], -low[some]]))
     return position

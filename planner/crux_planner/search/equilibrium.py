@@ -10,18 +10,25 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import finger_limits, grip_rows, polytope_directions
 from crux_planner.solvers.qp import Qp
 
 _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
-WRENCH = 5  # QP variables a gripper: w and the smaller normal force n of its two fingers
+WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
 FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact
 MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
 _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
+
+
+def clipped(position: Array, low: Array, high: Array) -> Array:
+    """The position moved into bounds (m,) as far as these are along x, y and z."""
+    near: Array = np.clip(position, low[:3], high[:3])
+    return near
 
 
 class StaticEquilibrium:
@@ -31,10 +38,11 @@ class StaticEquilibrium:
         self.problem, self.margin = problem, margin
         self.queries = self.solves = 0
         self.maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
-        self.friction = np.array([c.grip_friction for c in problem.contacts])
-        self.directions, self.reach, spine = polytope_directions(problem.patch.k_m)
-        box = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm] for c in problem.contacts])
-        self.spine = margin * box @ spine.T  # (C, 26)
+        self.directions, self.reach = polytope_directions(problem.patch.k_m)
+        self.limits = [finger_limits(c.grip_friction, margin * c.spines) for c in problem.contacts]
+        # Of both fingers in all directions, (C, 2, 26): load borne a newton of normal force, and what spines hold.
+        self.load = margin * np.array([np.outer(c.grip_friction, self.reach) for c in problem.contacts])
+        self.spine = margin * np.array([c.spines for c in problem.contacts]) @ np.abs(self.directions).T
         self.max_normal_N = margin * problem.patch.max_normal_N
         # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
         self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
@@ -43,15 +51,21 @@ class StaticEquilibrium:
         self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
         self._least_norm: dict[tuple[int, ...], Array] = {}
         self._known: dict[tuple[Any, ...], Array | None] = {}
+        self._rows: dict[int, tuple[Array, Array]] = {}
 
     def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
-        """A body position in [low, high], near `wanted`, in balance on the contacts `support`; None if none exists."""
+        """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
+
+        Its bounds are along the directions of the problem's reach, or as many of these as are given, x, y and z first.
+        """
         self.queries += 1
         support = tuple(sorted(support))
         key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._known:
-            near = np.clip(wanted, low, high)
-            settled = self._least_norm_fits(support, near)
+            near = clipped(wanted, low, high)
+            along = self.problem.boxes.directions[3 : len(low)] @ near
+            inside = (along >= low[3:]).all() and (along <= high[3:]).all()
+            settled = inside and self._least_norm_fits(support, near)
             self._known[key] = near if settled else self._solve(support, low, high, wanted)
         return self._known[key]
 
@@ -61,11 +75,10 @@ class StaticEquilibrium:
 
     def limit_rows(self, contact: int) -> tuple[Array, Array]:
         """(A, b), A @ (s1, s2, m, F, n) <= b: limit surface and largest normal force, at the margin."""
-        rows = np.zeros((len(self.reach) + 2, WRENCH))
-        rows[:-2, :3] = self.directions
-        rows[:-2, 4] = -self.margin * self.reach * self.friction[contact]
-        rows[-2:, 3:] = [[1.0, 1.0], [-1.0, 1.0]]
-        return rows, np.concatenate([self.spine[contact], self.press_N[contact]])
+        if contact not in self._rows:
+            limits, reach = self.limits[contact], self.margin * self.reach
+            self._rows[contact] = grip_rows(limits, self.directions, reach, self.press_N[contact])
+        return self._rows[contact]
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
         """Least force [N] that balance lacks for body positions in [low, high].
@@ -75,7 +88,7 @@ class StaticEquilibrium:
         n = 3 + WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
-        low, high = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        low, high = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
@@ -93,10 +106,9 @@ class StaticEquilibrium:
         right = self.right_side(position)
         wrench = (self._least_norm[support] @ right).reshape(-1, 4)
         residual = self._joined(support) @ wrench.ravel() - right
-        load = self.margin * self.reach * self.friction[index][:, None]
-        excess = wrench[:, :3] @ self.directions.T - self.spine[index]
-        normal = np.where(excess > 0, excess / np.maximum(load, 1e-12), 0.0).max(axis=1)
-        press = normal[:, None] + wrench[:, 3:] * np.array([1.0, -1.0])
+        excess = (wrench[:, :3] @ self.directions.T)[:, None] - self.spine[index]
+        normal = np.where(excess > 0, excess / np.maximum(self.load[index], 1e-12), 0.0).max(axis=2)
+        press = np.maximum(normal, normal[:, ::-1] + wrench[:, 3:] * np.array([1.0, -1.0]))
         return bool(np.abs(residual).max() < 1e-6 and (press <= self.press_N[index]).all())
 
     def _joined(self, support: tuple[int, ...]) -> Array:
@@ -112,11 +124,8 @@ class StaticEquilibrium:
 
     def _limits(self, support: tuple[int, ...]) -> tuple[Array, Array, Array, Array]:
         """Limit rows and bounds of the wrenches of all grippers in `support`."""
-        n = WRENCH * len(support)
         parts = [self.limit_rows(c) for c in support]
-        rows = np.zeros((sum(len(b) for _, b in parts), n))
-        for i, (a, _) in enumerate(parts):
-            rows[i * len(a) : (i + 1) * len(a), WRENCH * i : WRENCH * (i + 1)] = a
+        rows = block_diag(*[a for a, _ in parts])
         high = np.tile([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N], len(support))
         low = -high
         low[4::WRENCH] = 0.0
@@ -142,8 +151,12 @@ class StaticEquilibrium:
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         if further is not None:
             rows, bounds = np.vstack([rows, further[0]]), np.concatenate([bounds, further[1]])
+        if len(low) > 3:
+            oblique = np.zeros((len(low) - 3, rows.shape[1]))
+            oblique[:, :3] = self.problem.boxes.directions[3 : len(low)]
+            rows, bounds = np.vstack([rows, oblique, -oblique]), np.concatenate([bounds, high[3:], -low[3:]])
         right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
-        lows, highs = np.concatenate([low, wrench_low]), np.concatenate([high, wrench_high])
+        lows, highs = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         qp = Qp(np.diag(cost), linear, (equilibrium, right), (rows, None, bounds), lows, highs, **_SETTINGS)
         found = qp.solve()
-        return np.clip(found.x[:3], low, high) if found.solved else None
+        return clipped(found.x[:3], low, high) if found.solved else None

@@ -15,22 +15,22 @@ import numpy as np
 import scipy.linalg as la
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.bounds import LEAST_NORMAL_N
 from crux_planner.physics.cost import swing_cost
-from crux_planner.physics.limit_surface import polytope_directions
-from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, StaticEquilibrium
-from crux_planner.search.stances import REACH_RESERVE_M, ReachableSet
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
+from crux_planner.physics.reach import body_positions
+from crux_planner.search.body_path import SPEED_SHARE, within
+from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
+from crux_planner.search.stances import Oracles
 from crux_planner.solvers.qp import Entries, SparseQp
-from crux_planner.swing.swing_cache import SwingCache
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
 _AT_GOAL = 3  # knots, about, for which the body is at the goal rather than where the last stance is easiest
+_LEVEL = np.eye(3)
 _ABOUT = 1  # node beside what is different that an estimate near another solves again: the body meets its bounds
+_SOLVED = 10
 _SAME = 7  # digits [m] to which places of the body are the same
 _DIFFERENCE = Entries(np.hstack([-np.eye(3), np.eye(3)]))
 _BOTH_WAYS = Entries(np.vstack([np.hstack([-np.eye(3), np.eye(3)]), np.hstack([np.eye(3), -np.eye(3)])]))
@@ -45,11 +45,6 @@ class Timed:
     moves: list[Move]
     stances: Array
     swings: Array
-
-    @property
-    def steps(self) -> int:
-        """Knot intervals that they take."""
-        return int(self.stances.sum() + self.swings.sum())
 
 
 @dataclass(frozen=True)
@@ -99,16 +94,14 @@ class Estimate:
 class EventCost:
     """Estimates of one problem; what belongs to one stance or swing is kept."""
 
-    def __init__(
-        self, problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, swings: SwingCache
-    ) -> None:
-        self.problem, self.equilibrium, self.reach, self.swings = problem, equilibrium, reach, swings
-        self.count = 0  # of nodes solved
+    def __init__(self, oracles: Oracles) -> None:
+        problem, equilibrium = oracles.problem, oracles.equilibrium
+        self.problem, self.equilibrium = problem, equilibrium
+        self.reach, self.swings = oracles.reachable, oracles.swings
+        self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
         self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
-        turn = float(max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max()))
-        self._half_m = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - REACH_RESERVE_M
-        self._directions, _, _ = polytope_directions(problem.patch.k_m)
+        self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
         self._load = _CONE_SHARE * equilibrium.margin * np.linalg.norm(unit, axis=1)
         self._grips: dict[tuple[int, ...], _Grips] = {}
@@ -147,6 +140,7 @@ class EventCost:
 
     def _places(self, nodes: list[_Node], near: Estimate | None) -> tuple[Array, Array] | None:
         """The body at the nodes and what carrying it there takes; None where there is no path."""
+        self.work += len(nodes)
         body, efforts, free = _taken_over(nodes, near)
         ends = np.flatnonzero(np.diff(free, prepend=False, append=False))
         for first, last in ends.reshape(-1, 2).tolist():  # runs of free nodes
@@ -164,7 +158,7 @@ class EventCost:
         what = tuple((node.what, node.knot - since) for node in nodes[begin:end])
         key = (first > 0, what, np.round(np.array(fixed), _SAME).tobytes())
         if key not in self._runs:
-            self.count += last - first
+            self.work += _SOLVED * (last - first)
             self._runs[key] = self._solve([*nodes[begin:end]], fixed, slice(first - begin, last - begin))
         return self._runs[key]
 
@@ -174,7 +168,7 @@ class EventCost:
         grips: list[Indices] = []
         for i, node in enumerate(nodes):
             if free.start <= i < free.stop:
-                places.append(qp.variables(node.low, np.maximum(node.low, node.high)))
+                places.append(self._place(qp, node.low, node.high))
                 grips.append(self._carry(qp, places[-1], node.support, node.share))
             else:
                 at = fixed[0 if i < free.start else -1]
@@ -221,26 +215,30 @@ class EventCost:
         """Of the body's place on all four limbs; the lower above the upper where there is none."""
         key = (stance, last)
         if key not in self._reached:
-            low, high = self.reach.of(stance) or (np.ones(3), np.zeros(3))
+            nothing = np.ones(len(self.reach.shape.directions))
+            low, high = self.reach.of(stance) or (nothing, -nothing)
             if last:
-                goal, slack = self.problem.goal.body.position_m, self.problem.goal.position_slack_m
-                low, high = np.maximum(low, goal - slack), np.minimum(high, goal + slack)
+                near = self.reach.around(self.problem.goal.body.position_m, self.problem.goal.position_slack_m)
+                low, high = np.maximum(low, near[0]), np.minimum(high, near[1])
             self._reached[key] = low, high
         return self._reached[key]
+
+    def _place(self, qp: SparseQp, low: Array, high: Array) -> Indices:
+        return within(qp, self.reach.shape, low, np.maximum(low, high), _LEVEL)
 
     def _on_the_way(self, move: Move, air: int, knots: int) -> tuple[Array, Array]:
         """Bounds of the body's place `knots` after lift-off."""
         key = (move.before, move.after, air, knots)
         if key not in self._reached:
-            reach, boxes = self.reach, self.problem.boxes
+            reach = self.reach
             on = [limb for limb in range(4) if limb not in move.limbs]
             lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
             for limb in move.limbs:
                 swing = self.swings.swing(move.before[limb], move.after[limb])
                 assert swing is not None
-                low, high = body_positions(swing.poses(air)[knots, :3], boxes.centre_b_m[limb], self._half_m)
-                lows.append(low)
-                highs.append(high)
+                low, high = body_positions(swing.poses(air)[knots, None, :3], reach.shape)
+                lows.append(low[limb])
+                highs.append(high[limb])
             self._reached[key] = np.max(lows, axis=0), np.min(highs, axis=0)
         return self._reached[key]
 
@@ -263,7 +261,7 @@ class EventCost:
             solution = None
             if (low <= high + 1e-9).all():
                 qp = SparseQp()
-                self._carry(qp, qp.variables(low, np.maximum(low, high)), stance, 1.0)
+                self._carry(qp, self._place(qp, low, high), stance, 1.0)
                 solution = qp.solve()
             self._standing[key] = np.inf if solution is None else qp.value(solution)
         return self._standing[key]
@@ -300,17 +298,19 @@ class EventCost:
 
     def _gripped(self, support: tuple[int, ...]) -> _Grips:
         bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, FORCE_BOUND_N])
-        equilibrium, count = self.equilibrium, len(self._load)
+        equilibrium = self.equilibrium
         limits, balance = [], []
         right: list[Any] = []
         lows: list[Any] = []
         for contact in support:
+            surfaces, press_N = equilibrium.limits[contact], equilibrium.press_N[contact]
+            rows_of_grip, right_of_grip = grip_rows(surfaces, self._directions, self._load, press_N)
+            count = len(self._load) * len(surfaces)
             rows = np.zeros((count + 4, _WRENCH))
-            rows[:count, :3] = self._directions
-            rows[:count, 5] = -self._load * equilibrium.friction[contact]
+            rows[:count, [0, 1, 2, 3, 5 if len(surfaces) == 1 else 4]] = rows_of_grip[:count]
             rows[count:, 3:] = [[0.5, -1.0, 1.0], [-0.5, -1.0, 1.0], [0.5, 1.0, 0.0], [-0.5, 1.0, 0.0]]
             limits.append(rows)
-            right += [equilibrium.spine[contact], [0.0, 0.0], equilibrium.press_N[contact]]
+            right += [right_of_grip[:count], [0.0, 0.0], press_N]
             least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
             lows += [-bound[:4], [0.0, least]]
             balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))

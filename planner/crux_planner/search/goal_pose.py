@@ -66,8 +66,7 @@ def _reached(problem: Problem, position: Array, rpy: Array) -> Flags:
     """(n, 4, C) whether (9a) holds for each contact at body poses (n, 3), (n, 3)."""
     centres = np.stack([c.centre_w_m for c in problem.contacts])
     place = (centres - position[:, None]) @ rotation_from_rpy(rpy)  # (n, C, 3)
-    beyond = np.abs(place[:, None] - problem.boxes.centre_b_m[:, None]) - problem.boxes.half_m
-    return np.asarray((beyond <= -_RESERVE_M).all(axis=3))
+    return np.stack([(problem.boxes.beyond(limb, place) <= -_RESERVE_M).all(axis=2) for limb in range(4)], axis=1)
 
 
 def _usable(problem: Problem, yaw: Array) -> Flags:

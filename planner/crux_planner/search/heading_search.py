@@ -19,6 +19,7 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Move, Stance
 from crux_planner.physics.speed_limits import steady_speed
+from crux_planner.search.equilibrium import clipped
 from crux_planner.search.schedule import TURN_SHARE
 from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, ReachableSet, SearchReport
 from crux_planner.search.torque_limits import TorqueLimits
@@ -197,7 +198,7 @@ class HeadingSearch:
         landing = view.reach.of(stance)
         if landing is None or not all(view.usable[range(4), stance]):
             return None
-        wanted = np.clip(view.from_w(self.problem.goal.body.position_m), *landing)
+        wanted = clipped(view.from_w(self.problem.goal.body.position_m), *landing)
         if step.limb is None:
             return None if view.equilibrium.by_friction(stance, *landing, wanted) is None else (None, cost)
         before, limb = step.before[0], step.limb
@@ -213,7 +214,7 @@ class HeadingSearch:
         held = tuple(None if other == limb else c for other, c in enumerate(before))
         slow = self._speed_m_s(held)
         touch_down = view.equilibrium.position(
-            support, *landing, wanted if np.isinf(slow) else np.clip(lift_off, *landing)
+            support, *landing, wanted if np.isinf(slow) else clipped(lift_off, *landing)
         )
         if touch_down is None:
             return None

@@ -3,8 +3,8 @@
 The search for contacts finds the quickest sequence; this one looks for a cheaper one near it. A neighbour moves one
 step elsewhere in the order, sends a limb to another contact or straight to its next one, or shifts knots between
 stances and swings. Each is judged by `EventCost` with the body as it is but about what changes, so that one costs no
-more on a long wall; the whole path is chosen anew when no neighbour is better. The work is counted in nodes that are
-solved, so that it is the same every time.
+more on a long wall; the whole path is chosen anew when no neighbour is better. The work is counted, so that it is the
+same every time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from crux_planner.search.event_cost import Estimate, EventCost, Timed
 from crux_planner.search.stances import goal_contacts
 from crux_planner.solvers import clock
 
-WORK = 6000  # nodes solved, at most
+WORK = 80_000  # of EventCost, at most
 _LEAST_GAIN = 2e-4  # of J, as a share of it
 _FARTHEST = 5  # places by which a step moves in the order
 _OTHERS = 3  # contacts tried instead of one
@@ -38,23 +38,20 @@ class _Best:
     estimate: Estimate
 
 
-def improve(
-    costs: EventCost, moves: list[Move], deadline: float, *, waits: bool = True, work: int = WORK
-) -> Timed | None:
+def improve(costs: EventCost, moves: list[Move], deadline: float, work: int = WORK) -> Timed | None:
     """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance.
 
-    With `waits` they take all the steps of the problem, else J is of the knots that they take. It ends after so much
-    `work` and at `deadline` (of clock.now).
+    It ends after so much `work` and at `deadline` (of clock.now).
     """
-    return _Improvement(costs, deadline, work, waits).run(moves)
+    return _Improvement(costs, deadline, work).run(moves)
 
 
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 
 
 class _Improvement:
-    def __init__(self, costs: EventCost, deadline: float, work: int, waits: bool) -> None:
-        self.costs, self.deadline, self.work, self.waits = costs, deadline, work, waits
+    def __init__(self, costs: EventCost, deadline: float, work: int) -> None:
+        self.costs, self.deadline, self.work = costs, deadline, work
         self.problem, self.reach, self.swings = costs.problem, costs.reach, costs.swings
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
@@ -79,7 +76,7 @@ class _Improvement:
         return replace(best.timed, moves=timed)
 
     def _over(self) -> bool:
-        return self.costs.count >= self.work or self._late()
+        return self.costs.work >= self.work or self._late()
 
     def _late(self) -> bool:
         return clock.now() > self.deadline
@@ -90,15 +87,16 @@ class _Improvement:
         return best if whole is None or whole.cost > best.estimate.cost else replace(best, estimate=whole)
 
     def _first(self, steps: Steps) -> _Best | None:
-        """The steps as quick as can be; else, or where it waits, with all spare time in one stance: the best of those
-        that promise most, by where waiting is cheap.
+        """The steps with all spare time in one stance: the best of those that promise most, by where waiting is cheap.
+
+        On a long way a stance far from the goal costs most, so few of them are worth an estimate.
         """
         moves = self._moves(steps)
         if moves is None:
             return None
         found: list[_Best] = []
-        promising = [len(steps) + 1, *range(len(steps), -1, -1)]  # the last first
-        while promising and len(found) < _STARTS and not (found and (self._late() or not self.waits)):
+        promising = list(range(len(steps), -1, -1))  # the last first
+        while promising and len(found) < _STARTS and not (found and self._late()):
             timed = self._quick(moves, promising.pop(0))
             estimate = None if timed is None else self.costs.estimate(timed, found[0].estimate if found else None)
             if timed is None or estimate is None:
@@ -136,10 +134,10 @@ class _Improvement:
                 yield steps, timed
 
     def _others_anew(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
-        """Other steps, which may be worth it with the spare time left out, or at the end or at the start."""
+        """Other steps, which may be worth it with the spare time at the start or at the end."""
         for steps in self._rearranged(best.steps):
             moves = self._moves(steps)
-            for where in (len(steps) + 1, len(steps), 0) if moves is not None else ():
+            for where in (len(steps), 0) if moves is not None else ():
                 timed = self._quick(moves or [], where)
                 if timed is not None:
                     yield steps, timed
@@ -199,55 +197,50 @@ class _Improvement:
         return stances, np.array(swings, dtype=int), self.problem.steps - int(stances.sum()) - sum(swings)
 
     def _quick(self, moves: list[Move], where: int) -> Timed | None:
-        """As quick as can be, all spare time in stance `where`; left out where that is none of them."""
+        """As quick as can be, all spare time in stance `where`."""
         stances, swings, spare = self._least(moves)
-        if spare < 0 or (self.waits and where == len(stances)):
+        if spare < 0:
             return None
-        stances[where : where + 1] += spare
+        stances[where] += spare
         return Timed(moves, stances, swings)
 
     def _as_before(self, moves: list[Move], before: Timed) -> Timed | None:
         """Moves with the stances of others as far as they fit."""
+        longest = int(np.argmax(before.stances))
         stances, swings, spare = self._least(moves)
         if len(moves) != len(before.moves):
-            return self._quick(moves, min(int(np.argmax(before.stances)), len(moves)) if self.waits else len(stances))
-        more = np.append(before.stances - stances, 0)
-        store = int(np.argmax(before.stances)) if self.waits else len(stances)
-        more[store] += spare - int(more.sum())
-        return Timed(moves, stances + more[:-1], swings) if spare >= 0 and more[store] >= 0 else None
+            return self._quick(moves, min(longest, len(moves)))
+        more = before.stances - stances
+        more[longest] += spare - int(more.sum())
+        return Timed(moves, stances + more, swings) if spare >= 0 and more[longest] >= 0 else None
 
     def _other_times(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
-        """Knots shifted between stances, or left out, and into or out of swings where J may gain by it.
-
-        They come from one store and go there: the longest stance, or what is left out.
-        """
-        least, quickest, whole = self._least(best.timed.moves)
-        slack = np.append(best.timed.stances - least, 0)
-        swings, longer = best.timed.swings, best.timed.swings - quickest
-        slack[-1] = whole - int(slack.sum() + longer.sum())
-        store = int(np.argmax(slack[:-1])) if self.waits else len(slack) - 1
-        spare = int(slack[store])
-
-        def timed(to: int | None, knots: int, times: Array) -> tuple[Steps, Timed]:
-            stances = np.append(best.timed.stances, 0)
-            stances[store] -= knots
-            if to is not None:
-                stances[to] += knots
-            return best.steps, replace(best.timed, stances=stances[:-1], swings=times)
-
-        others = [where for where in range(len(least)) if where != store]
-        for knots in dict.fromkeys((spare, 2, 1) if self.waits else (2, 1)):
+        """Knots shifted between stances, and into or out of swings where J may gain by it."""
+        stances, swings = best.timed.stances, best.timed.swings
+        least, quickest, _ = self._least(best.timed.moves)
+        slack = stances - least
+        longest = int(np.argmax(slack))
+        spare = int(slack[longest])
+        others = [where for where in range(len(stances)) if where != longest]
+        for knots in dict.fromkeys((spare, 2, 1)):
             for where in others:
                 if 0 < knots <= spare:
-                    yield timed(where, knots, swings)
-        for share in (1, 2, 4, 8):
-            for where in others:
-                if slack[where] >= share:
-                    yield timed(where, -int(slack[where] // share), swings)
-        for knots in dict.fromkeys((spare, spare // 4, 1) if self.waits else (2, 1)):
+                    yield best.steps, replace(best.timed, stances=_shifted(stances, longest, where, knots))
+                if knots <= slack[where]:
+                    yield best.steps, replace(best.timed, stances=_shifted(stances, where, longest, knots))
+        for knots in dict.fromkeys((spare, spare // 4, 1)):
             for i, worth in enumerate(best.estimate.air_costs):
-                for more in (min(knots, spare), -min(knots, int(longer[i]))):
-                    if more and (not self.waits or (worth < 0.0) == (more > 0)):
-                        times = swings.copy()
-                        times[i] += more
-                        yield timed(None, more, times)
+                more = min(knots, spare) if worth < 0.0 else -min(knots, int(swings[i] - quickest[i]))
+                if more:
+                    times = swings.copy()
+                    times[i] += more
+                    shorter = stances.copy()
+                    shorter[longest] -= more
+                    yield best.steps, replace(best.timed, stances=shorter, swings=times)
+
+
+def _shifted(stances: Array, a: int, b: int, knots: int) -> Array:
+    changed = stances.copy()
+    changed[a] -= knots
+    changed[b] += knots
+    return changed

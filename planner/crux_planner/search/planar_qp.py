@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.gait import Gait, nominal_footholds, progress
+from crux_planner.model.gait import Gait, WalkMotion, nominal_footholds, progress
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
@@ -36,16 +36,10 @@ _ACCURACY = dict.fromkeys(("eps_abs", "eps_rel", "eps_duality_gap_abs", "eps_dua
 
 
 @dataclass(frozen=True)
-class FlatWalk:
-    """J, nearly; footholds (4 + S, 2), the body's states (N + 1, 12), foot forces (N, 4, 3) [N]; what each foot on the
-    ground costs, and what each in the air would save were it on the ground (N, 4).
-    """
+class FlatWalk(WalkMotion):
+    """J, nearly; what each foot on the ground costs, and what each in the air would save were it there (N, 4)."""
 
-    gait: Gait
     cost: float
-    footholds: Array
-    body: Array
-    forces: Array
     worth: Array
 
 
@@ -161,7 +155,8 @@ class FlatQp:
         pull = dual[:n, None] + np.einsum("kia,ka->ki", (whole @ footholds)[:n], dual[n:].reshape(n, 2))
         worth = np.where(stance, weight / 2 * loads**2, np.minimum(pull, 0.0) ** 2 / (2 * weight))
         cost = self._cost(gait, body, loads, stance)
-        return FlatWalk(gait, cost, footholds, self._states(body), self._forces(body, loads, stance), worth)
+        states, forces = self._states(body), self._forces(body, loads, stance)
+        return FlatWalk(gait, states, forces, footholds, cost, worth)
 
     def _states(self, body: Array) -> Array:
         """(N + 1, 12): the height goes straight from start to goal."""

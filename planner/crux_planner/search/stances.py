@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,14 +13,13 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Move, Stance
-from crux_planner.physics.reach import body_positions, turned_half
-from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.physics.reach import body_positions, spread, turned
+from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
 from crux_planner.swing.link_clearance import LinkClearance
 from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
-_IN_PLANE = np.array([1.0, 1.0, 0.0])
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
@@ -51,10 +49,10 @@ class ReachableSet:
         turn = 0.0 if turn_rad is None and problem.turns else turn_rad
         if turn is None:
             turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-        half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, turn) - problem.reach_reserve_m
+        self.shape, self._spread = turned(problem.boxes, turn, problem.reach_reserve_m), spread(problem.boxes)
         centres = np.stack([c.centre_w_m for c in problem.contacts])
-        bounds = [body_positions(centres, centre, half) for centre in problem.boxes.centre_b_m]
-        self.low, self.high = (np.stack([b[i] for b in bounds]) for i in (0, 1))  # (4, C, 3)
+        bounds = body_positions(centres[:, None], self.shape)
+        self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
         self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])
         self.high[..., 2] = np.minimum(self.high[..., 2], problem.body.height_m[1])
 
@@ -73,7 +71,7 @@ class ReachableSet:
         return np.flatnonzero(self._meet[limb, contact])
 
     def of(self, stance: Stance) -> tuple[Array, Array] | None:
-        """Bounds of the body position for all four limbs, None where they leave nothing.
+        """Bounds (m,) of the body position for all four limbs, None where they leave nothing.
 
         A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
         """
@@ -81,8 +79,13 @@ class ReachableSet:
         low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
         if (low > high + 1e-9).any():
             return None
-        slack = self.problem.tilt_slack_m * _IN_PLANE
+        slack = self.problem.tilt_slack_m * np.abs(self.shape.directions[:, :2]).sum(axis=1)
         return low - slack, high + slack
+
+    def around(self, position: Array, half_m: float) -> tuple[Array, Array]:
+        """Bounds (m,) of a cube around a position."""
+        along = self.shape.directions @ position
+        return along - half_m * self._spread, along + half_m * self._spread
 
 
 def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | None = None) -> list[list[int]]:
@@ -90,17 +93,12 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
 
     That is a cube of half edge `tolerance_m`, usually the goal's `position_slack_m`.
     """
-    position, tolerance = problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m
+    low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)
         ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
-        near = [
-            c
-            for c in ends
-            if (reach.low[limb, c] <= position + tolerance).all()
-            and (reach.high[limb, c] >= position - tolerance).all()
-        ]
+        near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)
     return result
 
@@ -124,25 +122,40 @@ def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> li
     return tables
 
 
+@dataclass(frozen=True, kw_only=True)
+class Oracles:
+    """A climb's problem, and what answers the questions of its search and keeps the answers."""
+
+    problem: Problem
+    equilibrium: StaticEquilibrium
+    reachable: ReachableSet
+    swings: SwingCache
+
+    @classmethod
+    def of(cls, problem: Problem, equilibrium: StaticEquilibrium | None = None) -> Oracles:
+        """New ones; balance is within the problem's share of friction."""
+        equilibrium = equilibrium or StaticEquilibrium(problem, problem.friction_share)
+        return cls(
+            problem=problem, equilibrium=equilibrium, reachable=ReachableSet(problem), swings=SwingCache(problem)
+        )
+
+
 def search(
-    problem: Problem,
-    equilibrium: StaticEquilibrium,
-    reach: ReachableSet,
-    swings: SwingCache,
+    oracles: Oracles,
     *,
     at_once: int,
     greed: float,
     deadline: float,
-    busy_until: float = np.inf,
+    most: float = np.inf,
     known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
-    and at `busy_until` (of time.process_time).
+    and after `most` stances.
     """
-    tree = _Tree(problem, equilibrium, reach, swings, at_once, greed)
+    tree = _Tree(oracles, at_once, greed)
     report = tree.report
     while tree.open and not report.timed_out:
         cost, stance, body = tree.next()
@@ -154,10 +167,10 @@ def search(
         if ahead < report.nearest_cost:
             report.nearest, report.nearest_cost = stance, ahead
             report.lifts_without_balance.clear()
-        if ahead < 1e-9 and _ends_well(problem, equilibrium, reach, stance):
+        if ahead < 1e-9 and _ends_well(oracles, stance):
             return tree.moves_to(stance), report
         report.expanded += 1
-        report.timed_out = clock.now() > deadline or time.process_time() > busy_until
+        report.timed_out = report.expanded > most or clock.now() > deadline
         tree.grow(cost, stance, body)
     return None, report
 
@@ -165,18 +178,11 @@ def search(
 class _Tree:
     """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        equilibrium: StaticEquilibrium,
-        reach: ReachableSet,
-        swings: SwingCache,
-        at_once: int,
-        greed: float,
-    ) -> None:
-        self.equilibrium, self.reach, self.swings = equilibrium, reach, swings
+    def __init__(self, oracles: Oracles, at_once: int, greed: float) -> None:
+        problem, swings = oracles.problem, oracles.swings
+        self.equilibrium, self.reach, self.swings = oracles.equilibrium, oracles.reachable, swings
         self.report = SearchReport()
-        self._to_go, self._at_once, self._greed = costs_to_go(problem, reach, swings), at_once, greed
+        self._to_go, self._at_once, self._greed = costs_to_go(problem, self.reach, swings), at_once, greed
         self._links, self._goal = LinkClearance(problem, swings), problem.goal.body.position_m
         self._groups = [g for n in range(1, at_once + 1) for g in itertools.combinations(range(4), n)]
         self._counter = itertools.count()
@@ -229,7 +235,7 @@ class _Tree:
             new_cost = cost + _move_cost(swings, moves)
             if new_cost >= self.best.get(after, np.inf) - 1e-9:
                 continue
-            touch_down = self.equilibrium.position(support, *landing, np.clip(self._goal, *landing))
+            touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing))
             if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
                 continue
             self.best[after] = new_cost
@@ -252,11 +258,12 @@ def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
     return max(swings.intervals(a, b) for a, b in moves) + STANCE_KNOTS + MOVE_COST * len(moves)
 
 
-def _ends_well(problem: Problem, equilibrium: StaticEquilibrium, reach: ReachableSet, stance: Stance) -> bool:
+def _ends_well(oracles: Oracles, stance: Stance) -> bool:
     """Whether the goal's body pose is in reach and in balance on a stance."""
-    bounds = reach.of(stance)
+    problem, bounds = oracles.problem, oracles.reachable.of(stance)
     if bounds is None:
         return False
-    goal, tolerance = problem.goal.body.position_m, problem.goal.position_slack_m
-    low, high = np.maximum(bounds[0], goal - tolerance), np.minimum(bounds[1], goal + tolerance)
-    return bool((low <= high).all()) and equilibrium.position(stance, low, high, goal) is not None
+    goal = problem.goal.body.position_m
+    near = oracles.reachable.around(goal, problem.goal.position_slack_m)
+    low, high = np.maximum(bounds[0], near[0]), np.minimum(bounds[1], near[1])
+    return bool((low <= high).all()) and oracles.equilibrium.position(stance, low, high, goal) is not None

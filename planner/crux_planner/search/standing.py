@@ -23,7 +23,7 @@ def clear_start(problem: Problem, swings: SwingCache) -> tuple[int, int, int, in
     """
     start = problem.start_contacts
     options = []
-    rotation, boxes = rotation_from_rpy(problem.start.rpy_rad), problem.boxes
+    rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, centred in enumerate(start):
         wanted = problem.contacts[centred]
         near = []
@@ -32,7 +32,7 @@ def clear_start(problem: Problem, swings: SwingCache) -> tuple[int, int, int, in
                 continue
             place = rotation.T @ (c.centre_w_m - problem.start.position_m)
             aside = float(np.linalg.norm(c.centre_w_m - wanted.centre_w_m))
-            if c.yaw_rad == wanted.yaw_rad and (np.abs(place - boxes.centre_b_m[limb]) <= boxes.half_m).all():
+            if c.yaw_rad == wanted.yaw_rad and (problem.boxes.beyond(limb, place) <= 0.0).all():
                 near.append((aside, i))
         options.append(near)
     equilibrium, at = StaticEquilibrium(problem, problem.friction_share), problem.start.position_m

@@ -17,7 +17,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.limb import JOINTS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
-from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium
+from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium, clipped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
@@ -59,8 +59,8 @@ class TorqueLimits(StaticEquilibrium):
         place = super().position(support, low, high, wanted)
         if place is None or self._least_norm_is_light(support, place):
             return place
-        for start in (place, (low + high) / 2):
-            place = np.clip(start, low, high)
+        for start in (place, (low[:3] + high[:3]) / 2):
+            place = clipped(start, low, high)
             for _ in range(_ROUNDS):
                 found = self._solve_within(support, low, high, wanted, place)
                 if found is None:

@@ -71,7 +71,7 @@ class SparseQp:
         self._high: list[Array] = []
         self.size = 0
         self._cost: list[
-            tuple[Array, Array, Array]
+            tuple[Indices, Array, Array]
         ] = []  # rows of sqrt-weighted squares: columns, coefficients, targets
         self._equal = _Rows()
         self._below = _Rows()
@@ -105,19 +105,18 @@ class SparseQp:
 
     def solve(self) -> Array | None:
         """The solution, or None where the constraints leave none."""
-        rows, columns, values, targets, start = [], [], [], [], 0
+        diagonal = np.arange(self.size)
+        rows: list[Indices] = [diagonal]
+        columns: list[Indices] = [diagonal]
+        values, linear = [np.full(self.size, _REGULARISATION)], np.zeros(self.size)
         for cols, coefficients, target in self._cost:
-            n, terms = cols.shape
-            rows.append(np.repeat(np.arange(start, start + n), terms))
-            columns.append(cols.ravel())
-            values.append(coefficients.ravel())
-            targets.append(target)
-            start += n
-        factor = sp.csc_matrix(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (start, self.size)
-        )
-        hessian = (2 * factor.T @ factor + _REGULARISATION * sp.eye(self.size)).tocsc()
-        linear = -2 * factor.T @ np.concatenate(targets)
+            terms = cols.shape[1]
+            rows.append(np.repeat(cols, terms, axis=1).ravel())
+            columns.append(np.tile(cols, terms).ravel())
+            values.append(2.0 * (coefficients[:, :, None] * coefficients[:, None]).ravel())
+            np.add.at(linear, cols, -2.0 * coefficients * target[:, None])
+        where = (np.concatenate(rows), np.concatenate(columns))
+        hessian = sp.csc_matrix((np.concatenate(values), where), (self.size, self.size))
         (equal, right), (below, most) = self._equal.matrix(self.size), self._below.matrix(self.size)
         low, high = np.concatenate(self._low), np.concatenate(self._high)
         settings = {"eps_abs": 1e-6, "eps_rel": 1e-7, "max_iter": 80}

@@ -17,7 +17,7 @@ from crux_planner.physics.bounds import body_bounds, wrench_bounds
 from crux_planner.physics.cost import plan_cost, state_weights, wrench_weights
 from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import finger_forces
-from crux_planner.physics.reach import body_positions, turned_half
+from crux_planner.physics.reach import body_positions, turned
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
@@ -95,8 +95,7 @@ def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array] | None:
     """(7) and (9a) as bounds of the body states."""
     low, high = body_bounds(problem, schedule)
     turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-    half = turned_half(problem.boxes.half_m, problem.boxes.centre_b_m, float(turn)) - REACH_RESERVE_M / 2
-    near, far = body_positions(schedule.poses[1:, :, :3], problem.boxes.centre_b_m, half)
+    near, far = body_positions(schedule.poses[1:, :, :3], turned(problem.boxes, float(turn), REACH_RESERVE_M / 2))
     low[1:, :3] = np.maximum(low[1:, :3], near.max(axis=1))
     high[1:, :3] = np.minimum(high[1:, :3], far.min(axis=1))
     if (low > high).any():
@@ -111,10 +110,9 @@ def _grip(qp: SparseQp, problem: Problem, equilibrium: StaticEquilibrium, contac
         [_FORCE_BOUND_N, _FORCE_BOUND_N, _TWIST_BOUND_NM, equilibrium.max_normal_N, equilibrium.max_normal_N]
     )
     index = qp.variables(np.maximum(low, -free), np.minimum(high, free))
-    load = equilibrium.margin * equilibrium.reach * equilibrium.friction[contact]
-    for normal in (3, 4):
+    for normal, load, spine in zip((3, 4), equilibrium.load[contact], equilibrium.spine[contact], strict=True):
         rows = np.column_stack([equilibrium.directions, -load])
-        qp.below(rows, index[[0, 1, 2, normal]], equilibrium.spine[contact])
+        qp.below(rows, index[[0, 1, 2, normal]], spine)
     qp.squares(index[:, None], np.sqrt(wrench_weights(problem))[:, None], np.zeros(5), problem.weights.wrench)
     return index
 

@@ -60,9 +60,10 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     rows = _Rows()
     rows.add(f.step.map(n)(x[:, :-1], _totals(stages, u), stages.hands.T) - x[:, 1:], 0.0, 0.0)
     rows.add(f.reach.map(n)(x[:, 1:], stages.grippers.T), low[1], high[1])
-    if rough := np.flatnonzero(stages.rough[stance]).tolist():
-        slack = f.surface.map(len(rough))(u[:, rough], stages.friction[stages.rough][None])
-        rows.add(slack, low[3][stages.rough], high[3][stages.rough])
+    rough = stages.rough[stance].any(axis=-1)
+    if which := np.flatnonzero(rough).tolist():
+        slack = f.surface.map(len(which))(u[:, which], stages.fingers[stance][rough].T)
+        rows.add(slack, low[3][stance][rough], high[3][stance][rough])
     for limb, at in enumerate(stages.limited):
         if len(at):
             here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k in at]

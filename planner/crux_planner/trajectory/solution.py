@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.gait import WalkMotion
 from crux_planner.model.problem import BODY_STATES, Problem
 
 if TYPE_CHECKING:
@@ -33,12 +34,9 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class WalkSolution:
-    """Body states (N + 1, 12), foot forces (N, 4, 3) [N], footholds (4 + S, 2) and how it went."""
+class WalkSolution(WalkMotion):
+    """A motion and how it went."""
 
-    body: Array
-    forces: Array
-    footholds: Array
     cost: float
     iterations: int
     status: str

@@ -35,7 +35,7 @@ class Equations(NamedTuple):
 
     step: ca.Function  # (x, total, hands)
     reach: ca.Function  # (x, grippers)
-    surface: ca.Function  # (u, friction)
+    surface: ca.Function  # (u, fingers)
     torques: list[ca.Function]  # (x, q, grasp) of each limb
     body_cost: ca.Function  # (x)
     column_cost: ca.Function  # (u)
@@ -82,13 +82,16 @@ class StageFunctions:
         return found
 
     def reach(self, x: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Offsets (n, 12) of (9a), their derivatives (n, 12, 6) by the pose, and the Hessian (n, 6, 6)."""
+        """Offsets (n, 4 m) of (9a), their derivatives (n, 4 m, 6) by the pose, and the Hessian (n, 6, 6)."""
         found: tuple[Array, Array, Array] = self._reach(x, grippers, multiplier)
         return found
 
-    def surface(self, u: Array, friction: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Room (n, m) of (2) or its stand-in, derivatives (n, m, 8), Hessian (n, 8, 8)."""
-        found: tuple[Array, Array, Array] = self._surface(u, friction, multiplier)
+    def surface(self, u: Array, fingers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
+        """Slack (n, m) of (2) or its stand-in, finger 1's rows first, derivatives (n, m, 8), Hessian (n, 8, 8).
+
+        `fingers` (n, 4): friction of both, and 1 or 0 for those with and without spines.
+        """
+        found: tuple[Array, Array, Array] = self._surface(u, fingers, multiplier)
         return found
 
     def torque(self, limb: int, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
@@ -135,22 +138,24 @@ class StageFunctions:
 
     @cached_property
     def _reach(self) -> _Mapped:
-        x, grippers, multiplier = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.SX.sym("z", 12)
-        offsets = ca.vertcat(*[offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
+        x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
+        offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
+        multiplier = ca.SX.sym("z", offsets.size1())
         hessian = ca.hessian(ca.dot(multiplier, offsets), x)[0][:POSE, :POSE]
         return _function("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
 
     @cached_property
     def _surface(self) -> _Mapped:
         p, scale = self.problem, self.scale
-        u, friction = ca.SX.sym("u", COLUMN), ca.SX.sym("friction")
-        loads = friction * u[3:5] * scale[3:]
-        slack = (
-            surface_slack(p.limit_surface, u[0:3] * scale[:3], u[5:8] * scale[:3], loads, p.patch.k_m) / FORCE_SCALE_N
+        u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 4)
+        loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
+        slack = ca.vertcat(
+            *[surface_slack(p.limit_surface, wrench, fingers[2 + i] * share, loads[i], p.patch.k_m) for i in (0, 1)]
         )
+        slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
-        return _function("surface", [u, friction, multiplier], [slack, ca.jacobian(slack, u), hessian])
+        return _function("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
     def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:

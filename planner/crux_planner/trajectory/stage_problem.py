@@ -38,7 +38,7 @@ class Derivatives:
     state_map: Array  # (N, 12, 12)
     into_state: Array  # (N, 4, 12, 8)
     rows: Array  # (R,)
-    reach: Array  # (N, 12, 6), knots 1..N
+    reach: Array  # (N, 4 m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
     torques: list[Array]  # per limb (P, 12, 17)
 
@@ -57,12 +57,15 @@ class StageProblem:
         self.grasps = np.array(
             [[up if c is None else [*c.centre_w_m, *c.axis, *c.tangent] for c in k] for k in contacts]
         )
-        friction = np.array([[0.0 if c is None else c.grip_friction for c in knot] for knot in contacts])
-        self.friction = problem.friction_share * friction
+        none = np.zeros(2)
+        friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
+        spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])
+        self.fingers = np.concatenate([problem.friction_share * friction, spiny], axis=-1)
         self.maps = functions.wrench_maps(self.grasps.reshape(-1, 9)).reshape(n, 4, 6, WRENCH_INPUTS)
         self.maps = self.maps * self.stance[..., None, None]
-        self.rough = self.stance & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
-        self.by_spines = self.stance & ~self.rough
+        rough = self.stance[..., None] & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
+        self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
+        self.by_spines = self.stance & ~rough.all(axis=-1)
         self.grippers = schedule.poses[1:, :, :3].reshape(n, 12)
         self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
         self.limited: list[Indices] = [
@@ -71,7 +74,7 @@ class StageProblem:
         self._set_bounds(schedule, contacts)
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
-        problem, n = self.problem, self.knots
+        problem = self.problem
         low, high = body_bounds(problem, schedule)
         self.first, self.last = low[0], (low[-1] + high[-1]) / 2
         fixed = low >= high - 1e-12
@@ -82,8 +85,7 @@ class StageProblem:
         self.fixed: Flags = column_low >= column_high
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
-        m = self.functions.surface_rows
-        surface_low = np.where(self.rough[..., None], np.zeros(m), -np.inf)
+        surface_low = np.where(self.rough, 0.0, -np.inf)
         torque = [np.tile(problem.torque_limits_Nm[limb], 2 * len(at)) for limb, at in enumerate(self.limited)]
         lows = [body_low, reach_low, column_low, surface_low, *[-limit for limit in torque]]
         highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), *torque]
@@ -91,7 +93,7 @@ class StageProblem:
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)
         self.high = np.where(self.bounded[1], self.high + _RELAXED * np.maximum(1.0, np.abs(self.high)), np.inf)
-        sizes = [body_low.size, 12 * n, column_low.size, surface_low.size, *[limit.size for limit in torque]]
+        sizes = [body_low.size, reach_low.size, column_low.size, surface_low.size, *[limit.size for limit in torque]]
         self._ends = np.cumsum(sizes)[:-1]
 
     def _column_bounds(self, contacts: list[list[Contact | None]]) -> tuple[Array, Array]:
@@ -101,20 +103,22 @@ class StageProblem:
         for contact, (knots, limbs) in _places(contacts):
             bounds = wrench_bounds(problem, contact)
             low[knots, limbs, :WRENCH_INPUTS], high[knots, limbs, :WRENCH_INPUTS] = bounds[0] / scale, bounds[1] / scale
-            spines = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm])
-            # Where the cone has shrunk to a ray spines carry all: their limits are those of the load itself.
-            share = slice(WRENCH_INPUTS, COLUMN) if contact.grip_friction > 0.0 else slice(0, 3)
-            high[knots, limbs, share] = problem.friction_share * spines / scale[:3]
-            low[knots, limbs, share] = -high[knots, limbs, share]
+            spines, rough = problem.friction_share * contact.spines / scale[:3], contact.grip_friction > 0.0
+            if rough.any():
+                high[knots, limbs, WRENCH_INPUTS:] = spines.max(axis=0)
+            if not rough.all():  # where spines carry all, their limits are those of the load itself
+                high[knots, limbs, :3] = spines[~rough].min(axis=0)
+            for part in (slice(0, 3), slice(WRENCH_INPUTS, COLUMN)):
+                low[knots, limbs, part] = -high[knots, limbs, part]
         return low, high
 
     def split(self, rows: Array) -> list[Array]:
-        """A vector of rows as body (N, 12), reach (N, 12), column (N, 4, 8), surface (N, 4, m) and torques
+        """A vector of rows as body (N, 12), reach (N, 4 m), column (N, 4, 8), surface (N, 4, m) and torques
         (P, 12)."""
         n, parts = self.knots, np.split(rows, self._ends)
         shapes = [
             (n, BODY_STATES),
-            (n, 12),
+            (n, 4 * len(self.problem.boxes.directions)),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
             *[(-1, INTERVAL_TORQUES)] * 4,
@@ -170,12 +174,13 @@ class StageProblem:
         step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
         reach, reach_slope, reach_hessian = f.reach(body[1:], self.grippers, on_reach)
         flat = columns.reshape(-1, COLUMN)
-        surface, surface_slope, surface_hessian = f.surface(flat, self.friction.ravel(), on_surface.reshape(4 * n, -1))
+        on_surface = (on_surface * self.rough).reshape(4 * n, -1)
+        surface, surface_slope, surface_hessian = f.surface(flat, self.fingers.reshape(4 * n, -1), on_surface)
         body_cost, body_slope, body_hessian = f.body_cost(body)
         column_cost, column_slope, column_hessian = f.column_cost(flat)
         body_hessian[:-1] += step_hessian
         body_hessian[1:, :POSE, :POSE] -= reach_hessian
-        column_hessian = (column_hessian - surface_hessian * self.rough.reshape(-1, 1, 1)).reshape(n, 4, COLUMN, COLUMN)
+        column_hessian = (column_hessian - surface_hessian).reshape(n, 4, COLUMN, COLUMN)
         column_slope = column_slope.reshape(n, 4, COLUMN)
         column_slope[..., :3] += 2 * SPINE_WEIGHT * self.by_spines[..., None] * columns[..., :3]
         column_hessian[..., [0, 1, 2], [0, 1, 2]] += 2 * SPINE_WEIGHT * self.by_spines[..., None]
@@ -206,7 +211,7 @@ class StageProblem:
             into_state=into,
             rows=np.concatenate([part.ravel() for part in rows]),
             reach=reach_slope,
-            surface=surface_slope.reshape(n, 4, -1, COLUMN) * self.rough[..., None, None],
+            surface=surface_slope.reshape(n, 4, -1, COLUMN) * self.rough[..., None],
             torques=torque_slopes,
         )
 

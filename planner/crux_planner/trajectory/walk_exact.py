@@ -10,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from crux_planner.model.gait import WalkMotion
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.walk_dynamics import defects
 from crux_planner.solvers import clock
 from crux_planner.trajectory.solution import WalkSolution
-from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots
+from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
 
 _ROUNDS = 16
 _FREE_ROUNDS = 8  # after them an answer is held to the one before
@@ -28,10 +29,10 @@ _COST = 1e-5  # of J, as a share, from one answer to the next
 def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSolution:
     """P1 of one gait, from a walk near its solution."""
     qp, cost, before = ContactQp(problem, None), np.inf, np.inf
-    about = Reference(knots.body, knots.forces, knots.footholds)
+    about: WalkMotion = knots
     for count in range(1, _ROUNDS + 1):
         held = count > _FREE_ROUNDS
-        again = _held(problem, knots) if held else qp.solve(knots.gait, about, 0.0, None, _ACCURACY)
+        again = _held(problem, knots) if held else qp.solve(about, accuracy=_ACCURACY)
         if again is None or clock.now() > deadline:
             break
         settled = abs(again.cost - cost) < _COST * abs(again.cost)
@@ -41,7 +42,7 @@ def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSoluti
             return solution
         away = float(np.abs(knots.body - about.body).max())
         nearer = away < _NEARER * before
-        about, before = Reference(knots.body, knots.forces, knots.footholds) if nearer else about.halfway(knots), away
+        about, before = knots if nearer else about.halfway(knots), away
     status = "Time is over" if clock.now() > deadline else "its answers do not settle"
     return replace(of_knots(problem, knots, count), solved=False, status=status)
 
@@ -50,9 +51,8 @@ def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
     """The next answer, near the one before."""
     from crux_planner.trajectory.consensus import Eta, Scales
 
-    about = Reference(knots.body, knots.forces, knots.footholds)
     near = Eta.of_points(knots.body, knots.feet(problem.step_height_m), knots.forces)
-    return ContactQp(problem, Scales()).solve(knots.gait, about, _HOLDING, near, _ACCURACY)
+    return ContactQp(problem, Scales()).solve(knots, _HOLDING, near, _ACCURACY)
 
 
 def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:
@@ -64,4 +64,5 @@ def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSol
     place = float(left[:, :6].max())
     solved = moment < _MOMENT_NM and force < _FORCE_N and place < _PLACE
     status = "solved" if solved else "(8) does not hold"
-    return WalkSolution(knots.body, knots.forces, knots.footholds, knots.cost, iterations, status, solved, place, force)
+    motion = knots.gait, knots.body, knots.forces, knots.footholds
+    return WalkSolution(*motion, knots.cost, iterations, status, solved, place, force)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.gait import Gait, nominal_footholds, progress
+from crux_planner.model.gait import WalkMotion, nominal_footholds
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
@@ -40,16 +40,12 @@ _MOMENT_OF_FORCE = slice(9, 12)
 
 
 @dataclass(frozen=True)
-class WalkKnots:
-    """x and u at the knots: body states (N + 1, 12), forces (N, 4, 3) [N], footholds (4 + S, 2); J, J with the
-    consensus term, and what a newton more or less would change where a foot is off the ground (N, 4, 3).
+class WalkKnots(WalkMotion):
+    """x and u at the knots, J, J with the consensus term, and what a newton more or less would change where a foot is
+    off the ground (N, 4, 3).
     """
 
     problem: WalkProblem
-    gait: Gait
-    body: Array
-    forces: Array
-    footholds: Array
     cost: float
     value: float
     pull: Array
@@ -64,47 +60,12 @@ class WalkKnots:
         cost = walk_cost(self.problem, self.gait, body, self.forces)
         return replace(self, body=body, cost=cost, value=cost)
 
-    def feet(self, step_height_m: float) -> Array:
-        """(N + 1, 4, 3)."""
-        plan = self.gait.blend @ self.footholds
-        return np.concatenate([plan, step_height_m * self.gait.height[..., None]], axis=2)
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The motion about which (8b) and (9a) are linear."""
-
-    body: Array  # (N + 1, 12)
-    forces: Array  # (N, 4, 3)
-    footholds: Array  # (4 + S, 2)
-
-    @classmethod
-    def straight(cls, problem: WalkProblem, gait: Gait) -> Reference:
-        """Straight to the goal in the time of the steps, the weight shared by the feet in stance."""
-        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
-        pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
-        there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
-        body = np.zeros((problem.steps + 1, BODY_STATES))
-        body[:, :6] = pose + way[:, None] * (there - pose)
-        return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
-
-    def halfway(self, knots: WalkKnots) -> Reference:
-        """Between this one and an answer."""
-        body, forces = (self.body + knots.body) / 2, (self.forces + knots.forces) / 2
-        return Reference(body, forces, (self.footholds + knots.footholds) / 2)
-
-    @classmethod
-    def of(cls, problem: WalkProblem, gait: Gait, body: Array) -> Reference:
-        """A body motion with another gait."""
-        return cls(body, _standing_forces(problem, gait), nominal_footholds(problem, gait))
-
 
 @dataclass(frozen=True)
 class _Layout:
     """A gait about a reference: where its variables are, body states first; feet, and what of them is fixed."""
 
-    gait: Gait
-    reference: Reference
+    reference: WalkMotion
     places: Indices  # (P, 2) knot and limb in stance
     feet: Array  # (N + 1, 4, 3) of the reference
     fixed: Array  # (N + 1, 4, 2) what the start's footholds give of them
@@ -114,8 +75,9 @@ class _Layout:
     size: int
 
     @classmethod
-    def of(cls, problem: WalkProblem, gait: Gait, reference: Reference) -> _Layout:
+    def of(cls, problem: WalkProblem, reference: WalkMotion) -> _Layout:
         """For the gait's variables."""
+        gait = reference.gait
         places, whole = np.argwhere(gait.stance[: problem.steps]), gait.blend
         at_f = BODY_STATES * (problem.steps + 1)
         at_h = at_f + 3 * len(places)
@@ -123,7 +85,7 @@ class _Layout:
         height = problem.step_height_m * gait.height[..., None]
         feet = np.concatenate([whole @ reference.footholds, height], axis=2)
         size = at_h + 2 * len(gait.steps)
-        return cls(gait, reference, places, feet, fixed, whole[:, :, 4:], at_f, at_h, size)
+        return cls(reference, places, feet, fixed, whole[:, :, 4:], at_f, at_h, size)
 
 
 class ContactQp:
@@ -140,15 +102,19 @@ class ContactQp:
         ).tocoo()
 
     def solve(
-        self, gait: Gait, reference: Reference, rho: float, target: Eta | None, accuracy: float = 1e-5
+        self, about: WalkMotion, rho: float = 0.0, target: Eta | None = None, accuracy: float = 1e-5
     ) -> WalkKnots | None:
-        """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution."""
+        """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the gait has no solution.
+
+        (8b) and (9a) are linear about a motion by the gait.
+        """
+        gait = about.gait
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         bounds = walk_bounds(problem, gait)
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
             return None
-        of = _Layout.of(problem, gait, reference)
+        of = _Layout.of(problem, about)
         k, i = of.places.T
         equal, right, lever = self._dynamics(of)
         keep = np.ones(BODY_STATES * n, dtype=bool)
@@ -181,13 +147,13 @@ class ContactQp:
         pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
         cost = walk_cost(problem, gait, body, forces)
         near = float(values @ (hessian @ values) / 2 + linear @ values) + constant_cost
-        return WalkKnots(problem, gait, body, forces, footholds, cost, near + gait_cost(problem, gait), pull)
+        return WalkKnots(gait, body, forces, footholds, problem, cost, near + gait_cost(problem, gait), pull)
 
     def _dynamics(self, of: _Layout) -> tuple[sp.csr_matrix, Array, Array]:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        yaws = of.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        yaws = reference.gait.yaw(float(problem.goal.body.rpy_rad[2]))
         centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
         arms = feet[:n] - centre[:, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
@@ -211,7 +177,7 @@ class ContactQp:
             rows.blocks(12 * k + 9, at_f + 3 * np.arange(len(k)), -dt * lever[k, i])
             rows.blocks(12 * knots + 9, 12 * knots, -dt * lean)
             about = np.einsum("kiab,kij->kjab", moved[..., :2], of.blend[:n])
-            for j in range(len(of.gait.steps)):
+            for j in range(len(of.reference.gait.steps)):
                 rows.blocks(12 * knots + 9, np.full(n, at_h + 2 * j), dt * about[:, j])
             off = of.fixed[:n] - feet[:n, :, :2]
             constant = -np.einsum("kiab,kib->ka", moved[..., :2], off)
@@ -227,7 +193,7 @@ class ContactQp:
         self._accelerations(rows)
         self._reach(rows, of)
         self._three_feet(rows, of, cone)
-        step_rows(rows, self.problem, of.gait, of.reference.footholds, of.at_h)
+        step_rows(rows, self.problem, of.reference.gait, of.reference.footholds, of.at_h)
         apart_rows(rows, of.blend, of.fixed, of.at_h)
         return rows.all(of.size)
 
@@ -261,7 +227,7 @@ class ContactQp:
             begin = 3 * (knots - 1)
             rows.blocks(begin, 12 * knots, -unturn)
             rows.blocks(begin, 12 * knots + 3, tilted[:, limb])
-            for j, step in enumerate(of.gait.steps):
+            for j, step in enumerate(of.reference.gait.steps):
                 if step.limb == limb:
                     here = np.flatnonzero(blend[1:, limb, j])
                     moved = unturn[here][:, :, :2] * blend[1:, limb, j][here, None, None]
@@ -284,7 +250,7 @@ class ContactQp:
         """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
         here and at the next knot.
         """
-        problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.gait
+        problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.reference.gait
         number = np.full((n, 4), -1)
         number[of.places[:, 0], of.places[:, 1]] = np.arange(len(of.places))
         three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
@@ -326,7 +292,7 @@ class ContactQp:
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""
         problem, weights, scales = self.problem, self.problem.weights, self.scales
-        n, gait, blend = problem.steps, of.gait, of.blend
+        n, gait, blend = problem.steps, of.reference.gait, of.blend
         diagonal, linear, constant = np.zeros(of.size), np.zeros(of.size), 0.0
 
         def squares(index: Indices, weight: Array | float, wanted: Array) -> None:
@@ -364,10 +330,3 @@ class ContactQp:
         rows, columns = (np.append(getattr(hessian, at), of.at_h + getattr(corner, at)) for at in ("row", "col"))
         total = sp.csc_matrix((np.append(hessian.data, corner.data), (rows, columns)), (of.size, of.size))
         return total, linear, constant
-
-
-def _standing_forces(problem: WalkProblem, gait: Gait) -> Array:
-    stance = gait.stance[: problem.steps]
-    shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
-    forces: Array = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
-    return forces

@@ -56,9 +56,9 @@ def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
     for k in (0, 7, 19):
         for c in small.windows.contacts[LIMB]:
             q = answers[k, c]
-            load = equilibrium.margin * equilibrium.reach * equilibrium.friction[c]
-            for normal in (3, 4):
-                assert (equilibrium.directions @ q[:3] <= load * q[normal] + equilibrium.spine[c] + 1e-4).all()
+            load, spine = equilibrium.load[c], equilibrium.spine[c]
+            for f in (0, 1):
+                assert (equilibrium.directions @ q[:3] <= load[f] * q[3 + f] + spine[f] + 1e-4).all()
             contact = problem.contacts[c]
 
             def price(w: np.ndarray, contact: object = contact, k: int = k) -> float:
@@ -77,7 +77,7 @@ def test_wrenches_keep_the_surface_and_beat_every_sample() -> None:
             for _ in range(200):
                 other = q + rng.normal(scale=[2.0, 2.0, 0.02, 2.0, 2.0])
                 inside = all(
-                    (equilibrium.directions @ other[:3] <= load * other[n] + equilibrium.spine[c]).all() for n in (3, 4)
+                    (equilibrium.directions @ other[:3] <= load[f] * other[3 + f] + spine[f]).all() for f in (0, 1)
                 )
                 if inside and (other[3:] >= 1.0).all() and (other[3:] <= equilibrium.max_normal_N).all():
                     assert price(other) >= price(q) - 1e-4

@@ -8,6 +8,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
 from crux_planner.pipeline.entry import plan
+from crux_planner.search.stances import Oracles
 from scenes import scene, wall
 
 
@@ -30,7 +31,7 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
 
 def test_iterations_are_limited() -> None:
     small = scene(30)
-    task = Task(small.problem, small.equilibrium, small.reach, small.swings, deadline=small.later, iterations=2)
+    task = Task(**vars(Oracles.of(small.problem)), deadline=small.later, iterations=2)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged

@@ -13,7 +13,7 @@ from crux_planner import plan
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.admm.walk_limb_block import FootBlock, FootPlan
-from crux_planner.model.gait import Step, longest_step
+from crux_planner.model.gait import Step, longest_step, straight_motion
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
 from crux_planner.physics.cost import walk_cost
 from crux_planner.search.gait_search import FlatSearch
@@ -21,7 +21,7 @@ from crux_planner.search.slots import Slots
 from crux_planner.solvers import clock
 from crux_planner.trajectory import walk_exact as exact
 from crux_planner.trajectory.consensus import Eta, Scales
-from crux_planner.trajectory.walk_qp import ContactQp, Reference
+from crux_planner.trajectory.walk_qp import ContactQp
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 ROBOT = load_robot("scaler")
@@ -55,7 +55,7 @@ def test_a_method_that_walks_do_not_have_is_named() -> None:
 def test_the_qp_about_its_own_answer_is_the_exact_problem(problem: WalkProblem) -> None:
     """Same gait: J and the motion are those that ipopt finds, (8b) holds by hand."""
     gait = FlatSearch(problem).begin(np.inf).gait
-    first = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
+    first = ContactQp(problem, Scales()).solve(straight_motion(problem, gait))
     assert first is not None
     again, by_ipopt = exact.solve(problem, first, clock.now() + 10.0), walk_by_ipopt.solve(problem, first, 10.0)
     assert again.solved
@@ -88,7 +88,7 @@ def test_the_local_search_improves_on_regular_gaits_and_honours_the_consensus_te
 
 def test_the_motion_block_projects_onto_the_dynamics(problem: WalkProblem) -> None:
     gait = FlatSearch(problem).begin(np.inf).gait
-    knots = ContactQp(problem, Scales()).solve(gait, Reference.straight(problem, gait), 0.0, None)
+    knots = ContactQp(problem, Scales()).solve(straight_motion(problem, gait))
     assert knots is not None
     eta = Eta.of_points(knots.body, knots.feet(problem.step_height_m), knots.forces)
     spoilt = eta + eta.times(0.0)

@@ -24,13 +24,13 @@ from crux_planner.certificates.bound.crawls import BETWEEN, Crawls
 from crux_planner.certificates.bound.equilibrium_dual import EquilibriumDual
 from crux_planner.certificates.bound.loads import least_loads
 from crux_planner.model.arrays import Array
-from crux_planner.model.gait import LEAST_AIR, Gait
+from crux_planner.model.gait import LEAST_AIR, Gait, straight_motion
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.walk_problem import WalkProblem, build_walk
 from crux_planner.physics.cost import FORCE_SHARE, gait_cost, walk_cost
 from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, Slots
 from crux_planner.trajectory.walk_exact import solve
-from crux_planner.trajectory.walk_qp import ContactQp, Reference, WalkKnots
+from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
 
 SCENE = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-slope.yaml").read_text()
 STAY = SCENE.replace("steps: 40", "steps: 14").replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]")
@@ -49,7 +49,7 @@ def rng() -> np.random.Generator:
 
 def _near(problem: WalkProblem, gait: Gait) -> WalkKnots:
     """A walk by a gait, about the straight way."""
-    knots = ContactQp(problem, None).solve(gait, Reference.straight(problem, gait), 0.0, None)
+    knots = ContactQp(problem, None).solve(straight_motion(problem, gait))
     assert knots is not None
     return knots
 

@@ -1,4 +1,4 @@
-"""Holds whose opposite faces differ: what a known plan does is not denied, and it costs no less than the bound."""
+"""Holds whose opposite faces differ: plans for them are found, not denied, and cost no less than the bound."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import Scenario, ScenarioError
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.checker import check_plan
@@ -22,7 +22,7 @@ from crux_planner.solvers import clock
 from walls import scenario, two_rows
 
 ROBOT = load_robot("scaler")
-USED = 0.85  # of the limit surface, by the most loaded finger on each face
+USED, LESS_USED = 0.85, 0.7  # of the limit surface, by the most loaded finger on each face
 
 
 def demand(limb: Any, k_m: float) -> tuple[Array, Array]:
@@ -35,7 +35,7 @@ def demand(limb: Any, k_m: float) -> tuple[Array, Array]:
 
 
 @lru_cache
-def wall_and_plan(seed: int) -> tuple[Scenario, Any]:
+def wall_and_plan(seed: int, used: float = USED) -> tuple[Scenario, Any]:
     """A wall on which every face has the friction that one plan needs of it, and that plan."""
     random = np.random.default_rng(seed)
     wall = two_rows(0.15, slope_deg=float(random.uniform(42.0, 50.0)))
@@ -49,7 +49,7 @@ def wall_and_plan(seed: int) -> tuple[Scenario, Any]:
         for limb in knot.limbs:
             if limb.hold >= 0:
                 faces = [limb.finger1_face, limb.finger1_face ^ 1]
-                needed = demand(limb, even.patch_k_m)[1] / USED
+                needed = demand(limb, even.patch_k_m)[1] / used
                 friction[limb.hold, faces] = np.maximum(friction[limb.hold, faces], needed)
     for part, of_faces in zip(wall["holds"], friction, strict=True):
         part["friction"] = dict(zip(("+x", "-x", "+y", "-y", "top"), map(float, of_faces), strict=True))
@@ -84,12 +84,28 @@ def test_no_bound_is_above_a_plan_that_presses_its_better_faces(seed: int) -> No
     assert bound <= known.cost
 
 
-def test_spines_of_one_face_count_in_proofs_and_bounds() -> None:
+@SEEDS
+def test_the_planner_finds_a_plan_that_presses_the_better_faces(seed: int) -> None:
+    read, _ = wall_and_plan(seed, LESS_USED)
+    found = crux_planner.plan(read, ROBOT)
+    assert check_plan(found.plan, ROBOT).ok
+    lesser = [
+        demand(limb, found.plan.patch_k_m)[1].max() > limb.friction
+        for knot in found.plan.knots
+        for limb in knot.limbs
+        if limb.hold >= 0
+    ]
+    assert any(lesser)  # a finger bears more than it could on the other face
+
+
+def test_a_finger_hangs_on_by_its_spines_where_the_other_has_friction() -> None:
     wall = two_rows()
-    wall["holds"][0]["spines"] = {"-x": True, "+x": False}
-    contacts = build_problem(scenario(wall), ROBOT).contacts
-    unlike = [c for c in contacts if (c.hold, c.pair) == (0, 0)]
-    assert unlike
-    assert all(c.spine_shear_N == 0.0 and c.from_above.spine_shear_N == 5.0 for c in unlike)
-    alike = next(c for c in contacts if c.hold == 1)
-    assert alike.from_above is alike
+    wall["contact"].update(spine_shear_N=25, spine_twist_Nm=0.5)
+    for part in wall["holds"]:
+        part["friction"] = {"+x": 0.0, "-x": 2.2, "+y": 0.0, "-y": 0.0, "top": 0.0}
+        part["spines"] = {"+x": True, "-x": False}
+    assert check_plan(crux_planner.plan(scenario(wall), ROBOT).plan, ROBOT).ok
+    for part in wall["holds"]:
+        part["spines"] = {"+x": False, "-x": True}
+    with pytest.raises(ScenarioError, match="not in equilibrium"):
+        crux_planner.plan(scenario(wall), ROBOT)

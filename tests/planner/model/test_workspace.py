@@ -1,12 +1,24 @@
-"""Acceptance boxes hold what they promise, and are about as large as the limb allows."""
+"""Inner and outer sets of what limbs reach hold what they promise, and are about as large as the limb allows."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
-from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
-from crux_planner.model.workspace import WorkspaceError, WorkspaceRange, acceptance_boxes, largest_rectangle
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import load_model
+from crux_planner.model import workspace
+from crux_planner.model.build import reach_of
+from crux_planner.model.kinematics import forward, inverse, limit_margin, rotation_from_rpy, rotation_z
+from crux_planner.model.workspace import (
+    LimbReach,
+    WorkspaceError,
+    WorkspaceRange,
+    acceptance_boxes,
+    largest_rectangle,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -69,3 +81,72 @@ def test_largest_rectangle_is_what_trying_all_finds(rows: int, columns: int, see
     if best:
         assert mask[i0 : i1 + 1, j0 : j1 + 1].all()
         assert (i1 - i0) * (j1 - j0) == best
+
+
+@pytest.fixture(scope="module")
+def reach(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> LimbReach:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        return reach_of(robot)
+
+
+def test_the_checkers_kinematics_reaches_every_place_of_the_inner_set(robot: Robot, reach: LimbReach) -> None:
+    """Places at its very edges too, at any tilt and yaw, by the numeric inverse kinematics of the check."""
+    random, n, tilt = np.random.default_rng(1), 1500, robot.body.max_tilt_rad
+    for i, limb in enumerate(load_model(robot).limbs):
+        corners = reach.inner.centre_b_m[i] + 1.3 * random.uniform(-1, 1, (4 * n, 3)) * reach.inner.half_m
+        share = np.linspace(0.0, 1.0, 40)[:, None, None]
+        ways = reach.inner.centre_b_m[i] + share * (corners - reach.inner.centre_b_m[i])
+        inside = (reach.inner.beyond(i, ways) <= 0.0).all(axis=2)
+        places = ways[np.cumsum(inside, axis=0).argmax(axis=0), np.arange(4 * n)][:n]
+        rpy = np.column_stack([random.choice([-tilt, tilt, 0.0], (n, 2)), np.zeros(n)])
+        yaws = rotation_z(random.uniform(*robot.grasp.gripper_yaw_rad, n))
+        turn = np.swapaxes(rotation_from_rpy(rpy), -1, -2) @ yaws
+        (found,) = solve([limb], [places], [turn])
+        assert found.position_error_m.max() < 1e-5
+        assert (found.q_rad >= limb.lower_rad).all()
+        assert (found.q_rad <= limb.upper_rad).all()
+
+
+def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) -> None:
+    """Postures anywhere within the joint limits whose gripper stands upright on a wall that the body may be off."""
+    random, n, tilt = np.random.default_rng(2), 400_000, robot.body.max_tilt_rad
+    for i, limb in enumerate(robot.limbs):
+        q = random.uniform(limb.lower_rad, limb.upper_rad, (n, 6))
+        q[: n // 2, 2] = limb.lower_rad[2]  # stretched as far as they go
+        q[: n // 2 : 3, 0] = random.choice([limb.lower_rad[0], limb.upper_rad[0]], len(q[: n // 2 : 3]))
+        rpy = random.uniform(-tilt, tilt, (n, 3)) * [1.0, 1.0, 0.0]
+        rpy[::2, :2] = random.choice([-tilt, tilt], rpy[::2, :2].shape)
+        upright = np.swapaxes(rotation_from_rpy(rpy), -1, -2)[..., 2]
+        place, turn = forward(limb, q)
+        wrist = place + limb.wrist_to_gripper_m * turn[..., 2]
+        place = wrist - limb.wrist_to_gripper_m * upright  # the wrist turns it upright, whatever its own limits
+        height = np.einsum("nj,nj->n", place, upright)
+        (low, high), (least, most) = robot.body.height_m, robot.grasp.pad_height_m
+        grips = (height >= least - high) & (height <= most - low)
+        assert grips.sum() > 5000
+        assert reach.outer.beyond(i, place[grips]).max() <= 1e-9
+        assert reach.outer.beyond(i, place[grips]).max() >= -0.03  # and it is no larger than need be
+
+
+def test_inner_sets_hold_the_boxes_and_are_mirror_images(reach: LimbReach) -> None:
+    corners = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    for i, centre in enumerate(reach.box.centre_b_m):
+        assert (reach.inner.beyond(i, centre + corners * reach.box.half_m) <= 1e-9).all()
+        assert (reach.outer.beyond(i, centre + corners * reach.box.half_m) <= 1e-9).all()
+    sides = np.sign(reach.box.centre_b_m)
+    np.testing.assert_allclose(reach.inner.centre_b_m * sides, np.abs(reach.inner.centre_b_m[[0]]).repeat(4, axis=0))
+
+
+def test_what_a_robot_reaches_is_computed_once(
+    robot: Robot, reach: LimbReach, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    reach_of(robot)
+    (kept,) = workspace.cache_folder().iterdir()
+    monkeypatch.setattr(workspace, "acceptance_boxes", lambda *_: pytest.fail("computed again"))
+    np.testing.assert_array_equal(reach_of(robot).inner.extent_m, reach.inner.extent_m)
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kept.write_bytes(kept.read_bytes()[:100])
+    np.testing.assert_array_equal(reach_of(robot).inner.extent_m, reach.inner.extent_m)

@@ -12,6 +12,7 @@ from crux_contracts.robot import Robot
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
+from crux_planner.model.workspace import box
 from crux_planner.physics.dynamics import euler_rates, euler_step, gripper_wrench, static_map
 from crux_planner.physics.limit_surface import (
     SMOOTHING_N,
@@ -20,7 +21,7 @@ from crux_planner.physics.limit_surface import (
     finger_inputs,
     polytope_directions,
 )
-from crux_planner.physics.reach import offset_in_body, turned_half
+from crux_planner.physics.reach import offset_in_body, turned
 from crux_planner.physics.torque import joint_torques
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -38,10 +39,10 @@ def beyond_limit_surface(load: np.ndarray, friction_force: float, spines: np.nda
 @given(seeds)
 def test_the_polytope_lies_inside_the_limit_surface_and_fills_most_of_it(seed: int) -> None:
     random = np.random.default_rng(seed)
-    directions, reach, spine_rows = polytope_directions(K_M)
+    directions, reach = polytope_directions(K_M)
     friction_force, spines = random.uniform(0, 100), random.uniform(0, [10, 10, 0.1])
     load = random.normal(size=3) * [1, 1, K_M]
-    slack = reach * friction_force + spine_rows @ spines
+    slack = reach * friction_force + np.abs(directions) @ spines
     edge = load / (directions @ load / slack).max()  # the load scaled to the polytope's surface
     assert beyond_limit_surface(edge, friction_force, spines) <= 1e-9
     assert beyond_limit_surface(edge / 0.79, friction_force, spines) >= -1e-9
@@ -109,7 +110,7 @@ def test_a_step_of_the_body_obeys_newton_and_euler(seed: int) -> None:
 def test_a_box_shrunk_for_turning_lies_inside_the_turned_box(seed: int) -> None:
     random = np.random.default_rng(seed)
     centre, half, angle = np.array([[0.15, 0.35, -0.13]]), np.array([0.15, 0.07, 0.06]), 0.08
-    offset = centre[0] + random.uniform(-1, 1, 3) * turned_half(half, centre, angle)
+    offset = centre[0] + random.uniform(-1, 1, 3) * turned(box(centre, half), angle).half_m
     r, theta = random.normal(size=3), np.array([0.0, 0.0, random.uniform(-angle, angle)])
     place = np.array(offset_in_body(ca.DM(r), ca.DM(theta), ca.DM(r + offset))).ravel()
     assert (np.abs(place - centre[0]) <= half + 1e-9).all()

@@ -32,7 +32,7 @@ def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.
     assert said["method"] == "auto"
     assert said["check"]["ok"] is True
     assert {"seconds", "cost", "gap", "iterations", "gait"} <= said.keys()
-    assert said["scope"].startswith("for the reach it plans with")
+    assert said["scope"].startswith("for all that the limbs reach")
     assert {"position_m", "force_N"} == said["residuals"].keys()
     assert read_plan(output).plan_id == said["plan_id"]
     assert [path.name for path in output.parent.iterdir()] == ["plan.mcap"]
@@ -65,8 +65,8 @@ def far_goal() -> dict[str, Any]:
         (
             far_goal(),
             "60",
-            "proven infeasible for the reach it plans with",
-            {"proven": True, "undecided": False, "scope": "for the reach it plans with"},
+            "proven infeasible for all that the limbs reach",
+            {"proven": True, "undecided": False, "scope": "for all that the limbs reach"},
         ),
         (
             {**two_rows(), "horizon": {"steps": 6, "dt_s": 2.0}},
@@ -98,7 +98,7 @@ def test_what_is_proven_of_the_cost_is_said_for_the_reach_it_plans_with(
     wall, output = write(tmp_path, two_rows())
     assert crux_plan(wall, "-o", str(output)) == 0
     (proven,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("proven")]
-    assert proven.startswith("proven for the reach it plans with, ")
+    assert proven.startswith("proven for all that the limbs reach, ")
 
 
 def test_help_says_what_the_papers_methods_are_here(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.checker.report import CheckReport, Violation
-from crux_planner.model.gait import Gait, Step
+from crux_planner.model.gait import Gait, Step, WalkMotion
 from crux_planner.model.walk_problem import build_walk
 from crux_planner.pipeline.refusals import bent
 from crux_planner.search.gait_search import FlatSearch
@@ -61,8 +60,8 @@ def test_the_corner_where_joints_are_too_fast_is_left_out(share: tuple[float, fl
     body = np.zeros((PROBLEM.steps + 1, 12))
     foot = np.append(PROBLEM.start_feet_w_m[2], 0.0)
     body[:, :3] = foot - place
-    solution: Any = SimpleNamespace(body=body, footholds=np.vstack([PROBLEM.start_feet_w_m, [0.2, 0.3]]))
-    less = bent(PROBLEM, gait, solution, _report(1.0))
+    solution: Any = WalkMotion(gait, body, np.zeros(0), np.vstack([PROBLEM.start_feet_w_m, [0.2, 0.3]]))
+    less = bent(PROBLEM, solution, _report(1.0))
     assert (less is not None) == is_cut
     if less is not None:
         (cut,) = less.cuts

@@ -12,16 +12,14 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.search.body_path import knot_path
-from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
 from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import start_from_path
-from walls import scenario, two_rows
+from walls import ladder, scenario, two_rows
 
 
 @dataclass(frozen=True)
@@ -55,15 +53,11 @@ def wall_of(robot: Robot, weights: dict[str, float] | None = None, *, all_limbs:
     content = two_rows(all_limbs=all_limbs)
     content["planner"] = {"weights": weights or {}}
     problem = build_problem(scenario(content), robot)
-    equilibrium, reach, swings = (
-        StaticEquilibrium(problem, problem.friction_share),
-        ReachableSet(problem),
-        SwingCache(problem),
-    )
+    oracles = Oracles.of(problem)
     later = clock.now() + 30
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=later)
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=later)
     assert moves is not None
-    return Wall(problem, moves, EventCost(problem, equilibrium, reach, swings))
+    return Wall(problem, moves, EventCost(oracles))
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +133,7 @@ def test_a_detour_is_left_out(wall: Wall) -> None:
         a, b, c, d = (stop if i == limb else c for i, c in enumerate(last.before))
         over = (a, b, c, d)
         detour = [replace(last, after=over), replace(last, before=over)]
-        timed = improve(wall.costs, [*wall.moves[:-1], *detour], clock.now() + 30, estimates=10_000)
+        timed = improve(wall.costs, [*wall.moves[:-1], *detour], clock.now() + 30, work=10**7)
         if timed is not None:
             assert len(timed.moves) == len(wall.moves)
             return
@@ -156,3 +150,43 @@ def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None
     assert usual == wall.quickest.swings.sum()
     for weights in ({"lift": 3.0}, {"opening": 3.0}):
         assert improved(wall_of(robot, weights)).swings.sum() > usual
+
+
+@pytest.fixture(scope="module")
+def route(robot: Robot) -> Wall:
+    oracles = Oracles.of(build_problem(scenario(ladder(8)), robot))
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    assert moves is not None
+    return Wall(oracles.problem, moves, EventCost(oracles))
+
+
+def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route(route: Wall) -> None:
+    """A knot moved between two stances is judged by their surroundings; the whole path can only be cheaper."""
+    costs, timed = route.costs, route.quickest
+    whole = costs.estimate(timed)
+    assert whole is not None
+    for where in range(1, len(timed.stances)):
+        stances = timed.stances.copy()
+        stances[[0, where]] += [-1, 1]
+        other, before = replace(timed, stances=stances), costs.work
+        near = costs.estimate(other, whole)
+        little, before = costs.work - before, costs.work
+        anew = costs.estimate(other)
+        assert near is not None
+        assert anew is not None
+        assert little < (costs.work - before) / 2
+        assert anew.cost <= near.cost + 1e-4
+        assert near.cost == pytest.approx(anew.cost, rel=1e-3)
+        assert (near.body == whole.body).all(axis=1).sum() > len(whole.body) / 2
+
+
+def test_the_search_on_the_cost_ends_where_no_neighbour_is_better_also_on_a_long_route(route: Wall) -> None:
+    fresh = replace(route, costs=EventCost(Oracles.of(route.problem)))
+    much = improve(fresh.costs, route.moves, clock.now() + 300, work=10**8)
+    usual = improve(route.costs, route.moves, clock.now() + 300)
+    assert much is not None
+    assert usual is not None
+    at_most, found = fresh.costs.estimate(much), fresh.costs.estimate(usual)
+    assert at_most is not None
+    assert found is not None
+    assert found.cost == pytest.approx(at_most.cost, rel=1e-3)

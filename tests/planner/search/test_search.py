@@ -15,7 +15,7 @@ from crux_planner.model.schedule import Move, Schedule
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
 from crux_planner.search.equilibrium import MOMENT_ARM_M, StaticEquilibrium
 from crux_planner.search.schedule import least_durations, scheduled
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 from hypothesis import given, settings
@@ -25,20 +25,20 @@ from walls import hold, ladder, scenario, two_rows
 
 
 @lru_cache
-def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int = 0) -> Problem:
+def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int = 0, unlike: int = 0) -> Problem:
     wall = two_rows(slope_deg=slope_deg)
     wall["contact"]["max_normal_N"] = max_normal_N
     if hanging:
         wall["contact"].update(spines_only={"LF": hanging, "RR": hanging}, spine_shear_N=20)
+    random = np.random.default_rng(unlike)
+    for part in wall["holds"] if unlike else []:
+        part["friction"] = {face: float(random.uniform(0.0, 1.5)) for face in ("+x", "-x", "+y", "-y", "top")}
+        part["spines"] = {face: bool(random.integers(2)) for face in ("+x", "-x", "+y", "-y", "top")}
     return build_problem(scenario(wall), load_robot("scaler"))
 
 
 def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
-    equilibrium = StaticEquilibrium(problem, problem.friction_share)
-    swings = SwingCache(problem)
-    found, _ = search(
-        problem, equilibrium, ReachableSet(problem), swings, at_once=at_once, greed=1.0, deadline=clock.now() + 60
-    )
+    found, _ = search(Oracles.of(problem), at_once=at_once, greed=1.0, deadline=clock.now() + 60)
     return found
 
 
@@ -65,9 +65,9 @@ def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, m
                 reach = 0.8 if np.abs(sign).sum() == 1 else 1.4
                 row = np.zeros(5 * len(support))
                 row[5 * i : 5 * i + 3] = sign / [1, 1, k]
-                row[5 * i + finger] = -margin * reach * contact.friction
+                row[5 * i + finger] = -margin * reach * contact.friction[finger - 3]
                 rows.append(row)
-                spine = np.abs(sign) @ [contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k]
+                spine = np.abs(sign) @ (contact.spines[finger - 3] / [1, 1, k])
                 bounds.append(margin * spine)
     variable_bounds: list[tuple[float | None, float | None]] = []
     for index in support:
@@ -104,6 +104,18 @@ def test_balance_of_grippers_that_hang_by_spines(lifted: int, x: float, y: float
     problem = problem_of(slope_deg=slope, hanging=finger)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     assert [problem.contacts[c].spines_only for c in problem.start_contacts] == [finger, 0, 0, finger]
+    position = np.array([x, y, 0.17])
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
+    assert (found is not None) == balanced(problem, support, position, 0.9)
+
+
+@given(st.integers(1, 20), st.integers(0, 4), st.floats(-0.15, 0.15), st.floats(-0.1, 0.1), st.integers(0, 2))
+@settings(max_examples=60, deadline=None)
+def test_balance_on_faces_of_which_each_has_its_own_friction(
+    unlike: int, lifted: int, x: float, y: float, finger: int
+) -> None:
+    problem = problem_of(slope_deg=30.0, hanging=finger, unlike=unlike)
+    support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.17])
     found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
     assert (found is not None) == balanced(problem, support, position, 0.9)
@@ -153,14 +165,11 @@ def test_grippers_never_share_a_hold_nor_stand_where_their_palms_would_touch() -
 
 
 def laid_out(problem: Problem) -> tuple[Schedule, list[Move], StaticEquilibrium]:
-    equilibrium, swings, reach = (
-        StaticEquilibrium(problem, problem.friction_share),
-        SwingCache(problem),
-        ReachableSet(problem),
-    )
+    oracles = Oracles.of(problem)
+    equilibrium, swings = oracles.equilibrium, oracles.swings
     moves = moves_of(problem)
     assert moves is not None
-    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    moves = smooth_events(oracles, moves)
     return (
         scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s),
         moves,
@@ -184,11 +193,8 @@ def test_a_schedule_fills_the_horizon_and_leaves_no_knot_with_two_limbs_in_the_a
 
 def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None:
     problem = build_problem(scenario(ladder(6)), load_robot("scaler"))
-    equilibrium, swings, reach = (
-        StaticEquilibrium(problem, problem.friction_share),
-        SwingCache(problem),
-        ReachableSet(problem),
-    )
+    oracles = Oracles.of(problem)
+    swings = oracles.swings
     moves = moves_of(problem)
     assert moves is not None
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
@@ -196,7 +202,7 @@ def test_the_body_travels_while_limbs_swing_and_not_in_stances_between() -> None
     def knots(sequence: list[Move]) -> int:
         return int(sum(part.sum() for part in least_durations(problem, swings, sequence, step)))
 
-    smooth = smooth_events(problem, equilibrium, reach, swings, moves)
+    smooth = smooth_events(oracles, moves)
     in_air = sum(swings.intervals(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs)
     first_and_last = 1 + 2  # rest at the start; the body comes to rest before the last knot
     assert knots(smooth) < knots(moves)

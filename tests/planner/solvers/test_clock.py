@@ -63,7 +63,7 @@ def test_time_that_ran_out_is_no_infeasibility() -> None:
     assert (reason.verdict, reason.constraint) == ("undecided", "reach")
     assert "no hold within reach; time ran out" in str(reason)
     proven = InfeasibleError("reach", "no hold", proven=True).out_of_time()
-    assert (proven.verdict, proven.undecided) == ("proven infeasible for the reach it plans with", False)
+    assert (proven.verdict, proven.undecided) == ("proven infeasible for all that the limbs reach", False)
     assert InfeasibleError("horizon", "too short").verdict == "infeasible"
 
 

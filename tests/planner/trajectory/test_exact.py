@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
+from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.model.build import build_problem
 from crux_planner.model.mass import centres_and_slopes
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
-from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.schedule import scheduled
-from crux_planner.search.stances import ReachableSet, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory import exact, stage_functions
 from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point
@@ -28,11 +27,17 @@ from crux_planner.trajectory.stage_problem import StageProblem
 from walls import scenario, two_rows
 
 SLIPPERY = {"+x": 0.0, "-x": 2.2, "+y": 2.2, "-y": 2.2, "top": 2.2}
+UNLIKE = {"+x": 0.7, "-x": 2.2, "+y": 2.2, "-y": 1.0, "top": 2.2}
 WALLS: dict[str, dict[str, Any]] = {
     "rough": {},
     "steep": {"slope_deg": 90.0},
     "polytope": {"planner": {"limit_surface": "inner"}},
     "one hold by its spines": {"slippery": "RF-high"},
+    "unlike faces": {"faces": {"friction": UNLIKE}},
+    "spines on the smooth face": {
+        "faces": {"friction": SLIPPERY, "spines": {"+x": True, "-x": False}},
+        "contact": {"spine_shear_N": 22, "spine_twist_Nm": 0.5},
+    },
 }
 
 
@@ -42,17 +47,17 @@ def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
     wall = two_rows(slope_deg=options.get("slope_deg", 45.0), steps=32)
     wall.update({key: options[key] for key in ("planner",) if key in options})
     if "slippery" in options:
-        wall["contact"]["spine_shear_N"] = 40
+        wall["contact"]["spine_shear_N"] = 30
         next(part for part in wall["holds"] if part["name"] == options["slippery"])["friction"] = SLIPPERY
+    for part in wall["holds"] if "faces" in options else []:
+        part.update(options["faces"])
+        wall["contact"].update(options.get("contact", {}))
     problem = build_problem(scenario(wall), load_robot("scaler"))
-    equilibrium, reach, swings = (
-        StaticEquilibrium(problem, problem.friction_share),
-        ReachableSet(problem),
-        SwingCache(problem),
-    )
-    moves, _ = search(problem, equilibrium, reach, swings, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    oracles = Oracles.of(problem)
+    equilibrium, swings = oracles.equilibrium, oracles.swings
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
-    moves = smooth_events(problem, equilibrium, reach, swings, moves)
+    moves = smooth_events(oracles, moves)
     schedule = scheduled(problem, swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
     path = knot_path(problem, equilibrium, schedule)
     assert path is not None
@@ -139,6 +144,24 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     assert solution.position_residual_m < 1e-8
     assert solution.force_residual_N < 1e-4
     assert solution.cost == pytest.approx(other.cost, abs=2e-3)
+    if problem.limit_surface == "cone":
+        assert largest_excess_N(problem, schedule, solution.wrenches) < 1e-4
+
+
+def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[int, np.ndarray]]) -> float:
+    """Of any finger beyond the share of (1) that a plan may use, by the checker's closed form."""
+    share, found = problem.friction_share, []
+    for k, knot in enumerate(wrenches):
+        for limb, (s1, s2, m, *normal) in knot.items():
+            contact = problem.contacts[schedule.contacts[k][limb]]
+            for finger in (0, 1):
+                shear, _, twist = share * contact.spines[finger]
+                friction = share * contact.friction[finger] * contact.may_press[finger]
+                spines = {"spine_shear_N": np.array(shear), "spine_twist_Nm": np.array(twist)}
+                load = np.array([s1, s2]), np.array(m), np.array(normal[finger])
+                excess = cone_excess(*load, friction=friction, patch_k_m=problem.patch.k_m, **spines)
+                found.append(float(excess))
+    return max(found)
 
 
 def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:

@@ -35,7 +35,7 @@ BENCHES = {
         "the cost J of auto and of two-block ADMM on pairs of start and goal", f"{_HERE}.costs", "--task climbing"
     ),
     "fields": Bench(
-        "decide random hold fields: solved, or proven infeasible for the planner's reach",
+        "decide random hold fields: solved, or proven infeasible",
         f"{_HERE}.hold_fields",
         "--count 5 --seed 101",
     ),

@@ -1,4 +1,4 @@
-"""`crux bench fields`: random hold fields, each one solved, proven infeasible for the planner's reach, or undecided."""
+"""`crux bench fields`: random hold fields, each one solved, proven infeasible, or undecided."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from crux_contracts.output_file import look_at_folder
-from crux_planner.errors import FOR_ITS_REACH
+from crux_planner.errors import FOR_ALL_REACH
 
 from crux_tools.arguments import positive, whole
 from crux_tools.campaign import job
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         note(f"{row['wall_seed']:>5} {verdict(row):>10} {row['cpu_s']:>6.1f}  {what}")
     note(
         f"{decided} of {options.count} decided within {options.limit:g} s of computing each: "
-        f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ITS_REACH}; "
+        f"{counts[SOLVED]} solved and checked, {counts[PROVEN]} proven infeasible {FOR_ALL_REACH}; "
         f"{counts[UNDECIDED]} undecided, {counts[WRONG]} wrong"
     )
     return 0 if ok else 1

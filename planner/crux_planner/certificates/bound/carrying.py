@@ -2,9 +2,10 @@
 
 With multipliers pi = (pi_F, pi_M) of the six rows of balance, what a gripper adds to the Lagrangian is
     min over q of  R |q|^2 + g . q,   q = (s1, s2, m / k, n1, n2),   g = map' pi,
-subject to |s - a| <= mu n_i, |a| <= spines, 0 <= n_i <= most. The cheapest s for normal forces of at least `n` is a
-projection onto a box with rounded edges, so that one number is left, the smaller normal force: a convex function made
-of parabolas. Every number returned is exact, whatever the multipliers are.
+subject to |s - a_i| <= mu_i n_i, |a_i| <= spines_i, 0 <= n_i <= most for fingers i. The cheapest s for loads mu_i n_i
+of at least t is a projection onto a box with rounded edges, so that one number is left, t: a convex function made of
+parabolas. Every number returned is exact, whatever the multipliers are, but for grips with spines on one finger: there
+it is the larger of what the grip costs with spines on both fingers, and with no limit for the finger that has spines.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import static_map
 
+_UNLIMITED = 1e9  # a friction beyond any; its inverse is no friction
+
 
 @dataclass(frozen=True)
 class Carriers:
     """What the grasps of a problem can carry; contacts that differ by the swap of the fingers carry the same."""
 
     maps: Array  # (C, 6, 4): force and moment about the origin of (s1, s2, m / k, F), F = n1 - n2
-    friction: Array  # (C,)
+    friction: Array  # (C, 2) of fingers 1 and 2
     spines: Array  # (C, 3) largest share of the spines in (s1, s2, m / k) [N]
     most_N: float
     weight: float  # R
+    bare: Carriers | None = None  # from above once more: the finger without spines decides, where there is one
 
     @staticmethod
     def of(problem: Problem) -> Carriers:
@@ -34,14 +38,15 @@ class Carriers:
         k_m, share = problem.patch.k_m, problem.friction_share
         maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])
         maps[:, :, 2] *= k_m
-        spines = np.array([[c.spine_shear_N, c.spine_shear_N, c.spine_twist_Nm / k_m] for c in problem.contacts])
-        return Carriers(
-            maps,
-            share * np.array([c.grip_friction for c in problem.contacts]),
-            share * spines,
-            problem.friction_share * problem.patch.max_normal_N,
-            problem.weights.wrench,
-        )
+        friction = share * np.array([c.grip_friction for c in problem.contacts])
+        spines = share * np.array([c.spines for c in problem.contacts]) / [1.0, 1.0, k_m]  # (C, 2, 3)
+        rest = share * problem.patch.max_normal_N, problem.weights.wrench
+        one_sided = (spines[:, 0] != spines[:, 1]).any(axis=1)
+        bare = None
+        if one_sided.any():
+            without = one_sided[:, None] & (spines > 0.0).any(axis=2)
+            bare = Carriers(maps, np.where(without, _UNLIMITED, friction), spines.min(axis=1), *rest)
+        return Carriers(maps, friction, spines.max(axis=1), *rest, bare)
 
     def least(self, multipliers: Array, contacts: Indices | None = None) -> Array:
         """The least of R |q|^2 + multipliers . map q for multipliers about the origin.
@@ -50,21 +55,25 @@ class Carriers:
         """
         w, high = self.weight, self.most_N
         if contacts is None:
-            mu, spines = self.friction, self.spines
+            friction, spines = self.friction, self.spines
             g = np.einsum("cij,...i->...cj", self.maps, multipliers)
         else:
-            mu, spines = self.friction[contacts], self.spines[contacts]
+            friction, spines = self.friction[contacts], self.spines[contacts]
             g = np.einsum("cij,ci->cj", self.maps[contacts], multipliers)
         wanted = -g[..., :3] / (4 * w)  # the cheapest shear and twist, were there no limit
         over = np.linalg.norm(np.maximum(np.abs(wanted) - spines, 0.0), axis=-1)
-        pull = np.abs(g[..., 3])
+        pull, press = np.abs(g[..., 3]), 1.0 / np.maximum(friction, 1.0 / _UNLIMITED)  # normal force a newton of load
+        second = g[..., 3] > 0.0
+        payer, other = np.where(second, press[:, 1], press[:, 0]), np.where(second, press[:, 0], press[:, 1])
         pressure = np.minimum(pull / (2 * w), high)  # the cheapest normal force on the finger that pays
-        # n: smaller normal force. Below `pressure`, the other finger has `pressure`; above, both have n.
-        one = np.clip((4 * w * mu * over - pull) / (2 * w + 4 * w * mu**2), 0.0, pressure)
-        both = np.clip(mu * over / (1 + mu**2), pressure, high)
-        best = np.minimum(
-            w * one**2 + pull * one + w * pressure**2 - pull * pressure + 2 * w * np.maximum(over - mu * one, 0.0) ** 2,
-            2 * w * both**2 + 2 * w * np.maximum(over - mu * both, 0.0) ** 2,
-        )
+        # t: load of each finger. Up to `edge` the one that pays has `pressure`; above, both have what t needs.
+        edge = pressure / payer
+        one = np.clip((4 * w * over - pull * other) / (4 * w + 2 * w * other**2), 0.0, np.minimum(edge, high / other))
+        squares, slope = payer**2 + other**2, pull * (other - payer)
+        both = np.clip((4 * w * over - slope) / (4 * w + 2 * w * squares), edge, high / np.maximum(payer, other))
+        below = w * (other * one) ** 2 + pull * other * one + w * pressure**2 - pull * pressure
+        below += 2 * w * np.maximum(over - one, 0.0) ** 2
+        above = w * squares * both**2 + slope * both + 2 * w * np.maximum(over - both, 0.0) ** 2
+        best = np.where(both >= edge, np.minimum(below, above), below)
         least: Array = best - 2 * w * (wanted**2).sum(axis=-1)
-        return least
+        return least if self.bare is None else np.maximum(least, self.bare.least(multipliers, contacts))

@@ -1,9 +1,9 @@
 """A proven lower bound of J (6) of every climb: the cheapest way through grasps and time, each knot at its own best.
 
 The relaxation, step by step; each only allows more or asks less:
-1. Contacts, swings, boxes of (9a), bounds (7): the planner's (Problem). Swings are straight up, across, straight down;
-   a limb in the air needs no more than the quickest of those to where it lands, from anywhere. Friction and spines are
-   from above: the whole limit surface, without the plan's margin, and the better of a grip's two faces on both sides.
+1. Contacts, swings, bounds (7): the planner's (Problem). Reach (9a): a box around all that a limb reaches. Swings are
+   straight up, across, straight down; a limb in the air needs no more than the quickest of those to where it lands,
+   from anywhere. Friction and spines are from above: the whole limit surface, without the plan's margin.
 2. Every knot has its own body pose and its own wrenches: at most in reach of start and goal at full speed. Its cost is
    bounded by weak duality (bound.multipliers), whatever the QP that proposes the multipliers does.
 3. (8) asks for balance up to the largest accelerations that speeds within (7) allow.
@@ -60,7 +60,7 @@ def lower_bound(
     if problem.limit_surface == "paper":  # it lets pass what (2) does not
         return None
     limits = _Limits(clock.now() + time_limit_s, effort)
-    problem = replace(problem, contacts=[contact.from_above for contact in problem.contacts], friction_share=1.0)
+    problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
     search = _Search.begin(problem, cost, by_faces(problem), limits) or _Search.begin(

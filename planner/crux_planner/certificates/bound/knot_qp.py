@@ -22,8 +22,8 @@ class KnotQp:
     def __init__(self, multipliers: Multipliers) -> None:
         self.problem, self.carriers = multipliers.problem, multipliers.carriers
         self.rest, self.hands = multipliers.rest, multipliers.hands
-        directions, _, spine = polytope_directions(1.0)
-        self._directions, self._spine = directions / np.linalg.norm(directions, axis=1)[:, None], spine
+        directions, _ = polytope_directions(1.0)
+        self._directions = directions / np.linalg.norm(directions, axis=1)[:, None]
 
     def multipliers(self, held: dict[int, int], box: tuple[Array, Array]) -> Array:
         """(6,) for contacts held by limbs, about the origin."""
@@ -56,7 +56,7 @@ class KnotQp:
             cone = np.zeros((2 * len(self._directions), n))
             for finger, part in enumerate((cone[: len(self._directions)], cone[len(self._directions) :])):
                 part[:, at : at + 3] = self._directions
-                part[:, at + 3 + finger] = -carriers.friction[c]
+                part[:, at + 3 + finger] = -carriers.friction[c, finger]
             rows.append(cone)
             bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
             a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m

@@ -77,10 +77,11 @@ def detours(problem: Problem, limb: int, contacts: Indices) -> Array:
 
 def distinct(problem: Problem, limb: int) -> Indices:
     """The contacts of a limb, one a place on a face pair, the start's first: the swap of fingers changes nothing."""
-    kept: dict[tuple[int, int, bytes], int] = {}
+    kept: dict[tuple[int, int, int, bytes], int] = {}
     for c in [problem.start_contacts[limb], *problem.limb_contacts[limb]]:
         contact = problem.contacts[c]
-        kept.setdefault((contact.hold, contact.pair, contact.centre_w_m.tobytes()), c)
+        hanging = contact.finger1_face if contact.spines_only else -1  # a finger that does not press hangs on a face
+        kept.setdefault((contact.hold, contact.pair, hanging, contact.centre_w_m.tobytes()), c)
     return np.array(list(kept.values()))
 
 

@@ -6,6 +6,7 @@ The way is looked for in the graph of `connection`, of all sets of grips that th
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -32,7 +33,7 @@ class Proof:
     """What can be shown about one problem. `places` are where a limb and its goal hold stand, for the reasons."""
 
     def __init__(self, scenario: Scenario, robot: Robot, problem: Problem) -> None:
-        self.problem = problem
+        self.problem = problem = replace(problem, boxes=problem.limb_reach.outer)
         grips = all_grips(scenario, robot, problem.heading_rad)
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]

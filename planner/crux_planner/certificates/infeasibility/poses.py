@@ -1,9 +1,9 @@
 """Whether one pose of the body has several grips in reach: (9a) of all limbs at once.
 
-The boxes bound v = R(theta)^T (c - r). In a box of roll, pitch and yaw, v is linear in these angles, in the body's
-place in its own frame and in where on its face each grasp is, but for a rest that is bounded: a linear program. Tilt,
-place and heading are the same for all limbs, where bounds of each of them alone would choose anew for each. Boxes of
-angles are halved until all are shown to have no pose, or one is found.
+Reach bounds v = R(theta)^T (c - r) along some directions. In a box of roll, pitch and yaw, v is linear in these angles,
+in the body's place in its own frame and in where on its face each grasp is, but for a rest that is bounded: a linear
+program. Tilt, place and heading are the same for all limbs, where bounds of each of them alone would choose anew for
+each. Boxes of angles are halved until all are shown to have no pose, or one is found.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from crux_planner.solvers.qp import Qp
 
 TOLERANCE_M, TOLERANCE_RAD = 3e-4, 1.2e-3  # more than the check forgives, and than the solvers' rounding
 BOXES = 60  # of angles looked at for one question
-QUESTIONS = 2000  # for one goal
+PROGRAMS = 400  # linear programs solved for one goal
 LOOKED_AT = 24  # stances, for how much the best lacks
 _LOOKS, _LOOK_RAD = 16, 0.01
 _ROUND = 0.01  # share by which a ball's tangents may let a pose be outside it
@@ -45,7 +45,7 @@ class PoseProgram:
     high: Array
 
     def solve(self) -> tuple[float, Array]:
-        """Least distance [m] by which the boxes must grow for a pose to exist (not positive: none), and that x."""
+        """Least distance [m] by which all reach must grow for a pose to exist (not positive: none), and that x."""
         n = len(self.low) + 1
         cost, linear = _REGULAR * np.eye(n), np.zeros(n)
         linear[-1] = 1.0
@@ -62,6 +62,7 @@ class GoalPoses:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.goal = problem, problem.goal
+        self._solved = 0
         self._rates = body_rates(self.goal.body.rpy_rad)
         first = polytope_directions(1.0)[0]
         first /= np.linalg.norm(first, axis=1)[:, None]
@@ -70,13 +71,13 @@ class GoalPoses:
     def possible(self, stances: Iterable[tuple[int, ...]], grips: list[Grip]) -> list[tuple[int, ...]]:
         """The stances (numbers of `grips` by limb) that are not shown to be out of reach.
 
-        What the first limbs lack, the whole stance does. After `QUESTIONS`, stances are left as they are.
+        What the first limbs lack, the whole stance does. After `PROGRAMS`, stances are left as they are.
         """
         known: dict[tuple[int, ...], bool] = {}
 
         def may_be(first: tuple[int, ...]) -> bool:
             if first not in known:
-                known[first] = len(known) >= QUESTIONS or self.lacking(_by_limb(first, grips)) <= 0.0
+                known[first] = self._solved >= PROGRAMS or self.lacking(_by_limb(first, grips)) <= 0.0
             return known[first]
 
         return [s for s in stances if all(may_be(s[:count]) for count in range(2, len(s) + 1))]
@@ -100,6 +101,7 @@ class GoalPoses:
         least, boxes = np.inf, [self._angles()]
         for _ in range(BOXES):
             low, high = boxes.pop()
+            self._solved += 1
             lacking, x = self._program(grips, low, high).solve()
             if lacking > 0.0:
                 least = min(least, lacking)
@@ -163,8 +165,7 @@ class GoalPoses:
         boxes, to_body = self.problem.boxes, rotation_from_rpy(x[_ANGLES]).T
         for at, (limb, grip) in zip(range(_POSE, len(x), 2), grips.items(), strict=True):
             centre = _centre(grip, x[at + 1]) + x[at] * grip.contact.tangent - self.goal.body.position_m
-            off = to_body @ centre - x[_PLACE] - boxes.centre_b_m[limb]
-            if (np.abs(off) > boxes.half_m + TOLERANCE_M).any():
+            if (boxes.beyond(limb, to_body @ centre - x[_PLACE]) > TOLERANCE_M).any():
                 return False
         return True
 
@@ -188,13 +189,14 @@ def reach_program(problem: Problem, grips: dict[int, Grip], low: Array, high: Ar
         part[:, _ANGLES] = _slopes(middle, away)
         part[:, at], part[:, at + 1] = to_body @ grip.contact.tangent, to_body[:, 2]
         moved = np.array([*np.abs(grip.contact.tangent[:2]) * grip.aside_m, grip.height_m[1] - height])
-        slack = boxes.half_m + TOLERANCE_M
-        slack += _second_order(_largest(away, middle[2], half[2]), half, tilt)
-        slack += _first_order(_largest(moved, None, half[2]), half, tilt)
-        off = to_body @ away - part[:, _ANGLES] @ middle - height * to_body[:, 2] - boxes.centre_b_m[limb]
+        rest = _second_order(_largest(away, middle[2], half[2]), half, tilt)
+        rest += _first_order(_largest(moved, None, half[2]), half, tilt)
+        slack = boxes.extent_m[limb] + TOLERANCE_M + np.abs(boxes.directions) @ rest
+        off = to_body @ away - part[:, _ANGLES] @ middle - height * to_body[:, 2]
+        off, part = boxes.directions @ off - boxes.middle_m[limb], boxes.directions @ part
         rows += [part, -part]
         right += [slack - off, slack + off]
-    return PoseProgram(6 * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
+    return PoseProgram(2 * len(boxes.directions) * len(grips), np.vstack(rows), np.concatenate(right), lower, upper)
 
 
 def _by_limb(stance: tuple[int, ...], grips: list[Grip]) -> dict[int, Grip]:

@@ -11,14 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.mass import offset_bounds
+from crux_planner.model.mass import gripper_spans, offset_bounds
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
-from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
 from crux_planner.solvers.qp import Qp
 
@@ -159,12 +160,13 @@ class RelaxedBalance:
         self.problem, self.grips = problem, grips
         self.centred = StaticEquilibrium(replace(problem, contacts=[g.contact for g in grips]), 1.0)
         k = problem.patch.k_m
-        self.directions, _, spine = polytope_directions(k)
+        self.directions, _ = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
-        self.spine = spine
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
         yaw += _EULER_SHARE * problem.body.max_rate_rad_s * problem.steps * problem.dt_s / 2
-        self.offset = offset_bounds(problem, 0.0, yaw)  # of the centre of mass from the body's origin
+        self.offset = offset_bounds(
+            problem, gripper_spans(problem), yaw
+        )  # of the centre of mass from the body's origin
         self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
 
     def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
@@ -198,21 +200,15 @@ class RelaxedBalance:
         matrix = np.zeros((6, n))
         matrix[3:, :3] = -skew(self.problem.weight_N)
         shares = np.zeros((len(support), n))
-        rows = np.zeros((len(places) * (len(self.surface) + 2), n))
-        step = len(self.surface) + 2
+        most, blocks = np.full(2, self.problem.patch.max_normal_N), []
         for j, (i, centre) in enumerate(places):
             contact = self.grips[support[i]].contact
             at = 3 + 6 * j
             matrix[:, at : at + 4] = static_map(centre, contact.axis, contact.tangent)
             shares[i, at + 5] = 1.0
-            block = rows[j * step : (j + 1) * step, at : at + 6]
-            block[:-2, :3] = self.directions
-            block[:-2, 4] = -self.surface * contact.friction
-            block[:-2, 5] = -self.spine @ [contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm]
-            block[-2:, 3:] = [
-                [1.0, 1.0, -self.problem.patch.max_normal_N],
-                [-1.0, 1.0, -self.problem.patch.max_normal_N],
-            ]
+            limits, right = grip_rows(self.centred.limits[support[i]], self.directions, self.surface, most)
+            blocks.append(np.hstack([limits, -right[:, None]]))
+        rows = np.hstack([np.zeros((sum(map(len, blocks)), 3)), block_diag(*blocks)])
         wrench = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N, 1.0])
         upper = np.concatenate([high, np.tile(wrench, len(places))])
         lower = np.concatenate([low, np.tile(-wrench, len(places))])
@@ -237,18 +233,19 @@ class RelaxedBalance:
         """Tangents of (2)+(3), as rows, at wrenches found outside it; `which` has each place's grip in `support`."""
         k, cuts = self.problem.patch.k_m, []
         for j, i in enumerate(which):
-            contact, at = self.grips[support[i]].contact, 3 + 6 * j
-            s1, s2, m, _, normal, share = found[at : at + 6]
-            spine = np.array([contact.spine_shear_N, contact.spine_shear_N, contact.spine_twist_Nm / k])
+            at = 3 + 6 * j
+            s1, s2, m, net, normal, share = found[at : at + 6]
             load = np.array([s1, s2, m / k])
-            beyond = load - np.clip(load, -share * spine, share * spine)  # what friction has to carry
-            size = float(np.linalg.norm(beyond))
-            if size > contact.friction * normal + _CUT_N:
-                way = beyond / size
-                row = np.zeros(len(found))
-                row[at : at + 3] = way / [1.0, 1.0, k]
-                row[at + 4 : at + 6] = -contact.friction, -np.abs(way) @ spine
-                cuts.append(row)
+            for side, friction, spines in self.centred.limits[support[i]]:
+                spine = spines / [1.0, 1.0, k]
+                beyond = load - np.clip(load, -share * spine, share * spine)  # what friction has to carry
+                size = float(np.linalg.norm(beyond))
+                if size > friction * (normal + side / 2 * net) + _CUT_N:
+                    way = beyond / size
+                    row = np.zeros(len(found))
+                    row[at : at + 3] = way / [1.0, 1.0, k]
+                    row[at + 3 : at + 6] = -side / 2 * friction, -friction, -np.abs(way) @ spine
+                    cuts.append(row)
         return cuts
 
     def _places(self, grip: Grip) -> list[Array]:

@@ -1,0 +1,239 @@
+"""Why there is no plan: the constraint whose relaxation gives one, tried before it is said, with the least amount.
+
+A longer horizon is tried first, with everything that planning has. Then one thing at a time is made easier: smaller
+obstacles, thinner grippers, more friction, stronger motors, further reach; what the failed search names
+goes first. What those give is a way: contacts in sequence and a body path in static balance, over the horizon. The work
+of each search is counted in stances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import ScenarioError
+from crux_contracts.scenario_reader import MAX_STEPS
+
+from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
+from crux_planner.model.build import build_problem
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Move
+from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.solve_and_check import Climb, evenly, path_to_goal
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.search.stances import Oracles, search
+from crux_planner.search.torque_limits import TorqueLimits
+
+LONGER = 2  # times as long a horizon is tried
+HALVINGS = 3  # of the interval in which the least horizon is
+STANCES = 150  # that a search looks at, at most
+GREED = 2.0  # the factor by which its sequence may be slower than the quickest
+
+Longer = Callable[[Climb], int | None]
+"""The steps of a plan for a climb with another horizon, None where none is found."""
+
+
+@dataclass(frozen=True)
+class _Relaxation:
+    """`most` steps of `step` are tried; `text` says what they amount to."""
+
+    constraint: str
+    unit: str
+    step: float
+    most: int
+    relaxed: Callable[[Climb, float], Problem]
+    text: Callable[[float], str]
+
+
+def cause(climb: Climb, none: InfeasibleError, longer: Longer) -> InfeasibleError:
+    """What to say instead of `none`, or the same with what would help; itself where nothing that is tried does."""
+    if none.constraint == TIME_LIMIT or none.undecided or isinstance(none, HorizonError) or climb.late:
+        return none
+    if not none.proven and (steps := _least_horizon(climb, longer)) is not None:
+        given = climb.problem.steps
+        text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
+        return HorizonError(f"{text}; allow as many", steps)
+    with climb.work.part("reason", 0.95):
+        if _way(climb, climb.problem) is not None:
+            return none  # what fails comes after the search
+        for relaxation in sorted(_relaxations(climb), key=lambda each: each.constraint != none.constraint):
+            if (found := _least(climb, relaxation)) is not None:
+                return _explained(climb, none, relaxation, *found)
+    return none
+
+
+def _least_horizon(climb: Climb, longer: Longer) -> int | None:
+    """The fewest steps in which a plan was found, of those tried; None where as many as are tried do not help."""
+
+    def tried(steps: int) -> int | None:
+        other = replace(climb.problem, steps=steps)
+        return longer(replace(climb, scenario=rewritten(climb.scenario, steps=steps), problem=other))
+
+    fails = climb.problem.steps
+    enough = min(max([LONGER * fails, *(short.needed for short in climb.work.too_short)]), MAX_STEPS)
+    taken = tried(enough) if enough > fails else None
+    if taken is None:
+        return None
+    for _ in range(HALVINGS):
+        if enough - fails <= 1 or climb.late:
+            break
+        guess = taken if fails < taken < enough else (fails + enough) // 2
+        fewer = tried(guess)
+        fails, enough, taken = (guess, enough, enough) if fewer is None else (fails, guess, fewer)
+    return enough
+
+
+def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | None:
+    """The least amount, and the way that it gives; None where the most gives none."""
+
+    def tried(count: int) -> list[Move] | None:
+        try:
+            return None if climb.late else _way(climb, relaxation.relaxed(climb, count * relaxation.step))
+        except (ScenarioError, InfeasibleError):
+            return None
+
+    way, fails, enough = tried(relaxation.most), 0, relaxation.most
+    if way is None:
+        return None
+    while enough - fails > 1:
+        guess = (fails + enough) // 2
+        if (other := tried(guess)) is None:
+            fails = guess
+        else:
+            way, enough = other, guess
+    return enough * relaxation.step, way
+
+
+def _way(climb: Climb, problem: Problem) -> list[Move] | None:
+    """Moves of a level body to the goal of a problem, for which there is a body path in time."""
+    relaxed = replace(climb, **vars(Oracles.of(problem, TorqueLimits(problem, problem.friction_share))))
+    for at_once in (1, 2):
+        moves, _ = search(relaxed, at_once=at_once, greed=GREED, deadline=climb.deadline, most=STANCES)
+        if moves is None:
+            continue
+        try:
+            path = path_to_goal(problem, relaxed.equilibrium, evenly(relaxed, moves))[1]
+        except HorizonError:
+            continue
+        if path is not None:
+            return moves
+    return None
+
+
+def _relaxations(climb: Climb) -> Iterator[_Relaxation]:
+    """What is made easier, in order of likelihood."""
+    for obstacle in climb.scenario.obstacles:
+        name, most = obstacle.name, int(np.ceil(min(obstacle.size_m) / _OBSTACLE_M)) - 1
+
+        def text(amount: float, name: str = name) -> str:
+            return f"with {name} {1000 * amount:.0f} mm smaller along every edge"
+
+        yield _Relaxation("passage", f"m off every edge of {name}", _OBSTACLE_M, most, _smaller(name), text)
+    yield _Relaxation("passage", "m off every gripper", 0.001, 12, _thinner, _thinner_text)
+    yield _Relaxation("equilibrium", "times the friction", 0.05, 40, _rougher, _rougher_text)
+    yield _Relaxation("torque", "times the motor torque", 0.05, 20, _stronger, _stronger_text)
+    yield _Relaxation("reach", "m of reach", 0.005, 20, _further, _further_text)
+
+
+_OBSTACLE_M = 0.005
+
+
+def _smaller(name: str) -> Callable[[Climb, float], Problem]:
+    def relaxed(climb: Climb, amount_m: float) -> Problem:
+        def shrink(obstacle: Any) -> Any:
+            size = tuple(edge - amount_m for edge in obstacle.size_m)
+            return replace(obstacle, size_m=size) if obstacle.name == name else obstacle
+
+        return _built(climb, obstacles=tuple(map(shrink, climb.scenario.obstacles)))
+
+    return relaxed
+
+
+def _thinner(climb: Climb, amount_m: float) -> Problem:
+    swing = climb.problem.swing
+    clear = replace(
+        swing, clearance_m=swing.clearance_m - amount_m, body_clearance_m=swing.body_clearance_m - 2 * amount_m
+    )
+    return replace(climb.problem, swing=clear)
+
+
+def _rougher(climb: Climb, more: float) -> Problem:
+    holds = [replace(h, friction=tuple((1.0 + more) * f for f in h.friction)) for h in climb.scenario.holds]
+    return _built(climb, holds=tuple(holds))
+
+
+def _stronger(climb: Climb, more: float) -> Problem:
+    return replace(climb.problem, torque_limits_Nm=(1.0 + more) * climb.problem.torque_limits_Nm)
+
+
+def _further(climb: Climb, amount_m: float) -> Problem:
+    boxes = climb.problem.boxes
+    along_wall = np.hypot(*boxes.directions[:, :2].T)
+    return replace(climb.problem, boxes=replace(boxes, extent_m=boxes.extent_m + amount_m * along_wall))
+
+
+def _built(climb: Climb, **changes: Any) -> Problem:
+    built = build_problem(replace(climb.scenario, **changes), climb.robot, reach=climb.problem.limb_reach)
+    return replace(built, boxes=climb.problem.boxes)
+
+
+def _thinner_text(amount_m: float) -> str:
+    return f"with grippers {1000 * amount_m:.0f} mm thinner on every side"
+
+
+def _rougher_text(more: float) -> str:
+    return f"with {1.0 + more:.2f} times the friction"
+
+
+def _stronger_text(more: float) -> str:
+    return f"with {1.0 + more:.2f} times the motor torque"
+
+
+def _further_text(amount_m: float) -> str:
+    return f"with {1000 * amount_m:.0f} mm more reach along and across the body"
+
+
+def _explained(
+    climb: Climb, none: InfeasibleError, relaxation: _Relaxation, amount: float, way: list[Move]
+) -> InfeasibleError:
+    helps = f"{relaxation.text(amount)} a way is found"
+    place = _place(climb, way)
+    if place is not None:
+        helps += f"; without, it ends {place}"
+    same = none.proven or none.constraint == relaxation.constraint
+    text = f"{none}; {helps}" if same else f"{helps} ({none})"
+    reason = InfeasibleError(none.constraint if same else relaxation.constraint, text, proven=none.proven)
+    reason.relaxed = {"constraint": relaxation.constraint, "amount": amount, "unit": relaxation.unit, "place": place}
+    return reason
+
+
+def _place(climb: Climb, way: list[Move]) -> str | None:
+    """The first move of a way that the problem as it is does not have."""
+    problem = climb.problem
+    equilibrium = TorqueLimits(problem, problem.friction_share)
+    friction = StaticEquilibrium(problem, problem.friction_share)
+    for move in way:
+        limbs = " and ".join(LIMB_NAMES[limb] for limb in move.limbs)
+        swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
+        ends = [problem.hold_names[problem.contacts[end].hold] for _, end in swings]
+        where = f"where {limbs} goes to {' and '.join(ends)}"
+        bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
+        if None in bounds or not climb.swings.free(swings, move.support):
+            return where
+        for each in bounds:
+            assert each is not None
+            low, high = each
+            if equilibrium.position(move.support, low, high, np.clip(move.lift_off, low, high)) is None:
+                return f"{where}: " + _lacking(friction, move, low, high)
+    return None
+
+
+def _lacking(friction: StaticEquilibrium, move: Move, low: Any, high: Any) -> str:
+    short = friction.missing_force(move.support, low, high)
+    return f"short by {short:.1f} N" if short > _LACKING_N else "the joints are too weak"
+
+
+_LACKING_N = 0.01

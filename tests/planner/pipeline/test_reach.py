@@ -1,0 +1,52 @@
+"""Walls that need all that the limbs reach, and what is said of walls that need more."""
+
+from __future__ import annotations
+
+import crux_planner
+import numpy as np
+import pytest
+import yaml
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import parse_scenario
+
+LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}
+
+
+def ladder(gap_m: float, slope_deg: float, *, staggered_m: float = 0.0, without: tuple[str, ...] = ()) -> str:
+    """Three rungs of two holds each; the climb is one rung, the right side is `staggered_m` higher."""
+    holds = [
+        {
+            "name": f"{'LR'[side < 0]}{rung}",
+            "position_m": [round((rung - 0.5) * gap_m + staggered_m * (side < 0), 4), 0.345 * side],
+            "size_m": [0.06, 0.06, 0.06],
+            "friction": 2.2,
+        }
+        for rung in range(3)
+        for side in (1, -1)
+    ]
+    on = {limb: {"hold": f"{limb[0]}{rung}", "faces": "x"} for limb, (rung, _) in LIMBS.items()}
+    body = {"position_m": [round(staggered_m / 2, 4), 0.0, 0.185]}
+    goal = {"position_m": [round(gap_m + staggered_m / 2, 4), 0.0, 0.185], "tolerance_m": 0.01, "tolerance_deg": 3.0}
+    contact = {"model": "patch", "patch_radius_m": 0.02, "max_normal_N": 60, "spine_shear_N": 5, "spine_twist_Nm": 0.05}
+    document = {
+        "version": 1,
+        "name": "ladder",
+        "robot": "scaler",
+        "wall": {"slope_deg": slope_deg, "friction": 0.6},
+        "contact": contact,
+        "holds": [hold for hold in holds if hold["name"] not in without],
+        "horizon": {"steps": 80, "dt_s": 2.0},
+        "start": {"body": body, "grasps": on},
+        "goal": {"body": goal},
+    }
+    return yaml.safe_dump(document, sort_keys=False)
+
+
+@pytest.mark.parametrize(("gap_m", "slope_deg", "staggered_m"), [(0.35, 45.0, 0.0), (0.38, 30.0, 0.04)])
+def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
+    robot: Robot, gap_m: float, slope_deg: float, staggered_m: float
+) -> None:
+    result = crux_planner.plan(parse_scenario(ladder(gap_m, slope_deg, staggered_m=staggered_m)), robot)
+    assert result.check.ok
+    body = np.array([knot.body_position_w_m for knot in result.plan.knots])
+    assert body[-1, 0] - body[0, 0] > gap_m - 0.01
