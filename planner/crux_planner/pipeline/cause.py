@@ -21,10 +21,11 @@ from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
+from crux_planner.pipeline.explanation import LACKING_N
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.solve_and_check import Climb, evenly, path_to_goal
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, search
+from crux_planner.search.stances import Oracles, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 
 LONGER = 2  # times as long a horizon is tried
@@ -38,10 +39,11 @@ Longer = Callable[[Climb], int | None]
 
 @dataclass(frozen=True)
 class _Relaxation:
-    """`most` steps of `step` are tried; `text` says what they amount to."""
+    """Up to `most` steps of `step` on from `given` are tried; `text` says what they amount to."""
 
     constraint: str
     unit: str
+    given: float
     step: float
     most: int
     relaxed: Callable[[Climb, float], Problem]
@@ -91,7 +93,11 @@ def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | 
 
     def tried(count: int) -> list[Move] | None:
         try:
-            return None if climb.late else _way(climb, relaxation.relaxed(climb, count * relaxation.step))
+            return (
+                None
+                if climb.late
+                else _way(climb, relaxation.relaxed(climb, relaxation.given + count * relaxation.step))
+            )
         except (ScenarioError, InfeasibleError):
             return None
 
@@ -104,47 +110,43 @@ def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | 
             fails = guess
         else:
             way, enough = other, guess
-    return enough * relaxation.step, way
+    return round(relaxation.given + enough * relaxation.step, 3), way
 
 
 def _way(climb: Climb, problem: Problem) -> list[Move] | None:
-    """Moves of a level body to the goal of a problem, for which there is a body path in time."""
+    """Moves of a level body, one limb at a time, to the goal of a problem, for which there is a body path in time."""
     relaxed = replace(climb, **vars(Oracles.of(problem, TorqueLimits(problem, problem.friction_share))))
-    for at_once in (1, 2):
-        moves, _ = search(relaxed, at_once=at_once, greed=GREED, deadline=climb.deadline, most=STANCES)
-        if moves is None:
-            continue
-        try:
-            path = path_to_goal(problem, relaxed.equilibrium, evenly(relaxed, moves))[1]
-        except HorizonError:
-            continue
-        if path is not None:
-            return moves
-    return None
+    if problem.contacts is climb.problem.contacts and problem.swing is climb.problem.swing:
+        relaxed = replace(relaxed, swings=climb.swings)
+    moves, _ = search(relaxed, at_once=1, greed=GREED, deadline=climb.deadline, most=STANCES)
+    if moves is None:
+        return None
+    try:
+        path = path_to_goal(problem, relaxed.equilibrium, evenly(relaxed, moves))[1]
+    except HorizonError:
+        return None
+    return None if path is None else moves
 
 
 def _relaxations(climb: Climb) -> Iterator[_Relaxation]:
     """What is made easier, in order of likelihood."""
     for obstacle in climb.scenario.obstacles:
-        name, most = obstacle.name, int(np.ceil(min(obstacle.size_m) / _OBSTACLE_M)) - 1
+        name = obstacle.name
 
-        def text(amount: float, name: str = name) -> str:
-            return f"with {name} {1000 * amount:.0f} mm smaller along every edge"
+        def text(share: float, name: str = name) -> str:
+            return f"with {name} at {100 * share:.0f} % of its size"
 
-        yield _Relaxation("passage", f"m off every edge of {name}", _OBSTACLE_M, most, _smaller(name), text)
-    yield _Relaxation("passage", "m off every gripper", 0.001, 12, _thinner, _thinner_text)
-    yield _Relaxation("equilibrium", "times the friction", 0.05, 40, _rougher, _rougher_text)
-    yield _Relaxation("torque", "times the motor torque", 0.05, 20, _stronger, _stronger_text)
-    yield _Relaxation("reach", "m of reach", 0.005, 20, _further, _further_text)
-
-
-_OBSTACLE_M = 0.005
+        yield _Relaxation("passage", f"of the size of {name}", 1.0, -0.05, 19, _smaller(name), text)
+    yield _Relaxation("passage", "m off every side of a gripper", 0.0, 0.001, 12, _thinner, _thinner_text)
+    yield _Relaxation("equilibrium", "times the friction", 1.0, 0.05, 40, _rougher, _rougher_text)
+    yield _Relaxation("torque", "times the motor torque", 1.0, 0.05, 20, _stronger, _stronger_text)
+    yield _Relaxation("reach", "m of reach", 0.0, 0.005, 20, _further, _further_text)
 
 
 def _smaller(name: str) -> Callable[[Climb, float], Problem]:
-    def relaxed(climb: Climb, amount_m: float) -> Problem:
+    def relaxed(climb: Climb, share: float) -> Problem:
         def shrink(obstacle: Any) -> Any:
-            size = tuple(edge - amount_m for edge in obstacle.size_m)
+            size = tuple(share * edge for edge in obstacle.size_m)
             return replace(obstacle, size_m=size) if obstacle.name == name else obstacle
 
         return _built(climb, obstacles=tuple(map(shrink, climb.scenario.obstacles)))
@@ -160,13 +162,13 @@ def _thinner(climb: Climb, amount_m: float) -> Problem:
     return replace(climb.problem, swing=clear)
 
 
-def _rougher(climb: Climb, more: float) -> Problem:
-    holds = [replace(h, friction=tuple((1.0 + more) * f for f in h.friction)) for h in climb.scenario.holds]
+def _rougher(climb: Climb, factor: float) -> Problem:
+    holds = [replace(h, friction=tuple(factor * f for f in h.friction)) for h in climb.scenario.holds]
     return _built(climb, holds=tuple(holds))
 
 
-def _stronger(climb: Climb, more: float) -> Problem:
-    return replace(climb.problem, torque_limits_Nm=(1.0 + more) * climb.problem.torque_limits_Nm)
+def _stronger(climb: Climb, factor: float) -> Problem:
+    return replace(climb.problem, torque_limits_Nm=factor * climb.problem.torque_limits_Nm)
 
 
 def _further(climb: Climb, amount_m: float) -> Problem:
@@ -184,16 +186,16 @@ def _thinner_text(amount_m: float) -> str:
     return f"with grippers {1000 * amount_m:.0f} mm thinner on every side"
 
 
-def _rougher_text(more: float) -> str:
-    return f"with {1.0 + more:.2f} times the friction"
+def _rougher_text(factor: float) -> str:
+    return f"with {factor:.2f} times the friction"
 
 
-def _stronger_text(more: float) -> str:
-    return f"with {1.0 + more:.2f} times the motor torque"
+def _stronger_text(factor: float) -> str:
+    return f"with {factor:.2f} times the motor torque"
 
 
 def _further_text(amount_m: float) -> str:
-    return f"with {1000 * amount_m:.0f} mm more reach along and across the body"
+    return f"with {1000 * amount_m:.0f} mm more reach of a level body along and across it"
 
 
 def _explained(
@@ -215,11 +217,16 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
     problem = climb.problem
     equilibrium = TorqueLimits(problem, problem.friction_share)
     friction = StaticEquilibrium(problem, problem.friction_share)
+    for limb, ends in enumerate(goal_contacts(problem, climb.reachable)):
+        if not ends:
+            return f"with {LIMB_NAMES[limb]} at the goal"
     for move in way:
-        limbs = " and ".join(LIMB_NAMES[limb] for limb in move.limbs)
         swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
-        ends = [problem.hold_names[problem.contacts[end].hold] for _, end in swings]
-        where = f"where {limbs} goes to {' and '.join(ends)}"
+        gone = [
+            f"{LIMB_NAMES[limb]} goes to {problem.hold_names[problem.contacts[move.after[limb]].hold]}"
+            for limb in move.limbs
+        ]
+        where = f"where {' and '.join(gone)}"
         bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
         if None in bounds or not climb.swings.free(swings, move.support):
             return where
@@ -227,13 +234,6 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
             assert each is not None
             low, high = each
             if equilibrium.position(move.support, low, high, np.clip(move.lift_off, low, high)) is None:
-                return f"{where}: " + _lacking(friction, move, low, high)
+                short = friction.missing_force(move.support, low, high)
+                return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else "the joints are too weak")
     return None
-
-
-def _lacking(friction: StaticEquilibrium, move: Move, low: Any, high: Any) -> str:
-    short = friction.missing_force(move.support, low, high)
-    return f"short by {short:.1f} N" if short > _LACKING_N else "the joints are too weak"
-
-
-_LACKING_N = 0.01

@@ -18,7 +18,7 @@ from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
-_LACKING_N = 0.01  # a balance that lacks less is met
+LACKING_N = 0.01  # a balance that lacks less is met
 
 
 def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilibrium) -> None:
@@ -177,7 +177,7 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
-        f"{max(lacking, _LACKING_N):.1f} N",
+        f"{max(lacking, LACKING_N):.1f} N",
     )
 
 
@@ -199,7 +199,7 @@ def _lift_unbalanced(
         f"{_stance_text(problem, report.nearest, without=limb)}: "
         + (
             f"friction and spines fall short by {lacking:.1f} N"
-            if lacking >= _LACKING_N
+            if lacking >= LACKING_N
             else "the joints are too weak for what friction would hold"
         ),
     )

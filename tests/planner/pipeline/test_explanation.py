@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import crux_planner
 import pytest
-from crux_contracts.robot import Robot
+from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import ScenarioError
 from crux_planner.errors import InfeasibleError
 from walls import hold, scenario, two_rows
@@ -74,6 +75,28 @@ def test_what_cannot_be_done_says_why_and_where(robot: Robot, case: tuple[Change
     assert error.value.constraint == constraint
     if constraint in ("reach", "goal bounds"):
         assert error.value.proven
+
+
+def weaker(robot: Robot, factor: float) -> Robot:
+    """The robot with that share of its motors' torque."""
+
+    def limb(each: Limb) -> Limb:
+        return replace(each, joints=tuple(replace(joint, effort=factor * joint.effort) for joint in each.joints))
+
+    first, second, third, fourth = map(limb, robot.limbs)
+    return replace(robot, limbs=(first, second, third, fourth))
+
+
+def test_weak_motors_are_named_with_the_torque_that_would_do(robot: Robot) -> None:
+    """A little above the factor there is a plan."""
+    steep = scenario(two_rows(slope_deg=70.0))
+    with pytest.raises(InfeasibleError, match=r"times the motor torque a way is found; without, .* goes to ") as error:
+        crux_planner.plan(steep, weaker(robot, 0.5))
+    assert error.value.constraint == "torque"
+    said = error.value.to_json()["relaxed"]
+    assert said["constraint"] == "torque"
+    assert 1.1 < said["amount"] < 1.6
+    assert crux_planner.plan(steep, weaker(robot, 0.5 * (said["amount"] + 0.1))).check.ok
 
 
 def hold_moved_away(wall: dict[str, Any]) -> None:
