@@ -14,10 +14,10 @@ from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.limb import Vector, combined, placed
 
 if TYPE_CHECKING:
-    from crux_planner.model.problem import CentroidalProblem
+    from crux_planner.model.problem import CentroidalProblem, Problem
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
-_GRID = 5  # points along each edge of a box
+_GRID = 17  # points along each edge of a box
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -53,27 +53,35 @@ def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -
     return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
 
 
+def gripper_spans(problem: Problem) -> tuple[Array, Array]:
+    """Bounds (4, 3), (4, 3) in the body frame of grippers within `boxes`, and of those that swing above them."""
+    reach, top = problem.boxes, problem.limb_reach.box
+    high = reach.centre_b_m + reach.half_m
+    high[:, 2] = np.maximum(high[:, 2], top.centre_b_m[:, 2] + top.half_m[2])
+    return reach.centre_b_m - reach.half_m, high
+
+
 def offset_bounds(
-    problem: CentroidalProblem, lift_m: float, yaw_rad: float, follow: float = 0.0
+    problem: CentroidalProblem, spans: tuple[Array, Array], yaw_rad: float, follow: float = 0.0
 ) -> tuple[Array, Array]:
     """Bounds (3,), (3,) along W's axes of the centre of mass off the body's origin, less `follow` times where the
-    grippers are off it: for any grippers within (9a), any tilt, and headings of up to `yaw_rad` to either side.
+    grippers are off it: for grippers within `spans` as far as limbs reach, any tilt, headings of up to `yaw_rad` to
+    either side.
 
-    `lift_m` is a gripper's height above what (9a) speaks of. The extremes over a grid of the boxes, their corners among
-    it, each wider by what is not linear there.
+    The extremes over a grid, each wider by what two of its neighbours differ at most.
     """
-    steps = np.linspace(-1.0, 1.0, _GRID)
-    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    fit = np.column_stack([np.ones(len(unit)), unit])
+    steps = np.linspace(0.0, 1.0, _GRID)
+    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"))
     total = np.array([problem.body_moment_kg_m, problem.body_moment_kg_m])
-    for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=True):
-        place = middle + problem.boxes.half_m * unit + [0.0, 0.0, lift_m]
-        # the grippers' axes as a level body at heading 0 has them: what turns them moves the hand's mass alone
-        moment = np.stack(np.broadcast_arrays(*placed(limb, _parts(place), _Z, _X).first_moment()), axis=-1)
-        moment = moment - follow * problem.mass_kg * place
-        rest = np.abs(moment - fit @ np.linalg.lstsq(fit, moment, rcond=None)[0]).max(axis=0)
+    for limb, start, end in zip(problem.limb_masses, *spans, strict=True):
+        place = start[:, None, None, None] + (end - start)[:, None, None, None] * unit
+        # the gripper's axes as a level body at heading 0 has them: what turns it moves the hand's mass alone
+        with np.errstate(invalid="ignore"):
+            moment = placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()
+        found = np.stack(np.broadcast_arrays(*moment)) - follow * problem.mass_kg * place
+        rest = np.max([np.nanmax(np.abs(np.diff(found, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)], axis=0)
         rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
-        total += [moment.min(axis=0) - rest, moment.max(axis=0) + rest]
+        total += [np.nanmin(found, axis=(1, 2, 3)) - rest, np.nanmax(found, axis=(1, 2, 3)) + rest]
     low, high = total / problem.mass_kg
     return turned_bounds(low, high, problem.body.max_tilt_rad, yaw_rad)
 

@@ -51,7 +51,9 @@ class CentreOfPressure:
         self.most_rising, self._most_turning = problem.profile.acceleration
         self.least_weight = self.gamma - self.most_rising  # per mass
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad + problem.foot_yaw_rad[1]
-        self.aside_m = np.abs(offset_bounds(problem, problem.pad_radius_m, yaw)).max(axis=0)  # centre of mass off r
+        feet, above = problem.boxes, np.array([0.0, 0.0, problem.pad_radius_m])
+        spans = feet.centre_b_m - feet.half_m + above, feet.centre_b_m + feet.half_m + above
+        self.aside_m = np.abs(offset_bounds(problem, spans, yaw)).max(axis=0)  # centre of mass off r
         speeds = np.vstack([np.zeros(n), dt * np.tri(n)])
         places = dt * np.vstack([np.zeros(n), np.cumsum(speeds, axis=0)[:-1]])
         start, goal = problem.start.position_m, problem.goal.body.position_m

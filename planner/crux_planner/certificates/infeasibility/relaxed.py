@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.mass import offset_bounds
+from crux_planner.model.mass import gripper_spans, offset_bounds
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
@@ -164,7 +164,9 @@ class RelaxedBalance:
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
         yaw += _EULER_SHARE * problem.body.max_rate_rad_s * problem.steps * problem.dt_s / 2
-        self.offset = offset_bounds(problem, 0.0, yaw)  # of the centre of mass from the body's origin
+        self.offset = offset_bounds(
+            problem, gripper_spans(problem), yaw
+        )  # of the centre of mass from the body's origin
         self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
 
     def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
