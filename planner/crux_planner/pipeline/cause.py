@@ -173,11 +173,13 @@ def _stronger(climb: Climb, factor: float) -> Problem:
 
 def _further(climb: Climb, amount_m: float) -> Problem:
     boxes = climb.problem.boxes
-    return replace(climb.problem, boxes=replace(boxes, half_m=boxes.half_m + np.array([amount_m, amount_m, 0.0])))
+    along_wall = np.hypot(*boxes.directions[:, :2].T)
+    return replace(climb.problem, boxes=replace(boxes, extent_m=boxes.extent_m + amount_m * along_wall))
 
 
 def _built(climb: Climb, **changes: Any) -> Problem:
-    return build_problem(replace(climb.scenario, **changes), climb.robot, boxes=climb.problem.boxes)
+    built = build_problem(replace(climb.scenario, **changes), climb.robot, reach=climb.problem.limb_reach)
+    return replace(built, boxes=climb.problem.boxes)
 
 
 def _thinner_text(amount_m: float) -> str:
