@@ -99,9 +99,10 @@ class Ends:
             force += each
             twist = scaled[after + 3 * i : after + 3 * i + 3] if self.yaw_rad else ca.SX.zeros(3)
             moment += ca.cross(point, each) + twist
-        hands = [end[:4] for end in self.each(g)]
         if isinstance(problem, WalkProblem):  # the feet turn with the body, about
             hands = on_feet(problem, g, ca.repmat(x[5], 4))
+        else:
+            hands = [pose[:4] for pose in self.each(g)]
         step = euler_step(x, force, moment, centre_of_mass(problem, x, hands), problem)
         return ca.Function("step", [x, g, u], [step])
 

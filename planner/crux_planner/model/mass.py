@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from crux_planner.model.problem import CentroidalProblem
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
+_GRID = 5  # points along each edge of a box
+_X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vector, Vector]]) -> Vector:
@@ -49,6 +51,43 @@ def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -
     moved = poses + 1j * _STEP * np.eye(6)[:, None]
     found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
     return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
+
+
+def offset_bounds(
+    problem: CentroidalProblem, lift_m: float, yaw_rad: float, follow: float = 0.0
+) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) along W's axes of the centre of mass off the body's origin, less `follow` times where the
+    grippers are off it: for any grippers within (9a), any tilt, and headings of up to `yaw_rad` to either side.
+
+    `lift_m` is a gripper's height above what (9a) speaks of. The extremes over a grid of the boxes, their corners among
+    it, each wider by what is not linear there.
+    """
+    steps = np.linspace(-1.0, 1.0, _GRID)
+    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    fit = np.column_stack([np.ones(len(unit)), unit])
+    total = np.array([problem.body_moment_kg_m, problem.body_moment_kg_m])
+    for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=True):
+        place = middle + problem.boxes.half_m * unit + [0.0, 0.0, lift_m]
+        # the grippers' axes as a level body at heading 0 has them: what turns them moves the hand's mass alone
+        moment = np.stack(np.broadcast_arrays(*placed(limb, _parts(place), _Z, _X).first_moment()), axis=-1)
+        moment = moment - follow * problem.mass_kg * place
+        rest = np.abs(moment - fit @ np.linalg.lstsq(fit, moment, rcond=None)[0]).max(axis=0)
+        rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
+        total += [moment.min(axis=0) - rest, moment.max(axis=0) + rest]
+    low, high = total / problem.mass_kg
+    return turned_bounds(low, high, problem.body.max_tilt_rad, yaw_rad)
+
+
+def turned_bounds(low: Array, high: Array, tilt_rad: float, yaw_rad: float) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) along W's axes of a vector within bounds along the body's, for any tilt and heading up to
+    these.
+    """
+    middle, half = (low + high) / 2, (high - low) / 2
+    tilt, turn = np.sin(tilt_rad), np.sin(min(yaw_rad, np.pi / 2))
+    reach = np.abs(middle) + half
+    half = half + tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach[[1, 0, 2]])
+    half[:2] += turn * reach[[1, 0]] + (1.0 - np.sqrt(1.0 - turn**2)) * reach[:2]
+    return middle - half, middle + half
 
 
 def _parts(v: Any) -> Vector:

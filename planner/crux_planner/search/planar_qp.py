@@ -106,27 +106,9 @@ class FlatQp:
         at_h = at_l + count
         size = at_h + 2 * len(gait.steps)
         whole = gait.blend
-        blend, fixed = whole[:, :, 4:], whole[:, :, :4] @ problem.start_feet_w_m
+        fixed = whole[:, :, :4] @ problem.start_feet_w_m
         places = nominal_footholds(problem, gait)
         places[4:] = nominal = np.clip(places[4:], *spots)
-        feet = whole @ places
-        even = stance / stance.sum(axis=1, keepdims=True)
-        # loads sum to the weight; (8a), (8b) linear about even loads on nominal footholds
-        load = at_l + np.arange(count)
-        follow = problem.limbs_share  # of the centre of mass, each foot
-        carried = np.einsum("ki,kij->kj", even - follow, blend[:n])
-        here, which = np.nonzero(carried)
-        rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
-        columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
-        values = [np.ones(count), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
-        equal = _matrix(rows, columns, values, (3 * n, size))
-        way = np.interp(np.arange(n), *progress(problem, gait))
-        neutral = rotation_z(way * float(problem.goal.body.rpy_rad[2]))[:, :2, :2] @ problem.neutral_feet_b_m.sum(
-            axis=0
-        )
-        lean = self.height / self.across * problem.gravity_w[:2] + np.einsum("ki,kij->kj", even, blend[:n]) @ nominal
-        lean += follow * (fixed[:n].sum(axis=1) - neutral)
-        right = np.concatenate([np.ones(n), lean.ravel()])
         weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
         others = np.arange(at_l, size)
         own = np.concatenate([np.full(count, weight), np.full(size - at_h, 2 * FOOTHOLD_WEIGHT)])
@@ -137,7 +119,7 @@ class FlatQp:
         found = Qp(
             hessian,
             linear,
-            (equal, right),
+            self._equations(gait, whole, places, size),
             self._inequalities(gait, k, i, whole, fixed, places, at_h, size),
             np.concatenate([np.maximum(low, -_FREE).ravel(), np.full(count, least), spots[0].ravel()]),
             np.concatenate([np.minimum(high, _FREE).ravel(), np.full(count, most), spots[1].ravel()]),
@@ -157,6 +139,26 @@ class FlatQp:
         cost = self._cost(gait, body, loads, stance)
         states, forces = self._states(body), self._forces(body, loads, stance)
         return FlatWalk(gait, states, forces, footholds, cost, worth)
+
+    def _equations(self, gait: Gait, whole: Array, places: Array, size: int) -> tuple[sp.csc_matrix, Array]:
+        """Loads sum to the weight; (8a) and (8b), linear about even loads on footholds `places` (4 + S, 2)."""
+        problem, n = self.problem, self.problem.steps
+        stance, blend, feet = gait.stance[:n], whole[:n, :, 4:], whole @ places
+        k, i = np.nonzero(stance)
+        load = self._at_loads + np.arange(len(k))
+        at_h = self._at_loads + len(k)
+        even = stance / stance.sum(axis=1, keepdims=True)
+        follow = problem.limbs_share  # of the centre of mass, each foot
+        carried = np.einsum("ki,kij->kj", even - follow, blend)
+        here, which = np.nonzero(carried)
+        rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
+        columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
+        values = [np.ones(len(k)), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
+        yaw = np.interp(np.arange(n), *progress(problem, gait)) * float(problem.goal.body.rpy_rad[2])
+        neutral = rotation_z(yaw)[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
+        lean = self.height / self.across * problem.gravity_w[:2] + np.einsum("ki,kij->kj", even, blend) @ places[4:]
+        lean += follow * ((whole[:n, :, :4] @ problem.start_feet_w_m).sum(axis=1) - neutral)
+        return _matrix(rows, columns, values, (3 * n, size)), np.concatenate([np.ones(n), lean.ravel()])
 
     def _states(self, body: Array) -> Array:
         """(N + 1, 12): the height goes straight from start to goal."""

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
+
 import crux_planner
 import numpy as np
 import pytest
 import yaml
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import parse_scenario
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import load_model
+from crux_planner.errors import InfeasibleError
+from crux_planner.model.build import build_problem
+from crux_planner.model.kinematics import rotation_z
+from crux_planner.pipeline import climb, fallback
+from crux_planner.pipeline.explanation import level_stance_at_goal
+from crux_tools.benchmarks.random_fields import random_field
 
 LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}
 
@@ -50,3 +60,36 @@ def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
     assert result.check.ok
     body = np.array([knot.body_position_w_m for knot in result.plan.knots])
     assert body[-1, 0] - body[0, 0] > gap_m - 0.01
+
+
+@pytest.mark.parametrize("seed", [401, 402, 408])
+def test_a_level_stance_at_the_goal_is_what_the_checkers_kinematics_finds(robot: Robot, seed: int) -> None:
+    """Limb by limb, by numeric inverse kinematics within the joint limits, for the body in the middle of the goal."""
+    problem = build_problem(parse_scenario(random_field(seed)), robot)
+    stance, goal = level_stance_at_goal(problem, robot), problem.goal.body
+    places = (np.array([c.centre_w_m for c in problem.contacts]) - goal.position_m) @ rotation_z(goal.rpy_rad[2])
+    yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.rpy_rad[2]
+    ends = []
+    for index, limb in enumerate(load_model(robot).limbs):
+        held = []
+        for c in problem.limb_contacts[index]:
+            (found,) = solve([limb], [places[[c]]], [rotation_z(yaws[[c]])])
+            inside = (found.q_rad > limb.lower_rad).all() and (found.q_rad < limb.upper_rad).all()
+            wanted = problem.goal.grasps.get(index)
+            grip = problem.contacts[c].hold, problem.contacts[c].pair
+            if inside and found.position_error_m < 1e-6 and wanted in (None, grip):
+                held.append(grip[0])
+        ends.append(set(held))
+    stands = any(len(set(holds)) == 4 for holds in itertools.product(*ends))
+    assert (stance is not None) or not stands
+    assert (stance is None) == (seed == 408)
+
+
+def test_no_wall_is_refused_for_reach_where_a_level_body_could_stand(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fallback, "plan_turning", lambda *_: None)
+    monkeypatch.setattr(climb, "plan_turning", lambda *_: None)
+    with pytest.raises(InfeasibleError, match="joint limits let a level body hold") as refused:
+        crux_planner.plan(parse_scenario(random_field(401)), robot)
+    assert (refused.value.constraint, refused.value.proven) == ("contacts", False)

@@ -11,6 +11,7 @@ what is left of multiplier . q costs no more than some part of J that is kept ba
 - the moment, over M gamma: summed by parts over the knots it is the angular momentum, zero at both ends, by the
   multiplier's change from knot to knot, and by the body's turning: squares of the rates;
 - a_z with slopes or with the moment: linear in |a_z|.
+The centre of mass is off r by what limbs within (9a) make it, which multipliers of q pay for (`aside`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.mass import offset_bounds
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
 
@@ -48,6 +50,8 @@ class CentreOfPressure:
         self.effort = FORCE_SHARE * weights.wrench * problem.mass_kg**2  # of an acceleration by one foot
         self.most_rising, self._most_turning = problem.profile.acceleration
         self.least_weight = self.gamma - self.most_rising  # per mass
+        yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad + problem.foot_yaw_rad[1]
+        self.aside_m = np.abs(offset_bounds(problem, problem.pad_radius_m, yaw)).max(axis=0)  # centre of mass off r
         speeds = np.vstack([np.zeros(n), dt * np.tri(n)])
         places = dt * np.vstack([np.zeros(n), np.cumsum(speeds, axis=0)[:-1]])
         start, goal = problem.start.position_m, problem.goal.body.position_m
@@ -89,7 +93,7 @@ class CentreOfPressure:
         """The squares of multipliers in the remainder; None where rates cost too little to pay for it."""
         problem, n = self.problem, self.steps
         height = self.kappa * self.gamma
-        self._room = max(problem.body.height_m[1] - height, height - problem.body.height_m[0])
+        self._room = max(problem.body.height_m[1] - height, height - problem.body.height_m[0]) + float(self.aside_m[2])
         self._kept = _LATERAL_SHARE * self.effort / 4
         square = (self._room / self.least_weight) ** 2 / (2 * self._kept) * np.eye(n)
         inertia, tilt = problem.inertia_b, problem.body.max_tilt_rad
@@ -110,6 +114,13 @@ class CentreOfPressure:
     def least(self, multipliers: Array) -> float:
         """For multipliers (3 N)."""
         return self.free + float(multipliers @ (self.outputs - self.yielding @ multipliers / 2))
+
+    def aside(self, multipliers: Array) -> Array:
+        """What multipliers (..., 2) of q save at most as the centre of mass is off the body's origin, and its height
+        another.
+        """
+        lean = np.abs(self.along) / self.gamma * self.aside_m[2] + self.aside_m[:2]
+        return np.asarray(np.abs(multipliers) @ lean)
 
     def remainder(self, multiplier: Array) -> tuple[Array, Array]:
         """What multipliers (..., 2) of q may save at a knot: `linear` |a_z| + `square` a_z^2 at most."""

@@ -115,7 +115,7 @@ class _Search:
         if nodes is None:
             return None
         multipliers = Multipliers(problem, about, nodes)
-        qp = KnotQp(problem, multipliers.carriers)
+        qp = KnotQp(multipliers)
         everything = np.arange(len(nodes.options))
         value = shared_weight(problem)[nodes.in_air] + multipliers.places(everything)
         for held in _examples(problem, few=len(everything) > _MANY):

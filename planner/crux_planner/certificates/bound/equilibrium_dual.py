@@ -82,7 +82,7 @@ class EquilibriumDual:
             tried = shift + part * (body - outputs - self._over * shift) / (self._over + _STIFF)
             tried = _within(common + tried) - common
             value, at = least_loads(pressure, common + tried, crawls.low, crawls.high, crawls.on)
-            value += self._shifted(tried, body)
+            value += self._shifted(tried, body) - pressure.aside((common + tried)[..., :2])
             better = value > best
             best = np.maximum(best, value)
             shift, outputs = np.where(better[..., None], tried, shift), np.where(better[..., None], at, outputs)

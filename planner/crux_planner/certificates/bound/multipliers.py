@@ -2,9 +2,11 @@
 
 For any multipliers pi of the six rows of balance, (8a) and (8b) at a knot,
     cost of the knot  >=  sum over limbs of the least of R |q|^2 + pi . wrench(q)
-                        + least over bodies of Q |x - x_g|^2 - pi . (M (a - g), r x M (a - g) + I alpha + ...),
-with accelerations anything that speeds within (7) allow from one knot to the next. The first is bound.carrying, the
-second falls apart by axes over the boxes of bound.grasps. Whoever finds good multipliers need not be trusted.
+                        + least over bodies of Q |x - x_g|^2 - pi . (M (a - g), c x M (a - g) + I alpha + ...),
+with accelerations anything that speeds within (7) allow from one knot to the next. The centre of mass c follows body
+and grippers, c = r + k sum (p - r) + e, k the same for all limbs and e anything that limbs within (9a) leave open. The
+first is bound.carrying, the second falls apart by axes over the boxes of bound.grasps. Whoever finds good multipliers
+need not be trusted.
 """
 
 from __future__ import annotations
@@ -15,7 +17,10 @@ from crux_planner.certificates.bound.carrying import Carriers
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.places import Orientations
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.mass import offset_bounds, turned_bounds
 from crux_planner.model.problem import Problem
+
+FOLLOW = 0.098  # k: any number is true, this one leaves little open
 
 
 class Multipliers:
@@ -24,6 +29,13 @@ class Multipliers:
     def __init__(self, problem: Problem, about: Orientations, nodes: Grasps) -> None:
         self.problem, self.about, self.nodes = problem, about, nodes
         self.carriers = Carriers.of(problem)
+        yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
+        self.offset = offset_bounds(problem, 0.0, yaw)  # of the centre of mass from r, (3,) and (3,)
+        self.rest = offset_bounds(problem, 0.0, yaw, FOLLOW)  # e
+        boxes, tilt = problem.boxes, problem.body.max_tilt_rad
+        self.hands = [turned_bounds(a - boxes.half_m, a + boxes.half_m, tilt, yaw) for a in boxes.centre_b_m]
+        self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
+        self._follow = 1.0 - FOLLOW * (4 - nodes.in_air)  # of c, the body's origin
         self._ends = np.append(nodes.first, len(nodes.node))
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
@@ -44,7 +56,7 @@ class Multipliers:
             multipliers_of_pairs, held = np.repeat(multipliers, counts, axis=0), self._held_each(multipliers, which)
         else:
             multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
-        body = self._body(multipliers_of_pairs, low, high, nodes.cell[pairs], box)
+        body = self._body(multipliers_of_pairs, low, high, pairs, box)
         value: Array = held + np.minimum.reduceat(body, first)
         return value
 
@@ -54,34 +66,49 @@ class Multipliers:
         return np.asarray(self.values(free, which) - self._held(free, which))
 
     def _held(self, multipliers: Array, which: Indices) -> Array:
-        least, held = self.carriers.least(multipliers), np.zeros(len(which))
-        for limb in range(4):
-            held += self.nodes.cheapest(limb, least)[self.nodes.options[which, limb]]
+        slope = np.cross(self.problem.weight_N, multipliers[3:])
+        least = self.carriers.least(multipliers) + FOLLOW * self._places @ slope
+        held = np.zeros(len(which))
+        for limb, groups in enumerate(self.nodes.groups):
+            cheapest, options = self.nodes.cheapest(limb, least), self.nodes.options[which, limb]
+            cheapest[len(groups)] = self._hanging(limb, slope)
+            held += cheapest[options]
         return held
 
     def _held_each(self, multipliers: Array, which: Indices) -> Array:
-        held = np.zeros(len(which))
+        slope, held = np.cross(self.problem.weight_N, multipliers[:, 3:]), np.zeros(len(which))
         for limb, groups in enumerate(self.nodes.groups):
             options = self.nodes.options[which, limb]
             standing = np.flatnonzero(options < len(groups))
+            hanging = options == len(groups)
+            held[hanging] += self._hanging(limb, slope[hanging])
             own = [groups[i] for i in options[standing]]
             many = np.array([len(group) for group in own], dtype=int)
             if own:
-                least = self.carriers.least(np.repeat(multipliers[standing], many, axis=0), np.concatenate(own))
+                contacts, of = np.concatenate(own), np.repeat(standing, many)
+                least = self.carriers.least(multipliers[of], contacts)
+                least += FOLLOW * (slope[of] * self._places[contacts]).sum(axis=1)
                 held[standing] += np.minimum.reduceat(least, np.cumsum(many) - many)
         return held
 
+    def _hanging(self, limb: int, slope: Array) -> Array:
+        """Least of what a gripper in the air does by its place about the body, for slopes (..., 3) of c."""
+        low, high = self.hands[limb]
+        return np.asarray(FOLLOW * np.minimum(slope * low, slope * high).sum(axis=-1))
+
     def _body(
-        self, multipliers: Array, low: Array, high: Array, cell: Indices, box: tuple[Array, Array] | None
+        self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None
     ) -> Array:
-        """Least of the body's part for boxes (P, 3), less the largest help of accelerations; multipliers (6,) or (P,
-        6).
+        """Least of the body's part for boxes (P, 3) of pairs (P,), less the largest help of accelerations; multipliers
+        (6,) or (P, 6).
         """
-        problem, about = self.problem, self.about
+        problem, about, cell = self.problem, self.about, self.nodes.cell[pairs]
         force, moment = multipliers[..., :3], multipliers[..., 3:]
         weight = problem.weight_N
-        slope = np.cross(weight, moment)  # of  pi_M . (r x M g)  in r
+        slope = np.cross(weight, moment)  # of  pi_M . (c x M g)  in c
+        by_body = self._follow[self.nodes.node[pairs], None] * slope
         total = about.yaw_cost[cell] + force @ weight
+        total = total + np.minimum(slope * self.rest[0], slope * self.rest[1]).sum(axis=-1)
         arm_low, arm_high = low.copy(), high.copy()
         for axis in range(3):
             options = []
@@ -90,11 +117,12 @@ class Multipliers:
                 near, far = low[:, axis] - shift, high[:, axis] + shift
                 if box is not None:
                     near, far = np.maximum(near, box[0][axis]), np.minimum(far, box[1][axis])
-                cost = self._axis(axis, slope[..., axis], near, far)
+                cost = self._axis(axis, by_body[:, axis], near, far)
                 cost[near > far] = np.inf
                 options.append(cost + (about.tilt_cost[t, axis] if axis < 2 else 0.0))
             total = total + np.minimum.reduce(options)
             arm_low[:, axis], arm_high[:, axis] = near, far
+        arm_low, arm_high = arm_low + self.offset[0], arm_high + self.offset[1]
         middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
         help_ = np.abs(force + np.cross(moment, middle)).sum(axis=1)
         size = np.abs(moment)

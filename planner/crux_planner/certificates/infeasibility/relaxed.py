@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.mass import offset_bounds
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
@@ -161,27 +162,34 @@ class RelaxedBalance:
         k = problem.patch.k_m
         self.directions, _ = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
-        self.slack_N = _slack(problem)
+        yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
+        yaw += _EULER_SHARE * problem.body.max_rate_rad_s * problem.steps * problem.dt_s / 2
+        self.offset = offset_bounds(problem, 0.0, yaw)  # of the centre of mass from the body's origin
+        self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
 
     def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
         """Whether balance may exist on the grips `support` for a body in [low, high]; False is a proof."""
         return bool(support) and self.place(support, low, high) is not None
 
     def place(self, support: tuple[int, ...], low: Array, high: Array) -> Array | None:
-        """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none."""
-        middle = (low + high) / 2
-        centred = self.centred.position(support, low, high, middle)
-        if centred is not None:
-            return centred
-        lacking, place = self._least_missing(support, low, high)
-        return None if lacking > 0.0 else place
+        """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none.
+
+        The centre of mass is anywhere about the body's origin where the limbs may have it.
+        """
+        about = low + self.offset[0], high + self.offset[1]
+        centre = self.centred.position(support, *about, (about[0] + about[1]) / 2)
+        if centre is None:
+            lacking, centre = self._least_missing(support, *about)
+            if lacking > 0.0:
+                return None
+        return np.clip(centre - (self.offset[0] + self.offset[1]) / 2, low, high)
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
         """Least force [N] that balance lacks beyond what accelerations may explain (moments over `MOMENT_ARM_M`)."""
-        return self._least_missing(support, low, high)[0]
+        return self._least_missing(support, low + self.offset[0], high + self.offset[1])[0]
 
     def _least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array]:
-        """`missing_force`, and where in [low, high] it is least."""
+        """`missing_force` with the centre of mass in [low, high], and where it is least."""
         middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
         about = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about[3:] /= MOMENT_ARM_M
@@ -247,10 +255,12 @@ class RelaxedBalance:
         return [middle + side * contact.tangent + np.array([0.0, 0.0, z]) for side in sides for z in heights]
 
 
-def _slack(problem: Problem) -> float:
-    """Force [N] that the changes of speed and rate within (7) may ask for, in the norm of `missing_force`."""
+def _slack(problem: Problem, offset_m: float) -> float:
+    """Force [N] that the changes of speed and rate within (7) may ask for, in the norm of `missing_force`; the centre
+    of mass is up to `offset_m` off the body's origin.
+    """
     force = problem.mass_kg * 2 * problem.body.max_speed_m_s / problem.dt_s * 3**0.5
-    arm = float(np.linalg.norm(np.abs(problem.boxes.centre_b_m).max(axis=0) + problem.boxes.half_m))
+    arm = float(np.linalg.norm(np.abs(problem.boxes.centre_b_m).max(axis=0) + problem.boxes.half_m)) + offset_m
     spin = _INERTIA_SHARE * float(np.linalg.eigvalsh(problem.inertia_b).max())
     spin *= 2 * problem.body.max_rate_rad_s / problem.dt_s * 3**0.5 + 3 * problem.body.max_rate_rad_s**2
     return float(np.hypot(force, (spin + arm * force) / MOMENT_ARM_M)) + 0.05
