@@ -100,7 +100,9 @@ def no_way_to(problem: Problem, stance: Stance, none: InfeasibleError) -> Infeas
     """What to say instead of a want of reach where a level body could stand at the goal."""
     held = _stance_text(problem, stance)
     text = f"no sequence of contacts found to the goal, where joint limits let a level body hold {held}"
-    return InfeasibleError("contacts", text, undecided=none.undecided)
+    reason = InfeasibleError("contacts", f"{text}; {none}" if none.relaxed else text, undecided=none.undecided)
+    reason.relaxed = none.relaxed
+    return reason
 
 
 def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError | None:
