@@ -68,7 +68,7 @@ def offset_bounds(
     grippers are off it: for grippers within `spans` as far as limbs reach, any tilt, headings of up to `yaw_rad` to
     either side.
 
-    The extremes over a grid, each wider by what two of its neighbours differ at most.
+    The extremes over a grid, each wider by what lies between its points.
     """
     steps = np.linspace(0.0, 1.0, _GRID)
     unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"))
@@ -79,7 +79,9 @@ def offset_bounds(
         with np.errstate(invalid="ignore"):
             moment = placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()
         found = np.stack(np.broadcast_arrays(*moment)) - follow * problem.mass_kg * place
-        rest = np.max([np.nanmax(np.abs(np.diff(found, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)], axis=0)
+        order = 1 if np.isnan(found).any() else 2  # what bends between the points, or all where the reach ends there
+        most = [np.nanmax(np.abs(np.diff(found, order, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)]
+        rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
         rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
         total += [np.nanmin(found, axis=(1, 2, 3)) - rest, np.nanmax(found, axis=(1, 2, 3)) + rest]
     low, high = total / problem.mass_kg
