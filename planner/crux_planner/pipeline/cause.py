@@ -233,7 +233,7 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
         for each in bounds:
             assert each is not None
             low, high = each
-            if equilibrium.position(move.support, low, high, np.clip(move.lift_off, low, high)) is None:
+            if equilibrium.position(move.support, low, high, move.lift_off) is None:
                 short = friction.missing_force(move.support, low, high)
                 return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else "the joints are too weak")
     return None
