@@ -68,13 +68,14 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     try:
         return level(climb, quick=True)
     except InfeasibleError as none_near:
-        near = none_near
-    proof = disproved(climb, near)
+        none_level = none_near
+    proof = disproved(climb, none_level)
     climb = farther(climb)
-    try:
-        return level(climb, quick=True)
-    except InfeasibleError as none_quick:
-        none_level = none_quick
+    if none_level.constraint != TIME_LIMIT:  # a search that takes long in the boxes takes longer beyond them
+        try:
+            return level(climb, quick=True)
+        except InfeasibleError as none_quick:
+            none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
