@@ -83,9 +83,9 @@ def test_the_torque_margin_bounds_the_joints(robot: Robot) -> None:
 
 
 def test_the_torque_margin_holds_between_the_knots_too(robot: Robot) -> None:
-    result = planned(robot, margins={"torque": 0.6})
+    result = planned(robot, margins={"torque": 0.55})
     shares = [joint.peak_torque_Nm / joint.effort_limit_Nm for joint in result.check.joints]
-    assert 0.38 < max(shares) < 0.404  # it binds, and between the knots a load may be a hundredth above them
+    assert 0.43 < max(shares) < 0.4545  # it binds, and between the knots a load may be a hundredth above them
 
 
 def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
