@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.gait import WalkMotion, nominal_footholds
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import (
@@ -68,6 +68,7 @@ class _Layout:
     reference: WalkMotion
     places: Indices  # (P, 2) knot and limb in stance
     feet: Array  # (N + 1, 4, 3) of the reference
+    centre: Array  # (N + 1, 3) of mass, of the reference
     fixed: Array  # (N + 1, 4, 2) what the start's footholds give of them
     blend: Array  # (N + 1, 4, S) times the steps' footholds gives the rest
     at_f: int
@@ -84,8 +85,10 @@ class _Layout:
         fixed = whole[:, :, :4] @ problem.start_feet_w_m
         height = problem.step_height_m * gait.height[..., None]
         feet = np.concatenate([whole @ reference.footholds, height], axis=2)
+        yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        centre = problem.centres_of_mass(reference.body[:, :6], feet, yaws)
         size = at_h + 2 * len(gait.steps)
-        return cls(reference, places, feet, fixed, whole[:, :, 4:], at_f, at_h, size)
+        return cls(reference, places, feet, centre, fixed, whole[:, :, 4:], at_f, at_h, size)
 
 
 class ContactQp:
@@ -153,9 +156,7 @@ class ContactQp:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        yaws = reference.gait.yaw(float(problem.goal.body.rpy_rad[2]))
-        centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
-        arms = feet[:n] - centre[:, None]
+        arms = feet[:n] - of.centre[:n, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
         turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
@@ -270,23 +271,24 @@ class ContactQp:
             rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
         known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
         rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
-        neutral = rotation_z(reference.body[:, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        together, standing = of.blend.sum(axis=1), of.fixed.sum(axis=1) - neutral
+        body_share, together = 1.0 - 4 * problem.limbs_share, of.blend.sum(axis=1)
+        centre = of.centre[:, :2] - body_share * reference.body[:, :2]
+        centre -= problem.limbs_share * (of.feet[..., :2] - of.fixed).sum(axis=1)  # what variables do not move of it
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
-            height = problem.wall_friction * reference.body[three + ahead, 2, None, None] * spread
+            height = problem.wall_friction * of.centre[three + ahead, 2, None, None] * spread
             for corner in range(3):
                 place = number[three, on[:, corner]]
                 rows.blocks(begin + corner, of.at_f + 3 * place, cone[place, 0, None, :2])
                 rows.blocks(begin, of.at_f + 3 * place, height)
-            rows.blocks(begin, 12 * (three + ahead), -(1.0 - 4 * problem.limbs_share) * lean)
+            rows.blocks(begin, 12 * (three + ahead), -body_share * lean)
             followed = problem.limbs_share * lean
             for j in range(len(gait.steps)):
                 moved = -followed * together[three + ahead, j, None, None]
                 rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), moved)
             most = problem.wall_friction * weight[:, None] * level
-            most += np.einsum("kab,kb->ka", followed, standing[three + ahead])
+            most += np.einsum("kab,kb->ka", lean, centre[three + ahead])
             rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
