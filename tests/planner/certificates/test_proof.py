@@ -150,9 +150,10 @@ def test_a_goal_at_the_start_of_few_steps_is_not_denied() -> None:
 
 
 def test_a_gap_between_the_holds_is_proven_by_search() -> None:
+    """Wider than from a stretched front limb to a stretched rear one on the other side."""
     wall = two_rows()
-    wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (0.86, 1.14) for y in (0.36, -0.36)]
-    wall["goal"] = {"body": {"position_m": [1.0, 0.0, 0.185]}}
+    wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (1.86, 2.14) for y in (0.36, -0.36)]
+    wall["goal"] = {"body": {"position_m": [2.0, 0.0, 0.185]}}
     reason = proven(scenario(wall))
     assert reason is not None
     assert reason.proven
@@ -160,17 +161,19 @@ def test_a_gap_between_the_holds_is_proven_by_search() -> None:
 
 
 @pytest.mark.parametrize(("side", "limb"), [("left", "LF"), ("right", "RF")])
-def test_missing_rungs_are_named_where_only_a_tilted_body_reaches_the_goal(side: str, limb: str) -> None:
-    """Rungs 4 and 5 are gone: 3 is at 0.37 m, 6 at 0.88 m, and a level body's front gripper is 0.005..0.305 m ahead."""
-    wall = ladder(8)
-    wall["holds"] = [part for part in wall["holds"] if part["name"] not in (f"{side}-4", f"{side}-5")]
+def test_missing_rungs_are_named_where_a_level_body_does_not_reach_the_goal(side: str, limb: str) -> None:
+    """Rungs 4 to 8 are gone: 3 is at 0.37 m, 9 at 1.39 m, and a front gripper is from 0.22 m behind a body that heads
+    up to 0.49 m ahead of it, and 0.1 m farther of one that is turned.
+    """
+    wall = ladder(12)
+    wall["holds"] = [part for part in wall["holds"] if part["name"] not in {f"{side}-{rung}" for rung in range(4, 9)}]
     read = scenario(wall)
     proof = Proof(read, ROBOT, build_problem(read, ROBOT))
     assert proof.quick() is None
     reason = str(proof.instead_of(LevelGoalError("reach", "of a level body")))
     named = re.match(rf"no hold within reach of {limb} for a body between \[(0\.\d+), .*\] m and \[(0\.\d+), ", reason)
     assert named is not None
-    assert 0.365 < float(named[1]) <= float(named[2]) < 0.575
+    assert 0.37 + 0.22 < float(named[1]) < float(named[2]) < 1.39 - 0.49
     other = InfeasibleError("passage", "another reason")
     assert proof.instead_of(other) is other
 

@@ -75,6 +75,9 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
         grip = proof.grips[int(random.integers(len(proof.grips)))]
         off = random.uniform(-1, 1, 3)
         off[:2] = np.sign(off[:2]) if rim else off[:2]
+        along = (off * boxes.half_m) @ boxes.directions.T  # as far this way as the edges that slant let it
+        middle = boxes.centre_b_m[limb] @ boxes.directions.T - boxes.middle_m[limb]
+        off *= min(1.0, ((boxes.extent_m[limb] - np.sign(along) * middle) / np.maximum(np.abs(along), 1e-9)).min())
         centre = place + rotation @ (boxes.centre_b_m[limb] + off * boxes.half_m)
         centre -= random.uniform(-1, 1) * grip.aside_m * grip.contact.tangent
         height = (centre[2] - 0.005, centre[2] + 0.005)
