@@ -85,7 +85,7 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
     assert GoalPoses(problem).lacking(grips) <= 0.0
 
 
-@pytest.mark.parametrize("seed", [204, 324])
+@pytest.mark.parametrize("seed", [241, 354])
 def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed: int) -> None:
     """Bounds of each limb alone let these pass; of many poses at the goal none has all four in reach."""
     read = parse_scenario(random_field(seed))
@@ -100,18 +100,17 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
         place, rotation = within_goal(problem, random)
         choice = []
         for limb in range(4):
+            wanted = problem.goal.grasps.get(limb)
             ends = [
                 i
-                for i, grip in enumerate(proof.grips)
-                if any(
-                    (
-                        np.abs(
-                            rotation.T @ (grip.contact.centre_w_m + side * grip.aside_m * grip.contact.tangent - place)
-                            - problem.boxes.centre_b_m[limb]
-                        )
-                        <= problem.boxes.half_m
-                    ).all()
-                    for side in np.linspace(-1, 1, 5)
+                for key, i in proof.number.items()
+                if wanted in (None, key)
+                and any(
+                    (problem.limb_reach.outer.beyond(limb, rotation.T @ (centre - place)) <= 0.0).all()
+                    for centre in (
+                        proof.grips[i].contact.centre_w_m + aside * proof.grips[i].contact.tangent
+                        for aside in np.linspace(-1, 1, 5) * proof.grips[i].aside_m
+                    )
                 )
             ]
             choice.append({proof.hold[i] for i in ends})

@@ -29,7 +29,7 @@ def smooth_target_holds(wall: dict[str, Any]) -> None:
     wall["contact"].update(spine_shear_N=0)
     wall["planner"] = {"time_limit_s": 6.0}
     for part in wall["holds"]:
-        part["friction"] = 0.5
+        part["friction"] = 0.46
 
 
 INFEASIBLE: dict[str, tuple[Change, str, str]] = {
