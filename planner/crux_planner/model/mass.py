@@ -10,7 +10,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import Vector, combined, placed
 
 if TYPE_CHECKING:
@@ -92,12 +92,31 @@ def turned_bounds(low: Array, high: Array, tilt_rad: float, yaw_rad: float) -> t
     """Bounds (3,), (3,) along W's axes of a vector within bounds along the body's, for any tilt and heading up to
     these.
     """
-    middle, half = (low + high) / 2, (high - low) / 2
-    tilt, turn = np.sin(tilt_rad), np.sin(min(yaw_rad, np.pi / 2))
-    reach = np.abs(middle) + half
-    half = half + tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach[[1, 0, 2]])
-    half[:2] += turn * reach[[1, 0]] + (1.0 - np.sqrt(1.0 - turn**2)) * reach[:2]
-    return middle - half, middle + half
+    return _yawed_bounds(*_tilted_bounds(low, high, tilt_rad), yaw_rad)
+
+
+def bounds_in_body(low: Array, high: Array, tilt_rad: float, yaw_rad: tuple[float, float]) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) along the body's axes of a vector within bounds along W's, for any tilt up to `tilt_rad` and
+    headings within `yaw_rad`.
+    """
+    back = rotation_z(-(yaw_rad[0] + yaw_rad[1]) / 2)
+    middle, half = back @ (low + high) / 2, np.abs(back) @ (high - low) / 2
+    return _tilted_bounds(*_yawed_bounds(middle - half, middle + half, (yaw_rad[1] - yaw_rad[0]) / 2), tilt_rad)
+
+
+def _tilted_bounds(low: Array, high: Array, tilt_rad: float) -> tuple[Array, Array]:
+    """Of a vector turned by roll and pitch of up to `tilt_rad`, either one first."""
+    reach, tilt = np.maximum(np.abs(low), np.abs(high)), np.sin(tilt_rad)
+    more = tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach.sum())
+    return low - more, high + more
+
+
+def _yawed_bounds(low: Array, high: Array, yaw_rad: float) -> tuple[Array, Array]:
+    """Of a vector turned about z by up to `yaw_rad` to either side."""
+    reach = np.maximum(np.abs(low), np.abs(high))
+    reach[2], flat = 0.0, np.array([*2 * [np.hypot(reach[0], reach[1])], np.inf])
+    more = np.sin(min(yaw_rad, np.pi / 2)) * reach[[1, 0, 2]] + (1.0 - np.cos(min(yaw_rad, np.pi))) * reach
+    return np.maximum(low - more, -flat), np.minimum(high + more, flat)
 
 
 def _parts(v: Any) -> Vector:
