@@ -82,7 +82,6 @@ def _rows(
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
     true_shares = _true_shares_function(problem)
-    hanging = holds @ ca.sparsify(ca.DM(problem.limbs_inertia(knots.gait.blend.sum(axis=1)).T))
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
     yaws = ca.DM(knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))[:n].T)
@@ -97,10 +96,18 @@ def _rows(
     for cut in problem.cuts:
         place = reach[3 * cut.limb : 3 * cut.limb + 3, :]
         parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
-    for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
-        rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], hanging[:, k], x[:, k], x[:, k + 1])
-        parts.append((shares, problem.profile.true_share, np.inf))
+    three, velocity = np.flatnonzero(stance.sum(axis=1) == 3), x[6:8, :]
+    for ahead in (0, 1):
+        hanging = holds @ ca.DM(problem.limbs_press(knots.gait.blend.sum(axis=1), three, ahead).T)
+        for j, k in enumerate(three.tolist()):
+            rows, then = np.flatnonzero(places[:, 0] == k).tolist(), k + ahead
+            body = (
+                x[:2, then] - x[:2, k],
+                velocity[:, then] - velocity[:, then - 1],
+                velocity[:, k + 1] - velocity[:, k],
+            )
+            shares = true_shares(f[2, rows], here[:2, rows], hanging[:, j], *body)
+            parts.append((shares, problem.profile.true_share, np.inf))
     parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
     for front, rear in ((0, 2), (1, 3)):
@@ -161,16 +168,18 @@ def _cone_function(problem: WalkProblem) -> ca.Function:
 
 
 def _true_shares_function(problem: WalkProblem) -> ca.Function:
-    """Shares of the weight on three feet in stance as the limbs' mass accelerates over a body that does, too."""
+    """Shares of the weight on three feet in stance where limbs and body have `moved` and gained `then` from the knot
+    before, other than `now`, which the loads are for.
+    """
     loads, standing = ca.SX.sym("loads", 1, 3), ca.SX.sym("standing", 2, 3)
-    feet, x, after = ca.SX.sym("feet", 2), ca.SX.sym("x", BODY_STATES), ca.SX.sym("after", BODY_STATES)
-    body = -problem.pendulum_s2 / problem.dt_s * (after[6:8] - x[6:8])
-    pulled = problem.limbs_share * (feet - 4 * body)
-    point = standing @ loads.T / ca.sum2(loads) + pulled
+    feet, moved, then, now = (ca.SX.sym(name, 2) for name in ("feet", "moved", "then", "now"))
+    fall, body_share = problem.pendulum_s2 / problem.dt_s, 1 - 4 * problem.limbs_share
+    further = problem.limbs_share * feet + body_share * (moved - fall * then) + fall * now
+    point = standing @ loads.T / ca.sum2(loads) + further
     corners = [standing[:, i] - point for i in range(3)]
     areas = [_area(corners[(i + 1) % 3], corners[(i + 2) % 3]) for i in range(3)]
     shares = ca.vertcat(*areas) / (areas[0] + areas[1] + areas[2])
-    return ca.Function("true_shares", [loads, standing, feet, x, after], [shares])
+    return ca.Function("true_shares", [loads, standing, feet, moved, then, now], [shares])
 
 
 def _area(a: Any, b: Any) -> Any:

@@ -13,7 +13,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
@@ -33,7 +33,7 @@ class MarginProfile:
     """What a walk keeps clear of beyond (7) and (8): space for what the robot does not do as planned."""
 
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
-    true_share: float  # the same with the limbs' own mass where it is and as it accelerates, while three feet stand
+    true_share: float  # the same while three feet stand, for body and limbs as they accelerate at the knots
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
 
 
@@ -85,12 +85,14 @@ class WalkProblem(CentroidalProblem):
         above = feet + np.array([0.0, 0.0, self.pad_radius_m])
         return centres_of_mass(self, poses, np.concatenate([above, yaws[..., None]], axis=2))
 
-    def limbs_inertia(self, places: Array) -> Array:
-        """What masses at places (N + 1, ...) at the knots do to the centre of pressure by their acceleration."""
-        ahead = np.zeros_like(places)
-        ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
-        moved: Array = -self.pendulum_s2 / self.dt_s**2 * ahead
-        return moved
+    def limbs_press(self, places: Array, knots: Indices, ahead: int) -> Array:
+        """How much further on than at knots (K,), where limbs' masses at places (N + 1, ...) have a still body's centre
+        of pressure `ahead` knots later, their acceleration counted.
+        """
+        pressing = places.copy()
+        pressing[1:-1] -= self.pendulum_s2 / self.dt_s**2 * (places[2:] - 2 * places[1:-1] + places[:-2])
+        further: Array = pressing[knots + ahead] - places[knots]
+        return further
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:

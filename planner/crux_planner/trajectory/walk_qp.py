@@ -248,8 +248,8 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
-        here and at the next knot.
+        """Loads on three feet, and their cone, where they balance the body here and at the next knot: loads as the mass
+        accelerates then, the limbs' too.
         """
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.reference.gait
         number = np.full((n, 4), -1)
@@ -258,20 +258,23 @@ class ContactQp:
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([of.feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
         spread = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
-        pull = problem.limbs_share * spread
         begin = 3 * np.arange(len(three))
         weight = reference.forces[three, :, 2].sum(axis=1)
-        for corner in range(3):
-            rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-        inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
-        rows.blocks(begin, 12 * three + 18, inertia)
-        rows.blocks(begin, 12 * three + 6, -inertia)
-        hanging = problem.limbs_inertia(of.blend.sum(axis=1))[three]
-        for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
-        known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
-        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
         body_share, together = 1.0 - 4 * problem.limbs_share, of.blend.sum(axis=1)
+        pull, press = problem.limbs_share * spread, problem.pendulum_s2 / problem.dt_s * spread
+        for ahead in (0, 1):
+            for corner in range(3):
+                rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
+            for knot, share in ((three, 1.0), (three - 1 + ahead, -body_share)):
+                rows.blocks(begin, 12 * knot + 18, share * press)
+                rows.blocks(begin, 12 * knot + 6, -share * press)
+            rows.blocks(begin, 12 * (three + ahead), body_share * spread)
+            rows.blocks(begin, 12 * three, -body_share * spread)
+            moved, known = (problem.limbs_press(places.sum(axis=1), three, ahead) for places in (of.blend, of.fixed))
+            for j in range(len(gait.steps)):
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * moved[:, j, None, None])
+            most = np.einsum("kab,kb->ka", pull, known)
+            rows.close((problem.profile.true_share - most).ravel(), np.inf, 3 * len(three))
         centre = of.centre[:, :2] - body_share * reference.body[:, :2]
         centre -= problem.limbs_share * (of.feet[..., :2] - of.fixed).sum(axis=1)  # what variables do not move of it
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
