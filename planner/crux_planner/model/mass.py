@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
 _GRID = 17  # points along each edge of a box
+_FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -51,6 +52,30 @@ def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -
     moved = poses + 1j * _STEP * np.eye(6)[:, None]
     found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
     return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
+
+
+def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
+    """(3, 3) A and (3,) b: the centre of mass of a level body is off its origin by about A @ p + b, p the mean of
+    where its grippers are off it; in the body frame.
+
+    Least squares over where (9a) lets each gripper be, with one slope for all limbs.
+    """
+    unit = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, _FIT)] * 3, indexing="ij")).reshape(3, -1)
+    rest, ways, found = problem.body_moment_kg_m / problem.mass_kg, np.zeros((3, 0)), np.zeros((3, 0))
+    ends = []
+    for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
+        place = middle[:, None] + problem.boxes.half_m[:, None] * unit
+        with np.errstate(invalid="ignore"):
+            moment = np.stack(placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
+        known = ~np.isnan(moment).any(axis=0)
+        place, moment = place[:, known], moment[:, known]
+        ends.append((place.mean(axis=1), moment.mean(axis=1)))
+        ways = np.hstack([ways, place - ends[-1][0][:, None]])
+        found = np.hstack([found, moment - ends[-1][1][:, None]])
+    slope = found @ np.linalg.pinv(ways) if ends else np.zeros((3, 3))
+    for place, moment in ends:
+        rest = rest + moment - slope @ place
+    return len(ends) * slope, rest
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:
