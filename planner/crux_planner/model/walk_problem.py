@@ -13,11 +13,11 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import InfeasibleError, wrong
-from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
-from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, composite_inertia
+from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, centres_of_pressure, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
 from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box
@@ -82,17 +82,20 @@ class WalkProblem(CentroidalProblem):
 
     def centres_of_mass(self, poses: Array, feet: Array, yaws: Array) -> Array:
         """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
-        above = feet + np.array([0.0, 0.0, self.pad_radius_m])
-        return centres_of_mass(self, poses, np.concatenate([above, yaws[..., None]], axis=2))
+        return centres_of_mass(self, poses, self._grippers(feet, yaws))
 
-    def limbs_press(self, places: Array, knots: Indices, ahead: int) -> Array:
-        """How much further on than at knots (K,), where limbs' masses at places (N + 1, ...) have a still body's centre
-        of pressure `ahead` knots later, their acceleration counted.
-        """
-        pressing = places.copy()
-        pressing[1:-1] -= self.pendulum_s2 / self.dt_s**2 * (places[2:] - 2 * places[1:-1] + places[:-2])
-        further: Array = pressing[knots + ahead] - places[knots]
-        return further
+    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array) -> Array:
+        """Places (K, 2) for the same at all knots, as bodies and limbs accelerate there."""
+        return centres_of_pressure(self, poses, self._grippers(feet, yaws))
+
+    def _grippers(self, feet: Array, yaws: Array) -> Array:
+        return np.concatenate([feet + np.array([0.0, 0.0, self.pad_radius_m]), yaws[..., None]], axis=2)
+
+    def pressing(self, places: Array) -> Array:
+        """Where masses at places (N + 1, ...) at the knots press by their weight and acceleration, as pendulums."""
+        found = places.copy()
+        found[1:-1] -= self.pendulum_s2 / self.dt_s**2 * np.diff(places, 2, axis=0)
+        return found
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:

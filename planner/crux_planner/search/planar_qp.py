@@ -246,7 +246,8 @@ class FlatQp:
         body_share, press = 1.0 - 4 * problem.limbs_share, problem.pendulum_s2 / problem.dt_s**2
         for ahead in (0, 1):
             together, known = (
-                problem.limbs_share * problem.limbs_press(each.sum(axis=1), three, ahead) for each in (blend, fixed)
+                problem.limbs_share * (problem.pressing(places)[three + ahead] - places[three])
+                for places in (blend.sum(axis=1), fixed.sum(axis=1))
             )
             seen, j = np.nonzero(together)
             body = [(three + ahead, body_share), (three, -body_share)]

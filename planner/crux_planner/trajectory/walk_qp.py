@@ -248,9 +248,7 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """Loads on three feet, and their cone, where they balance the body here and at the next knot: loads as the mass
-        accelerates then, the limbs' too.
-        """
+        """Loads on three feet, and their cone, where they balance the body here and at the next knot."""
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.reference.gait
         number = np.full((n, 4), -1)
         number[of.places[:, 0], of.places[:, 1]] = np.arange(len(of.places))
@@ -261,23 +259,10 @@ class ContactQp:
         begin = 3 * np.arange(len(three))
         weight = reference.forces[three, :, 2].sum(axis=1)
         body_share, together = 1.0 - 4 * problem.limbs_share, of.blend.sum(axis=1)
-        pull, press = problem.limbs_share * spread, problem.pendulum_s2 / problem.dt_s * spread
-        for ahead in (0, 1):
-            for corner in range(3):
-                rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-            for knot, share in ((three, 1.0), (three - 1 + ahead, -body_share)):
-                rows.blocks(begin, 12 * knot + 18, share * press)
-                rows.blocks(begin, 12 * knot + 6, -share * press)
-            rows.blocks(begin, 12 * (three + ahead), body_share * spread)
-            rows.blocks(begin, 12 * three, -body_share * spread)
-            moved, known = (problem.limbs_press(places.sum(axis=1), three, ahead) for places in (of.blend, of.fixed))
-            for j in range(len(gait.steps)):
-                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * moved[:, j, None, None])
-            most = np.einsum("kab,kb->ka", pull, known)
-            rows.close((problem.profile.true_share - most).ravel(), np.inf, 3 * len(three))
+        level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
+        self._keep_loads(rows, of, three, spread, level)
         centre = of.centre[:, :2] - body_share * reference.body[:, :2]
         centre -= problem.limbs_share * (of.feet[..., :2] - of.fixed).sum(axis=1)  # what variables do not move of it
-        level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
             height = problem.wall_friction * of.centre[three + ahead, 2, None, None] * spread
@@ -293,6 +278,33 @@ class ContactQp:
             most = problem.wall_friction * weight[:, None] * level
             most += np.einsum("kab,kb->ka", lean, centre[three + ahead])
             rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
+
+    def _keep_loads(self, rows: Rows, of: _Layout, three: Indices, spread: Array, level: Array) -> None:
+        """Shares of the weight on three feet at both ends of their intervals, as body and limbs accelerate there: exact
+        for the reference, and linear about it as if limbs' masses followed their feet.
+        """
+        problem, gait, begin = self.problem, of.reference.gait, 3 * np.arange(len(three))
+        body_share, follow = 1.0 - 4 * problem.limbs_share, problem.limbs_share
+        poses, ways = of.reference.body[:, :6], follow * of.blend.sum(axis=1)
+        yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        pressed = problem.centres_of_pressure(poses, of.feet, yaws)
+        still = pressed - problem.pressing(
+            body_share * poses[:, :2] + follow * (of.feet[..., :2] - of.fixed).sum(axis=1)
+        )
+        press, pushed = body_share * problem.pendulum_s2 / problem.dt_s * spread, problem.pressing(ways)
+        for at in (three, three + 1):
+            shares = np.zeros((len(three), 4))
+            shares[gait.stance[three]] = (np.einsum("kab,kb->ka", spread, pressed[at]) + level).ravel()
+            moved = np.einsum("ki,kij->kj", shares, of.blend[three])
+            rows.blocks(begin, 12 * at, body_share * spread)
+            rows.blocks(begin, 12 * at + 6, -press)
+            rows.blocks(begin, 12 * at - 6, press)
+            for j in range(len(gait.steps)):
+                along = (pushed[at, j] - moved[:, j])[:, None, None] * spread
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), along)
+            kept = np.einsum("ki,kia->ka", shares, of.feet[three, :, :2] - of.fixed[three])
+            known = np.einsum("kab,kb->ka", spread, still[at] + kept) + level
+            rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +10,14 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import InfeasibleError, PlanResult, plan
 from crux_planner.admm.walk_contact_block import WalkContacts
+from crux_planner.checker.kinematics import check_kinematics
+from crux_planner.checker.limb_model import load_model
+from crux_planner.checker.plan_arrays import PlanArrays, read_plan
+from crux_planner.checker.report import Findings
+from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.errors import unsolved
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait, Step, longest_step
-from crux_planner.model.kinematics import inverse, rotation_from_rpy
-from crux_planner.model.mass import centre_of_mass
 from crux_planner.model.walk_problem import FINAL_FOOT_M, build_walk
 from crux_planner.search.strides import Strides
 from crux_planner.solvers import clock
@@ -78,34 +80,36 @@ def test_the_shipped_slope_is_the_flat_walk_uphill() -> None:
 
 
 def test_three_feet_keep_their_load_when_the_limbs_mass_is_counted() -> None:
-    """At both ends of every interval on three feet the centre of mass, from every knot's joint positions and the URDF,
-    is a pendulum over its foot.
+    """At both ends of every interval on three feet, every link a point mass where the checker's kinematics have it, and
+    with the second difference of its places at the knots.
     """
     result = walk((SCENES / "walk-slope.yaml").read_text())
-    knots = result.plan.knots
-    feet = np.array([[limb.gripper_position_w_m for limb in knot.limbs] for knot in knots])
-    centre = np.array([_centre_of_mass(knot, place) for knot, place in zip(knots, feet, strict=True)])
-    slope = np.radians(10.0)
-    lean, across = 9.81 * np.sin(slope), 9.81 * np.cos(slope)
-    pressure = centre[:, :2] - centre[:, 2:] / across * [lean, 0.0]
-    pressure[1:-1] -= centre[1:-1, 2:] / across * np.diff(centre[:, :2], 2, axis=0) / result.plan.dt_s**2
+    arrays = read_plan(result.plan, Findings())
+    assert arrays is not None
+    masses, places = _links(arrays)
+    pull = np.full_like(places, -arrays.gravity_w)
+    pull[:, 1:-1] += np.diff(places, 2, axis=1) / result.plan.dt_s**2
+    force = np.einsum("l,lki->ki", masses, pull)
+    moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
+    pressure = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / force[:, 2:]
     shares = []
-    for k, knot in enumerate(knots[:-1]):
-        on = [limb.phase == limb.STANCE for limb in knot.limbs]
-        if sum(on) == 3:
-            corners = np.vstack([feet[k, on, :2].T, np.ones(3)])
-            shares += [np.linalg.solve(corners, np.append(point, 1.0)).min() for point in pressure[k : k + 2]]
-    assert min(shares) > 0.065  # of 0.07, in which limbs' masses follow their feet in proportion
+    for k in np.flatnonzero(arrays.stance[:-2].sum(axis=1) == 3):
+        corners = np.vstack([arrays.gripper_position[k, arrays.stance[k], :2].T, np.ones(3)])
+        shares += [np.linalg.solve(corners, np.append(point, 1.0)).min() for point in pressure[k : k + 2]]
+    assert min(shares) == pytest.approx(0.07, abs=0.002)
 
 
-def _centre_of_mass(knot: Any, feet: Array) -> Array:
-    position, rotation = np.array(knot.body_position_w_m), rotation_from_rpy(np.array(knot.body_rpy_rad))
-    positions: dict[str, float] = {}
-    for limb, foot in zip(ROBOT.limbs, feet, strict=True):
-        gripper = foot + np.array([0.0, 0.0, ROBOT.gripper.pad_radius_m])
-        q, _ = inverse(limb, rotation.T @ (gripper - position), rotation.T)
-        positions.update(zip(limb.joint_names, q, strict=True))
-    return position + rotation @ centre_of_mass(ROBOT, positions)
+def _links(arrays: PlanArrays) -> tuple[Array, Array]:
+    """Masses (L,) and centres of mass (L, N, 3) in W of all links at the knots but the last."""
+    samples, model = on_pads(sample(arrays), ROBOT.gripper.pad_radius_m), load_model(ROBOT)
+    motions, _ = check_kinematics(samples, model, arrays.gravity_w, np.full(6, np.inf), Findings())
+    placed = [(model.body.mass_kg, samples.body_position + samples.rotation @ model.body.com_m)]
+    for limb, motion in zip(model.limbs, motions, strict=True):
+        for link in limb.links:
+            in_body = motion.state.link_position_m[link.name] + motion.state.link_rotation[link.name] @ link.com_m
+            placed.append((link.mass_kg, samples.body_position + (samples.rotation @ in_body[..., None])[..., 0]))
+    knots = np.searchsorted(samples.interval, np.arange(arrays.n_knots - 1))
+    return np.array([mass for mass, _ in placed]), np.array([place[knots] for _, place in placed])
 
 
 def test_a_step_begins_and_ends_at_rest_and_is_highest_in_the_middle() -> None:
