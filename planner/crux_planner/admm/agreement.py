@@ -208,17 +208,20 @@ class Agreement:
         low_slack, high_slack = self.windows.body_range()
         for t in range(self.windows.count):
             facts, low, high = [], low_slack, high_slack
+            grippers: list[int] = []  # twice each limb's contact, or both of its swing
             for limb, path in enumerate(paths):
                 over = [a for i in path.arcs if (a := self.paths[limb].arcs[i]).first <= t < a.end]
                 held = [over[0].start, over[0].goal] if over else [self._held(limb, path, t)]
                 low = np.maximum(low, reach.low[limb, held].min(axis=0))
                 high = np.minimum(high, reach.high[limb, held].max(axis=0))
+                grippers += 2 * held if len(held) == 1 else held
                 facts.append(Fact(limb, t, None if over else held[0]))
             flying = [fact for fact in facts if fact.contact is None]
             if len(flying) > self.at_once:
                 return flying
             support = tuple(fact.contact for fact in facts if fact.contact is not None)
-            if (low > high).any() or self.equilibrium.position(support, low, high, (low + high) / 2) is None:
+            middle = (low + high) / 2
+            if (low > high).any() or self.equilibrium.position(support, low, high, middle, tuple(grippers)) is None:
                 return facts
         return None
 

@@ -213,22 +213,26 @@ class HullMilp:
                         milp.row(columns, [1.0, *([-2 * d] * len(base)), d * d], 0.0, np.inf)
 
     def _balance(self, t: int) -> None:
-        """(8a) and (8b) in balance: sum of forces = -M g, sum of moments about the origin = weight_moment r."""
+        """(8a) and (8b) in balance, a limb in the air half way between its contacts."""
         equilibrium, k = self.equilibrium, self.windows.problem.patch.k_m
-        columns: list[int] = []
+        body, columns, ends, places = equilibrium.weight(np.zeros(3))[0], list[int](), list[int](), list[Array]()
         parts: list[Array] = []
         for limb in range(4):
             for c, q in self.wrench[t][limb].items():
                 force = equilibrium.maps[c]
                 columns += map(int, q[:5])
                 parts.append(np.column_stack([force[:, :2], k * force[:, 2], force[:, 3], -force[:, 3]]))
-        matrix = np.hstack(parts)
+            over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
+            ends += [*self.held[t][limb].values(), *[column for _, column in over]]
+            places += [equilibrium.centres[c] for c in self.held[t][limb]]
+            places += [equilibrium.mean_place((arc.start, arc.goal)) for arc, _ in over]
+        matrix, share = np.hstack(parts), np.array([equilibrium.weight(place)[1] for place in places]) / 4
         weight = equilibrium.problem.weight_N
         for axis in range(3):
             self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
             if self.moments:
-                body = [*columns, *map(int, self.body[t])]
-                self.milp.row(body, np.concatenate([matrix[3 + axis], -equilibrium.weight_moment[axis]]), 0.0, 0.0)
+                numbers = np.concatenate([matrix[3 + axis], body[3 + axis], -share[:, 3 + axis]])
+                self.milp.row([*columns, *map(int, self.body[t]), *ends], numbers, 0.0, 0.0)
 
     def _body_motion(self) -> None:
         windows, problem, milp = self.windows, self.windows.problem, self.milp

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
 _GRID = 17  # points along each edge of a box
+_FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -34,16 +35,44 @@ def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vec
 
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
     """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
+    to_w, up, held = _in_body(poses, hands)
+    centre = np.stack(centre_in_body(problem, up, held), axis=-1)
+    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, centre)
+    return found
+
+
+def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
+    """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
+    at knots: every link a point mass with the second difference of its places, at rest at both ends.
+    """
+    to_w, up, held = _in_body(poses, hands)
+    placed_limbs = (
+        placed(limb, gripper, up, along) for limb, (gripper, along) in zip(problem.limb_masses, held, strict=True)
+    )
+    links = [(place, mass) for limb in placed_limbs for _, place, mass in limb.links]
+    of_body = problem.mass_kg - sum(mass for _, mass in links)
+    x, y, z = (np.full(len(poses), each) for each in problem.body_moment_kg_m / of_body)
+    links.append(((x, y, z), of_body))
+    masses = np.array([mass for _, mass in links])
+    places = poses[:, :3] + np.einsum(
+        "kij,ljk->lki", to_w, np.array([np.broadcast_arrays(*place) for place, _ in links])
+    )
+    pull = np.full_like(places, -problem.gravity_w)
+    pull[:, 1:-1] += np.diff(places, 2, axis=1) / problem.dt_s**2
+    moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
+    found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
+    return found
+
+
+def _in_body(poses: Array, hands: Array) -> tuple[Array, Vector, list[tuple[Vector, Vector]]]:
+    """The body's rotations, and in its frame the wall's normal and each gripper's centre and opening axis."""
     to_w = rotation_from_rpy(poses[..., 3:])
     to_b = to_w.swapaxes(-1, -2)
     places = np.einsum("...ij,...lj->l...i", to_b, hands[..., :3] - poses[..., None, :3])
     axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
     axes = np.einsum("...ij,...lj->l...i", to_b, axes)
-    centre = centre_in_body(
-        problem, _parts(to_b[..., 2]), [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
-    )
-    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, np.stack(centre, axis=-1))
-    return found
+    held = [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
+    return to_w, _parts(to_b[..., 2]), held
 
 
 def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, Array]:
@@ -51,6 +80,30 @@ def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -
     moved = poses + 1j * _STEP * np.eye(6)[:, None]
     found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
     return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
+
+
+def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
+    """(3, 3) A and (3,) b: the centre of mass of a level body is off its origin by about A @ p + b, p the mean of
+    where its grippers are off it; in the body frame.
+
+    Least squares over where (9a) lets each gripper be, with one slope for all limbs.
+    """
+    unit = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, _FIT)] * 3, indexing="ij")).reshape(3, -1)
+    rest, ways, found = problem.body_moment_kg_m / problem.mass_kg, np.zeros((3, 0)), np.zeros((3, 0))
+    ends = []
+    for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
+        place = middle[:, None] + problem.boxes.half_m[:, None] * unit
+        with np.errstate(invalid="ignore"):
+            moment = np.stack(placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
+        known = ~np.isnan(moment).any(axis=0)
+        place, moment = place[:, known], moment[:, known]
+        ends.append((place.mean(axis=1), moment.mean(axis=1)))
+        ways = np.hstack([ways, place - ends[-1][0][:, None]])
+        found = np.hstack([found, moment - ends[-1][1][:, None]])
+    slope = found @ np.linalg.pinv(ways) if ends else np.zeros((3, 3))
+    for place, moment in ends:
+        rest = rest + moment - slope @ place
+    return len(ends) * slope, rest
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:

@@ -230,10 +230,10 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
         bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
         if None in bounds or not climb.swings.free(swings, move.support):
             return where
-        for each in bounds:
+        for each, stance in zip(bounds, (move.before, move.after), strict=True):
             assert each is not None
             low, high = each
-            if equilibrium.position(move.support, low, high, move.lift_off) is None:
-                short = friction.missing_force(move.support, low, high)
+            if equilibrium.position(move.support, low, high, move.lift_off, stance) is None:
+                short = friction.missing_force(move.support, low, high, stance)
                 return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else "the joints are too weak")
     return None

@@ -41,8 +41,9 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
                 f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m",
             )
     stance = problem.start_contacts
-    if equilibrium.position(stance, *[problem.start.position_m] * 3) is None:
-        lacking = equilibrium.missing_force(stance, *[problem.start.position_m] * 2)
+    at = problem.start.position_m
+    if equilibrium.position(stance, at, at, at) is None:
+        lacking = equilibrium.missing_force(stance, at, at)
         raise wrong(
             scenario,
             "start.grasps",
@@ -175,7 +176,8 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
     """The search reached stances with the goal in reach, but the body cannot stand there."""
     if report.nearest is None or report.nearest_cost > 1e-9:
         return None
-    lacking = equilibrium.missing_force(report.nearest, *[problem.goal.body.position_m] * 2)
+    at = problem.goal.body.position_m
+    lacking = equilibrium.missing_force(report.nearest, at, at)
     return InfeasibleError(
         "equilibrium",
         f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
@@ -193,7 +195,7 @@ def _lift_unbalanced(
     shortages = []
     for limb in limbs:
         support = tuple(c for other, c in enumerate(report.nearest) if other != limb)
-        shortages.append((equilibrium.missing_force(support, *bounds), limb))
+        shortages.append((equilibrium.missing_force(support, *bounds, report.nearest), limb))
     lacking, limb = min(shortages)
     return InfeasibleError(
         "equilibrium",

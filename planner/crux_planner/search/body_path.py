@@ -39,7 +39,8 @@ def smooth_events(oracles: Oracles, moves: list[Move]) -> list[Move]:
         for stance in (move.before, move.after):
             bounds = oracles.reachable.turned(move.yaw_rad).of(stance)
             assert bounds is not None
-            path.append(_position(qp, equilibrium, *bounds, move.support, rotation_z(move.yaw_rad))[0])
+            grippers = equilibrium.mean_place(stance)
+            path.append(_position(qp, equilibrium, bounds, move.support, grippers, rotation_z(move.yaw_rad))[0])
     fixed = [problem.start.position_m, problem.goal.body.position_m]
     one, two = np.ones((3, 1)), np.tile([1.0, -1.0], (3, 1))
     qp.squares(path[0][:, None], one, fixed[0], 1.0)
@@ -109,11 +110,12 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     if (low > high).any():
         return None
     path: list[Indices] = []
+    means = schedule.poses[..., :3].mean(axis=1)
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
         position, wrenches = _position(
-            qp, equilibrium, low[k], high[k], tuple(on.values()), to_w[k], problem.weights.wrench
+            qp, equilibrium, (low[k], high[k]), tuple(on.values()), means[k], to_w[k], problem.weights.wrench
         )
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
@@ -140,14 +142,16 @@ def _add_cost(qp: SparseQp, problem: Problem, schedule: Schedule, path: list[Ind
 def _position(
     qp: SparseQp,
     equilibrium: StaticEquilibrium,
-    low: Array,
-    high: Array,
+    bounds: tuple[Array, Array],
     support: tuple[int, ...],
+    grippers: Array,
     to_w: Array,
     comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
-    """Add a body position in balance on the contacts `support`; the numbers of its variables and of the wrenches'."""
-    position = within(qp, equilibrium.problem.boxes, low, high, to_w)
+    """Add a body position in balance on the contacts `support`, its grippers' mean place `grippers`; the numbers of its
+    variables and of the wrenches'.
+    """
+    position = within(qp, equilibrium.problem.boxes, *bounds, to_w)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches = []
     for contact in support:
@@ -158,8 +162,8 @@ def _position(
         wrenches.append(index)
     maps = np.concatenate([equilibrium.maps[c] for c in support], axis=1)
     columns = np.concatenate([*[w[:4] for w in wrenches], position])
-    moment = np.vstack([np.zeros((3, 3)), -equilibrium.weight_moment])
-    qp.equal(np.hstack([maps, moment]), columns, np.concatenate([-equilibrium.problem.weight_N, np.zeros(3)]))
+    body, right = equilibrium.weight(grippers, to_w)
+    qp.equal(np.hstack([maps, body]), columns, right)
     return position, wrenches
 
 

@@ -1,8 +1,10 @@
 """Static balance on a set of grasps: is there a body position within bounds, and a wrench for every gripper?
 
 The oracle of the search. Balance (8) is linear (physics.dynamics.static_map), the limit surface (2)+(3) enters as its
-inner polytope, scaled by a margin. Least-norm wrenches, one product with a stored matrix, settle most queries; a small
-QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and twist of a finger, net force along the axis.
+inner polytope, scaled by a margin. The centre of mass of a level body is taken as linear in the places of its origin
+and its grippers (model.mass.linear_centre). Least-norm wrenches, one product with a stored matrix, settle most queries;
+a small QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and twist of a finger, net force along the
+axis.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.mass import linear_centre
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import finger_limits, grip_rows, polytope_directions
@@ -22,6 +25,7 @@ _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
 FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact
 MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
+_LEVEL = np.eye(3)
 _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
 
 
@@ -46,32 +50,59 @@ class StaticEquilibrium:
         self.max_normal_N = margin * problem.patch.max_normal_N
         # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
         self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
-        self.weight_moment = skew(problem.weight_N)  # balance: sum of moments about the origin = weight_moment @ r
+        self.centres = np.stack([c.centre_w_m for c in problem.contacts])  # (C, 3)
+        self._follow, self._rest = linear_centre(problem)
         # Twists count as the forces at the patch's rim that make them.
         self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
         self._least_norm: dict[tuple[int, ...], Array] = {}
         self._known: dict[tuple[Any, ...], Array | None] = {}
         self._rows: dict[int, tuple[Array, Array]] = {}
 
-    def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+    def position(
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted: Array,
+        grippers: tuple[int, ...] | None = None,
+    ) -> Array | None:
         """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
 
-        Its bounds are along the directions of the problem's reach, or as many of these as are given, x, y and z first.
+        The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
+        along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
         self.queries += 1
-        support = tuple(sorted(support))
-        key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
+        support, grippers = tuple(sorted(support)), grippers or support
+        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._known:
             near = clipped(wanted, low, high)
             along = self.problem.boxes.directions[3 : len(low)] @ near
             inside = (along >= low[3:]).all() and (along <= high[3:]).all()
-            settled = inside and self._least_norm_fits(support, near)
-            self._known[key] = near if settled else self._solve(support, low, high, wanted)
+            settled = inside and self._least_norm_fits(support, near, grippers)
+            self._known[key] = near if settled else self._solve(support, low, high, wanted, grippers)
         return self._known[key]
 
-    def right_side(self, position: Array) -> Array:
-        """What the grippers' forces and moments about the origin must sum to, (6,)."""
-        return np.concatenate([-self.problem.weight_N, self.weight_moment @ position])
+    def mean_place(self, contacts: tuple[int, ...]) -> Array:
+        """(3,) of these contacts."""
+        mean: Array = self.centres[list(contacts)].mean(axis=0)
+        return mean
+
+    def centre(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
+        """(3, 3) A and (3,) b: the centre of mass of a body at r, its axes turned by `to_w`, is at A @ r + b where its
+        grippers' mean place is `grippers` (3,).
+        """
+        follow = to_w @ self._follow @ to_w.T
+        return np.eye(3) - follow, follow @ grippers + to_w @ self._rest
+
+    def weight(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
+        """(6, 3) A and (6,) b: in balance, A @ r and the grippers' forces and moments about the origin sum to b."""
+        (moved, still), turn = self.centre(grippers, to_w), skew(self.problem.weight_N)
+        return np.vstack([np.zeros((3, 3)), -turn @ moved]), np.append(-self.problem.weight_N, turn @ still)
+
+    def right_side(self, position: Array, grippers: Array) -> Array:
+        """What the grippers' forces and moments about the origin must sum to, (6,), their mean place `grippers`."""
+        body, right = self.weight(grippers)
+        return right - body @ position
 
     def limit_rows(self, contact: int) -> tuple[Array, Array]:
         """(A, b), A @ (s1, s2, m, F, n) <= b: limit surface and largest normal force, at the margin."""
@@ -80,8 +111,10 @@ class StaticEquilibrium:
             self._rows[contact] = grip_rows(limits, self.directions, reach, self.press_N[contact])
         return self._rows[contact]
 
-    def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
-        """Least force [N] that balance lacks for body positions in [low, high].
+    def missing_force(
+        self, support: tuple[int, ...], low: Array, high: Array, grippers: tuple[int, ...] | None = None
+    ) -> float:
+        """Least force [N] that balance lacks for body positions in [low, high]; `grippers` as in `position`.
 
         Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
         """
@@ -92,18 +125,18 @@ class StaticEquilibrium:
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
-        weighted = about_middle @ self._balance_matrix(support)
-        target = about_middle @ np.concatenate([-self.problem.weight_N, np.zeros(3)])
+        matrix, right = self._balance(support, grippers or support)
+        weighted, target = about_middle @ matrix, about_middle @ right
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
         found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()
         return float(np.linalg.norm(weighted @ found.x - target)) if found.solved else float("inf")
 
-    def _least_norm_fits(self, support: tuple[int, ...], position: Array) -> bool:
+    def _least_norm_fits(self, support: tuple[int, ...], position: Array, grippers: tuple[int, ...]) -> bool:
         if support not in self._least_norm:
             effort = np.tile(self.effort, len(support))
             self._least_norm[support] = np.linalg.pinv(self._joined(support) / effort) / effort[:, None]
         index = list(support)
-        right = self.right_side(position)
+        right = self.right_side(position, self.mean_place(grippers))
         wrench = (self._least_norm[support] @ right).reshape(-1, 4)
         residual = self._joined(support) @ wrench.ravel() - right
         excess = (wrench[:, :3] @ self.directions.T)[:, None] - self.spine[index]
@@ -114,13 +147,13 @@ class StaticEquilibrium:
     def _joined(self, support: tuple[int, ...]) -> Array:
         return np.concatenate(self.maps[list(support)], axis=1)
 
-    def _balance_matrix(self, support: tuple[int, ...]) -> Array:
-        """(6, 3 + 5 m): of (body position, wrenches), equal to (-M g, 0) in balance."""
+    def _balance(self, support: tuple[int, ...], grippers: tuple[int, ...]) -> tuple[Array, Array]:
+        """(6, 3 + 5 m) of (body position, wrenches) and (6,) what they come to in balance."""
         matrix = np.zeros((6, 3 + WRENCH * len(support)))
-        matrix[3:, :3] = -self.weight_moment
+        matrix[:, :3], right = self.weight(self.mean_place(grippers))
         for i, c in enumerate(support):
             matrix[:, 3 + WRENCH * i : 7 + WRENCH * i] = self.maps[c]
-        return matrix
+        return matrix, right
 
     def _limits(self, support: tuple[int, ...]) -> tuple[Array, Array, Array, Array]:
         """Limit rows and bounds of the wrenches of all grippers in `support`."""
@@ -137,13 +170,13 @@ class StaticEquilibrium:
         low: Array,
         high: Array,
         wanted: Array,
+        grippers: tuple[int, ...],
         further: tuple[Array, Array] | None = None,
     ) -> Array | None:
         """A body position in balance near `wanted`; `further` are rows (A, b) on (position, wrenches), A x <= b."""
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
-        equilibrium = self._balance_matrix(support)
         cost = np.concatenate(
             [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
         )
@@ -155,8 +188,7 @@ class StaticEquilibrium:
             oblique = np.zeros((len(low) - 3, rows.shape[1]))
             oblique[:, :3] = self.problem.boxes.directions[3 : len(low)]
             rows, bounds = np.vstack([rows, oblique, -oblique]), np.concatenate([bounds, high[3:], -low[3:]])
-        right = np.concatenate([-self.problem.weight_N, np.zeros(3)])
         lows, highs = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
-        qp = Qp(np.diag(cost), linear, (equilibrium, right), (rows, None, bounds), lows, highs, **_SETTINGS)
+        qp = Qp(np.diag(cost), linear, self._balance(support, grippers), (rows, None, bounds), lows, highs, **_SETTINGS)
         found = qp.solve()
         return clipped(found.x[:3], low, high) if found.solved else None

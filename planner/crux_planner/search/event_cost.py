@@ -60,6 +60,7 @@ class _Node:
     high: Array
     support: tuple[int, ...] = ()
     share: float = 0.0
+    grippers: tuple[int, ...] = ()  # contacts in the middle of which they are
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class EventCost:
         for i, node in enumerate(nodes):
             if free.start <= i < free.stop:
                 places.append(self._place(qp, node.low, node.high))
-                grips.append(self._carry(qp, places[-1], node.support, node.share))
+                grips.append(self._carry(qp, places[-1], node.support, node.grippers, node.share))
             else:
                 at = fixed[0 if i < free.start else -1]
                 places.append(qp.variables(at, at))
@@ -203,11 +204,12 @@ class EventCost:
                 break
             move, air = timed.moves[i], int(timed.swings[i])
             half, what = air // 2, (stance, move.after, air)
-            nodes.append(_Node((*what, "off"), k, low, high, move.support, half / 2))
-            nodes.append(_Node(what, k + half, *self._on_the_way(move, air, half), move.support, air / 2))
+            nodes.append(_Node((*what, "off"), k, low, high, move.support, half / 2, stance))
+            both = (*stance, *move.after)
+            nodes.append(_Node(what, k + half, *self._on_the_way(move, air, half), move.support, air / 2, both))
             k += air
             bounds = self._bounds(move.after, last=False)
-            nodes.append(_Node((*what, "down"), k, *bounds, move.support, (air - half) / 2))
+            nodes.append(_Node((*what, "down"), k, *bounds, move.support, (air - half) / 2, move.after))
         nodes.append(_Node((stances[-1], "goal"), k, *self._bounds(stances[-1], last=True)))
         return nodes
 
@@ -261,7 +263,7 @@ class EventCost:
             solution = None
             if (low <= high + 1e-9).all():
                 qp = SparseQp()
-                self._carry(qp, self._place(qp, low, high), stance, 1.0)
+                self._carry(qp, self._place(qp, low, high), stance, stance, 1.0)
                 solution = qp.solve()
             self._standing[key] = np.inf if solution is None else qp.value(solution)
         return self._standing[key]
@@ -282,7 +284,9 @@ class EventCost:
             self._in_air[key] = swing_cost(self.problem.weights, swing.poses(air)[:-1])
         return self._in_air[key]
 
-    def _carry(self, qp: SparseQp, place: Indices, support: tuple[int, ...], knots: float) -> Indices:
+    def _carry(
+        self, qp: SparseQp, place: Indices, support: tuple[int, ...], grippers: tuple[int, ...], knots: float
+    ) -> Indices:
         """Balance at a body place on contacts and its R-term for so many knots; the numbers of the grippers' q."""
         if not support:
             return np.zeros(0, dtype=int)
@@ -293,7 +297,8 @@ class EventCost:
         qp.below(grips.limits, index, grips.right)
         effort = np.sqrt(np.tile(self._effort, len(support)))
         qp.squares(index[:, None], effort[:, None], np.zeros(len(index)), self.problem.weights.wrench * knots)
-        qp.equal(grips.balance, np.concatenate([index, place]), self.equilibrium.right_side(np.zeros(3)))
+        right = self.equilibrium.weight(self.equilibrium.mean_place(grippers))[1]
+        qp.equal(grips.balance, np.concatenate([index, place]), right)
         return index
 
     def _gripped(self, support: tuple[int, ...]) -> _Grips:
@@ -314,9 +319,9 @@ class EventCost:
             least = LEAST_NORMAL_N if self.problem.contacts[contact].may_press.all() else 0.0
             lows += [-bound[:4], [0.0, least]]
             balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))
-        moment = np.vstack([np.zeros((3, 3)), -equilibrium.weight_moment])
+        body, _ = equilibrium.weight(np.zeros(3))
         high = np.tile(bound, len(support))
-        limit_rows, balance_rows = Entries(la.block_diag(*limits)), Entries(np.hstack([*balance, moment]))
+        limit_rows, balance_rows = Entries(la.block_diag(*limits)), Entries(np.hstack([*balance, body]))
         return _Grips(np.concatenate(lows), high, limit_rows, np.concatenate(right), balance_rows)
 
     def _move_body(self, qp: SparseQp, knots: list[int], body: list[Indices]) -> None:

@@ -176,7 +176,7 @@ class HeadingSearch:
             return steps
         for limb in range(4):
             support = tuple(c for other, c in enumerate(stance) if other != limb)
-            if view.equilibrium.by_friction(support, *bounds, view.from_w(body)) is None:
+            if view.equilibrium.by_friction(support, *bounds, view.from_w(body), stance) is None:
                 continue
             others = [other for other in range(4) if other != limb]
             low = view.reach.low[others, list(support)].max(axis=0)
@@ -208,13 +208,13 @@ class HeadingSearch:
         bounds = view.reach.of(before)
         assert bounds is not None
         body = view.from_w(step.body)
-        lift_off = view.equilibrium.position(support, *bounds, body)
+        lift_off = view.equilibrium.position(support, *bounds, body, before)
         if lift_off is None:
             return None
         held = tuple(None if other == limb else c for other, c in enumerate(before))
         slow = self._speed_m_s(held)
         touch_down = view.equilibrium.position(
-            support, *landing, wanted if np.isinf(slow) else clipped(lift_off, *landing)
+            support, *landing, wanted if np.isinf(slow) else clipped(lift_off, *landing), stance
         )
         if touch_down is None:
             return None

@@ -214,7 +214,7 @@ class _Tree:
             return
         for limbs in self._groups:
             support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
-            lift_off = self.equilibrium.position(support, *bounds, body)
+            lift_off = self.equilibrium.position(support, *bounds, body, stance)
             if lift_off is None:
                 if stance == self.report.nearest:
                     self.report.lifts_without_balance.update(limbs)
@@ -235,7 +235,7 @@ class _Tree:
             new_cost = cost + _move_cost(swings, moves)
             if new_cost >= self.best.get(after, np.inf) - 1e-9:
                 continue
-            touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing))
+            touch_down = self.equilibrium.position(support, *landing, clipped(self._goal, *landing), after)
             if touch_down is None or not self._links.move_clear(stance, after, limbs, lift_off, touch_down):
                 continue
             self.best[after] = new_cost

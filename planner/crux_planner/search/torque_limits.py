@@ -43,26 +43,43 @@ class TorqueLimits(StaticEquilibrium):
         other.gravity_w, other._strong = problem.gravity_w, {}
         return other
 
-    def position(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+    def position(
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted: Array,
+        grippers: tuple[int, ...] | None = None,
+    ) -> Array | None:
         """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
-        support = tuple(sorted(support))
-        key = (support, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
+        support, grippers = tuple(sorted(support)), grippers or support
+        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._strong:
-            self._strong[key] = self._held(support, low, high, wanted)
+            self._strong[key] = self._held(support, low, high, wanted, grippers)
         return self._strong[key]
 
-    def by_friction(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
+    def by_friction(
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted: Array,
+        grippers: tuple[int, ...] | None = None,
+    ) -> Array | None:
         """As `StaticEquilibrium.position`, however strong the motors would have to be: much quicker."""
-        return super().position(support, low, high, wanted)
+        return super().position(support, low, high, wanted, grippers)
 
-    def _held(self, support: tuple[int, ...], low: Array, high: Array, wanted: Array) -> Array | None:
-        place = super().position(support, low, high, wanted)
-        if place is None or self._least_norm_is_light(support, place):
+    def _held(
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...]
+    ) -> Array | None:
+        place = super().position(support, low, high, wanted, grippers)
+        if place is None or self._least_norm_is_light(support, place, grippers):
             return place
-        for start in (place, (low[:3] + high[:3]) / 2):
+        between = self.mean_place(support)  # the weight is shared best there
+        for start, near in ((place, wanted), ((low[:3] + high[:3]) / 2, wanted), (between, between)):
             place = clipped(start, low, high)
             for _ in range(_ROUNDS):
-                found = self._solve_within(support, low, high, wanted, place)
+                found = self._solve_within(support, low, high, (near, place), grippers)
                 if found is None:
                     break
                 moved, place = float(np.abs(found - place).max()), found
@@ -70,11 +87,11 @@ class TorqueLimits(StaticEquilibrium):
                     return place
         return None
 
-    def _least_norm_is_light(self, support: tuple[int, ...], place: Array) -> bool:
+    def _least_norm_is_light(self, support: tuple[int, ...], place: Array, grippers: tuple[int, ...]) -> bool:
         """Whether the wrenches of least norm are within the limit surface and the torques."""
-        if not self._least_norm_fits(support, place):
+        if not self._least_norm_fits(support, place, grippers):
             return False
-        wrench = (self._least_norm[support] @ self.right_side(place)).reshape(-1, 4)
+        wrench = (self._least_norm[support] @ self.right_side(place, self.mean_place(grippers))).reshape(-1, 4)
         for (rows, still, limit), w in zip(self._torques(support, place), wrench, strict=True):
             if (np.abs(rows @ w + still) > limit).any():
                 return False
@@ -94,16 +111,22 @@ class TorqueLimits(StaticEquilibrium):
         return parts
 
     def _solve_within(
-        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, about: Array
+        self,
+        support: tuple[int, ...],
+        low: Array,
+        high: Array,
+        wanted_about: tuple[Array, Array],
+        grippers: tuple[int, ...],
     ) -> Array | None:
-        """A body position in balance, with torques as they are at `about`."""
+        """A body position in balance near that wanted, with torques as they are at another."""
+        wanted, about = wanted_about
         rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
         right = np.zeros(len(rows))
         for i, (torques, still, limit) in enumerate(self._torques(support, about)):
             at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
             rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
             right[at] = np.concatenate([limit - still, limit + still])
-        return self._solve(support, low, high, wanted, (rows, right))
+        return self._solve(support, low, high, wanted, grippers, (rows, right))
 
 
 def _torque_map(problem: Problem, limb: int) -> ca.Function:

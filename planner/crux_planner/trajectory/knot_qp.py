@@ -78,7 +78,8 @@ def solve_knots(
     for k in range(problem.steps):
         held = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
         grips.append({limb: _grip(qp, problem, equilibrium, c) for limb, c in held.items()})
-        _step(qp, problem, equilibrium, body[k], body[k + 1], grips[k], held, path[k], moments)
+        about = (path[k], schedule.poses[k, :, :3].mean(axis=0)) if moments else None
+        _step(qp, problem, equilibrium, body[k], body[k + 1], grips[k], held, about)
         if target is not None:
             for limb, c in held.items():
                 _pull(qp, problem, c, grips[k][limb], target, k, limb, rho, scales)
@@ -125,10 +126,9 @@ def _step(
     then: Indices,
     grips: dict[int, Indices],
     held: dict[int, int],
-    reference: Array,
-    moments: bool,
+    about: tuple[Array, Array] | None,
 ) -> None:
-    """(8a), and (8b) about `reference`, by explicit Euler."""
+    """(8a), and (8b) about a place of the body and the mean one of its grippers, by explicit Euler."""
     dt = problem.dt_s
     one = np.eye(6)
     pose, rate = slice(0, 6), slice(6, 12)
@@ -140,16 +140,15 @@ def _step(
     force = np.hstack([one[:3, :3], -one[:3, :3], -dt / problem.mass_kg * total[:3]])
     columns = np.concatenate([then[6:9], now[6:9], wrench])
     qp.equal(force, columns, dt * problem.gravity_w)
-    if not moments:
+    if about is None:
         return
-    # Moment about r: M - r x F, with r x F taken as r x (-M g) + reference x (F + M g).
+    # Moment about c: M - c x F, with c x F taken as c x (-M g) + c0 x (F + M g), c0 at `about`.
     turn = np.linalg.inv(problem.inertia_b) * dt
-    arm = skew(reference)
-    about = np.hstack(
-        [one[:3, :3], -one[:3, :3], -turn @ (total[3:] - arm @ total[:3]), turn @ equilibrium.weight_moment]
-    )
+    (moved, still), (body, right) = equilibrium.centre(about[1]), equilibrium.weight(about[1])
+    arm = skew(moved @ about[0] + still)
+    matrix = np.hstack([one[:3, :3], -one[:3, :3], -turn @ (total[3:] - arm @ total[:3]), -turn @ body[3:]])
     columns = np.concatenate([then[9:12], now[9:12], wrench, now[:3]])
-    qp.equal(about, columns, -turn @ arm @ problem.weight_N)
+    qp.equal(matrix, columns, -turn @ (arm @ problem.weight_N + right[3:]))
 
 
 def _pull(

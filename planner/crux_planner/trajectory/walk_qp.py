@@ -248,9 +248,7 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
-        here and at the next knot.
-        """
+        """Loads on three feet, and their cone, where they balance the body here and at the next knot."""
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.reference.gait
         number = np.full((n, 4), -1)
         number[of.places[:, 0], of.places[:, 1]] = np.arange(len(of.places))
@@ -258,23 +256,13 @@ class ContactQp:
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([of.feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
         spread = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
-        pull = problem.limbs_share * spread
         begin = 3 * np.arange(len(three))
         weight = reference.forces[three, :, 2].sum(axis=1)
-        for corner in range(3):
-            rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-        inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
-        rows.blocks(begin, 12 * three + 18, inertia)
-        rows.blocks(begin, 12 * three + 6, -inertia)
-        hanging = problem.limbs_inertia(of.blend.sum(axis=1))[three]
-        for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
-        known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
-        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
         body_share, together = 1.0 - 4 * problem.limbs_share, of.blend.sum(axis=1)
+        level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
+        self._keep_loads(rows, of, three, spread, level)
         centre = of.centre[:, :2] - body_share * reference.body[:, :2]
         centre -= problem.limbs_share * (of.feet[..., :2] - of.fixed).sum(axis=1)  # what variables do not move of it
-        level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
             height = problem.wall_friction * of.centre[three + ahead, 2, None, None] * spread
@@ -290,6 +278,33 @@ class ContactQp:
             most = problem.wall_friction * weight[:, None] * level
             most += np.einsum("kab,kb->ka", lean, centre[three + ahead])
             rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
+
+    def _keep_loads(self, rows: Rows, of: _Layout, three: Indices, spread: Array, level: Array) -> None:
+        """Shares of the weight on three feet at both ends of their intervals, as body and limbs accelerate there: exact
+        for the reference, and linear about it as if limbs' masses followed their feet.
+        """
+        problem, gait, begin = self.problem, of.reference.gait, 3 * np.arange(len(three))
+        body_share, follow = 1.0 - 4 * problem.limbs_share, problem.limbs_share
+        poses, ways = of.reference.body[:, :6], follow * of.blend.sum(axis=1)
+        yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        pressed = problem.centres_of_pressure(poses, of.feet, yaws)
+        still = pressed - problem.pressing(
+            body_share * poses[:, :2] + follow * (of.feet[..., :2] - of.fixed).sum(axis=1)
+        )
+        press, pushed = body_share * problem.pendulum_s2 / problem.dt_s * spread, problem.pressing(ways)
+        for at in (three, three + 1):
+            shares = np.zeros((len(three), 4))
+            shares[gait.stance[three]] = (np.einsum("kab,kb->ka", spread, pressed[at]) + level).ravel()
+            moved = np.einsum("ki,kij->kj", shares, of.blend[three])
+            rows.blocks(begin, 12 * at, body_share * spread)
+            rows.blocks(begin, 12 * at + 6, -press)
+            rows.blocks(begin, 12 * at - 6, press)
+            for j in range(len(gait.steps)):
+                along = (pushed[at, j] - moved[:, j])[:, None, None] * spread
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), along)
+            kept = np.einsum("ki,kia->ka", shares, of.feet[three, :, :2] - of.fixed[three])
+            known = np.einsum("kab,kb->ka", spread, still[at] + kept) + level
+            rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""

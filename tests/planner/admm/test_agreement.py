@@ -48,14 +48,17 @@ def agree(small: Scene, agreement: Agreement, paths: tuple[Path, ...], at_once: 
         if len({problem.contacts[c].hold for _, c in standing}) < len(standing) or len(standing) < 4 - at_once:
             return False
         low, high = low_slack, high_slack
+        grippers: list[int] = []
         for limb in range(4):
             over = [s for s in swings if s.limb == limb and held[limb][t] is None and s.first // windows.knots <= t]
             contact = held[limb][t]
             ends = [over[-1].start, over[-1].goal] if contact is None else [contact]
+            grippers += 2 * ends if len(ends) == 1 else ends
             low = np.maximum(low, small.reach.low[limb, ends].min(axis=0))
             high = np.minimum(high, small.reach.high[limb, ends].max(axis=0))
         support = tuple(c for _, c in standing)
-        if (low > high).any() or small.equilibrium.position(support, low, high, (low + high) / 2) is None:
+        middle = (low + high) / 2
+        if (low > high).any() or small.equilibrium.position(support, low, high, middle, tuple(grippers)) is None:
             return False
     return True
 

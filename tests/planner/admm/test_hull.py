@@ -38,7 +38,8 @@ def can_stand(small: Scene, airborne: list[Swinging]) -> bool:
         if t == windows.count - 1:
             slack = problem.goal.position_slack_m
             low, high = problem.goal.body.position_m - slack, problem.goal.body.position_m + slack
-        support = []
+        support: list[int] = []
+        grippers: list[int] = []
         for limb in range(4):
             c = held[limb][t]
             flying = [
@@ -47,6 +48,7 @@ def can_stand(small: Scene, airborne: list[Swinging]) -> bool:
                 if s.limb == limb and s.first <= windows.span(t)[1] - 1 and s.end > windows.span(t)[0]
             ]
             ends = [c] if c is not None else [flying[0].start, flying[0].goal]
+            grippers += 2 * ends if len(ends) == 1 else ends
             low = np.maximum(low, reach.low[limb, ends].min(axis=0))
             high = np.minimum(high, reach.high[limb, ends].max(axis=0))
             if c is not None:
@@ -60,7 +62,7 @@ def can_stand(small: Scene, airborne: list[Swinging]) -> bool:
         if (
             not support
             or (low > high + 1e-9).any()
-            or small.equilibrium.position(tuple(support), low, high, (low + high) / 2) is None
+            or small.equilibrium.position(tuple(support), low, high, (low + high) / 2, tuple(grippers)) is None
         ):
             return False
     return True

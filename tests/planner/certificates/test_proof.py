@@ -114,8 +114,8 @@ def brute_force_finds_a_way(read: Scenario) -> bool:
             if len(moved) != 1 or other in seen:
                 continue
             support = tuple(c for limb, c in enumerate(stance) if limb != moved[0])
-            bounds = [reach.of(stance), reach.of(other)]
-            if all(b is not None and equilibrium.position(support, *b, b[0]) is not None for b in bounds):
+            ends = [(on, reach.of(on)) for on in (stance, other)]
+            if all(b is not None and equilibrium.position(support, *b, b[0], on) is not None for on, b in ends):
                 seen.add(other)
                 queue.append(other)
     ends, goal, slack = goal_contacts(problem, reach), problem.goal.body.position_m, problem.goal.position_slack_m

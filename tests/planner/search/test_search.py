@@ -10,6 +10,7 @@ import pytest
 from crux_contracts.robot import Robot, load_robot
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
+from crux_planner.model.mass import centres_of_mass, linear_centre
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.search.body_path import SPEED_SHARE, knot_path, smooth_events
@@ -45,10 +46,13 @@ def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
 def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, margin: float) -> bool:
     """Whether forces balance at a body position: a linear program over (s1, s2, m, n1, n2) of every gripper."""
     k, columns, rows, bounds = problem.patch.k_m, [], [], []
+    grippers = np.mean([problem.contacts[c].centre_w_m for c in problem.start_contacts], axis=0)
+    follow, rest = linear_centre(problem)
+    centre = position + rest + follow @ (grippers - position)
     for i, index in enumerate(support):
         contact = problem.contacts[index]
         axis, tangent, up = contact.axis, contact.tangent, np.array([0, 0, 1.0])
-        arm = contact.centre_w_m - position
+        arm = contact.centre_w_m - centre
         for force, moment in (
             (2 * tangent, 0),
             (2 * up, 0),
@@ -92,7 +96,7 @@ def test_balance_is_found_where_a_linear_program_finds_it(lifted: int, x: float,
     problem = problem_of(max_normal_N=most_N) if most_N >= 30 else problem_of(slope_deg=0.0, max_normal_N=most_N)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.185])
-    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position, problem.start_contacts)
     assert (found is not None) == balanced(problem, support, position, 0.9)
 
 
@@ -105,7 +109,7 @@ def test_balance_of_grippers_that_hang_by_spines(lifted: int, x: float, y: float
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     assert [problem.contacts[c].spines_only for c in problem.start_contacts] == [finger, 0, 0, finger]
     position = np.array([x, y, 0.17])
-    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position, problem.start_contacts)
     assert (found is not None) == balanced(problem, support, position, 0.9)
 
 
@@ -117,8 +121,21 @@ def test_balance_on_faces_of_which_each_has_its_own_friction(
     problem = problem_of(slope_deg=30.0, hanging=finger, unlike=unlike)
     support = tuple(c for limb, c in enumerate(problem.start_contacts) if limb != lifted)
     position = np.array([x, y, 0.17])
-    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position)
+    found = StaticEquilibrium(problem, 0.9).position(support, position, position, position, problem.start_contacts)
     assert (found is not None) == balanced(problem, support, position, 0.9)
+
+
+def test_the_centre_of_mass_follows_the_grippers_about_as_a_straight_line_says() -> None:
+    """Against the closed-form kinematics anywhere in (9a); the body's origin is far more off."""
+    problem = problem_of()
+    random = np.random.default_rng(3)
+    grippers = problem.boxes.centre_b_m + problem.boxes.half_m * random.uniform(-1.0, 1.0, (500, 4, 3))
+    hands = np.concatenate([grippers, np.zeros((500, 4, 1))], axis=2)
+    true = centres_of_mass(problem, np.zeros((500, 6)), hands)
+    follow, rest = linear_centre(problem)
+    off = np.linalg.norm(grippers.mean(axis=1) @ follow.T + rest - true, axis=1)
+    assert off.max() < 0.008
+    assert off.mean() < np.linalg.norm(true, axis=1).mean() / 5
 
 
 def test_a_lack_of_force_is_told_in_newtons() -> None:
@@ -127,7 +144,8 @@ def test_a_lack_of_force_is_told_in_newtons() -> None:
     assert equilibrium.missing_force(problem.start_contacts, here, here) < 1e-3
     weak = StaticEquilibrium(problem, 1e-4)  # grippers that carry nothing: all the weight is lacking, and its moment
     middle = np.mean([problem.contacts[c].centre_w_m for c in problem.start_contacts], axis=0)
-    moment = np.cross(here - middle, problem.weight_N) / MOMENT_ARM_M
+    follow, rest = linear_centre(problem)
+    moment = np.cross(here + rest + follow @ (middle - here) - middle, problem.weight_N) / MOMENT_ARM_M
     expected = float(np.linalg.norm([*problem.weight_N, *moment]))
     assert weak.missing_force(problem.start_contacts, here, here) == pytest.approx(expected, rel=0.01)
 
@@ -222,7 +240,8 @@ def test_the_body_path_keeps_speed_reach_and_balance() -> None:
     assert (np.abs(offsets) <= problem.boxes.half_m + 1e-6).all()
     for k, grips in enumerate(path.wrenches):
         total = sum(equilibrium.maps[schedule.contacts[k][limb]] @ w[:4] for limb, w in grips.items())
-        np.testing.assert_allclose(total, equilibrium.right_side(path.positions[k]), atol=1e-3)
+        right = equilibrium.right_side(path.positions[k], schedule.poses[k, :, :3].mean(axis=0))
+        np.testing.assert_allclose(total, right, atol=1e-3)
 
 
 def test_a_horizon_that_is_too_short_says_how_long_it_must_be(robot: Robot) -> None:

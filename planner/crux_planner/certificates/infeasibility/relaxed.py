@@ -158,7 +158,10 @@ class RelaxedBalance:
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
-        self.centred = StaticEquilibrium(replace(problem, contacts=[g.contact for g in grips]), 1.0)
+        contacts = [g.contact for g in grips]
+        # of a point mass, so that its positions are the centre of mass's
+        point = replace(problem, contacts=contacts, limb_masses=(), body_moment_kg_m=np.zeros(3))
+        self.centred = StaticEquilibrium(point, 1.0)
         k = problem.patch.k_m
         self.directions, _ = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
