@@ -16,6 +16,7 @@ from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.mass import centres_of_mass
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, goal_contacts
 from crux_planner.solvers import clock
@@ -74,6 +75,31 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
     position = np.array([0.1 + 0.2 * x, 0.2 * y, 0.185 + 0.02 * z])
     if balanced(replace(proof.problem, contacts=moved), tuple(support), position, 1.0):
         assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.9, 1.3])
+def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balances(friction: float) -> None:
+    wall = two_rows(slope_deg=90.0)
+    wall["contact"].update(spine_shear_N=0, spine_twist_Nm=0)
+    for part in wall["holds"]:
+        part["friction"] = friction
+    read = scenario(wall)
+    proof, random = Proof(read, ROBOT, build_problem(read, ROBOT)), np.random.default_rng(0)
+    problem, grips = proof.problem, proof.grips
+    stance = tuple(proof.number[problem.goal.grasps[limb]] for limb in range(4))
+    contacts = [grips[g].contact for g in stance]
+    hands = np.array([[*c.centre_w_m, c.yaw_rad] for c in contacts])
+    point = replace(
+        problem, contacts=contacts, start_contacts=(0, 1, 2, 3), limb_masses=(), body_moment_kg_m=np.zeros(3)
+    )
+    for _ in range(10):
+        place = problem.goal.body.position_m + random.uniform(-0.01, 0.01, 3)
+        turned = random.uniform(-1, 1, 3) * [*2 * [problem.body.max_tilt_rad], problem.goal.tolerance_rad]
+        mass = centres_of_mass(problem, np.append(place, turned), hands)
+        held = balanced(point, (0, 1, 2, 3), mass, 1.0)
+        if held:
+            assert proof.equilibrium.missing_at_goal(stance, place, place + 1e-4) <= 0.0
+        assert held == (friction > 0.6)
 
 
 def proven(read: Scenario) -> InfeasibleError | None:
