@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from crux_planner.model.problem import CentroidalProblem, Problem
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
+_STRETCHED = 0.999  # of a limb's links end to end
 _GRID = 17  # points along each edge of a box
 _FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -35,7 +36,7 @@ def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vec
 
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
     """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
-    to_w, up, held = _in_body(poses, hands)
+    to_w, up, held = _in_body(problem, poses, hands)
     centre = np.stack(centre_in_body(problem, up, held), axis=-1)
     found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, centre)
     return found
@@ -45,7 +46,7 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) 
     """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
     at knots: every link a point mass with the second difference of its places, at rest at both ends.
     """
-    to_w, up, held = _in_body(poses, hands)
+    to_w, up, held = _in_body(problem, poses, hands)
     placed_limbs = (
         placed(limb, gripper, up, along) for limb, (gripper, along) in zip(problem.limb_masses, held, strict=True)
     )
@@ -64,13 +65,21 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) 
     return found
 
 
-def _in_body(poses: Array, hands: Array) -> tuple[Array, Vector, list[tuple[Vector, Vector]]]:
-    """The body's rotations, and in its frame the wall's normal and each gripper's centre and opening axis."""
+def _in_body(
+    problem: CentroidalProblem, poses: Array, hands: Array
+) -> tuple[Array, Vector, list[tuple[Vector, Vector]]]:
+    """The body's rotations, and in its frame the wall's normal and each gripper's centre and opening axis: no farther
+    than a stretched limb has it, since motions that programs begin with may ask for more.
+    """
     to_w = rotation_from_rpy(poses[..., 3:])
     to_b = to_w.swapaxes(-1, -2)
     places = np.einsum("...ij,...lj->l...i", to_b, hands[..., :3] - poses[..., None, :3])
     axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
     axes = np.einsum("...ij,...lj->l...i", to_b, axes)
+    for i, limb in enumerate(problem.limb_masses):
+        away = places[i] + limb.limb.wrist_to_gripper_m * to_b[..., 2] - limb.limb.shoulder_b_m
+        most = _STRETCHED * (limb.limb.upper_link_m + limb.limb.lower_link_m)
+        places[i] -= np.maximum(1.0 - most / np.linalg.norm(away.real, axis=-1, keepdims=True), 0.0) * away
     held = [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
     return to_w, _parts(to_b[..., 2]), held
 

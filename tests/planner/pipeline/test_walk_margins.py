@@ -47,6 +47,20 @@ def test_three_feet_keep_their_load_while_the_limbs_are_thrown() -> None:
     assert least == pytest.approx(0.11, abs=0.01)  # less what footholds near those assumed change
 
 
+def test_a_limb_asked_for_more_than_it_reaches_is_stretched() -> None:
+    """The centre of mass of motions that programs begin with: a number, and the same however far beyond reach."""
+    pose, yaws = np.array([[*PROBLEM.start.position_m, 0.0, 0.0, 0.0]]), np.zeros((1, 4))
+    shoulder = PROBLEM.limb_masses[0].limb.shoulder_b_m
+    places = []
+    for times in (3.0, 6.0):
+        feet = np.concatenate([PROBLEM.start_feet_w_m, np.zeros((4, 1))], axis=1)[None]
+        wrist = pose[0, :3] + shoulder + times * np.array([0.2, 0.3, -0.1])
+        feet[0, 0] = wrist - [0.0, 0.0, PROBLEM.limb_masses[0].limb.wrist_to_gripper_m + PROBLEM.pad_radius_m]
+        places.append(PROBLEM.centres_of_mass(pose, feet, yaws))
+    assert places[0] == pytest.approx(places[1])
+    assert np.isfinite(places[0]).all()
+
+
 def _report(time_s: float) -> CheckReport:
     return CheckReport(violations=[Violation("joint_speed", LIMB_NAMES[2], None, time_s, 1.0, "rad/s")])
 
