@@ -77,7 +77,7 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
         assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.9, 1.3])
+@pytest.mark.parametrize("friction", [0.1, 0.62, 1.3])
 def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balances(friction: float) -> None:
     wall = two_rows(slope_deg=90.0)
     wall["contact"].update(spine_shear_N=0, spine_twist_Nm=0)
