@@ -7,7 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from crux_planner.errors import InfeasibleError
-from crux_planner.model.arrays import Indices
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.limb import placed
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import (
@@ -19,7 +20,7 @@ from crux_planner.physics.bounds import (
     walk_bounds,
 )
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, body_cost, walk_cost
-from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet
+from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet, rotation
 from crux_planner.physics.limit_surface import SMOOTHING_N
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.ipopt import ONCE, Nlp, NlpSolution
@@ -81,8 +82,7 @@ def _rows(
     stance = knots.gait.stance[:n]
     sums = ca.DM.triplet(range(len(places)), places[:, 0].tolist(), ca.DM.ones(len(places)), len(places), n)
 
-    true_shares = _true_shares_function(problem)
-    hanging = holds @ ca.sparsify(ca.DM(problem.limbs_inertia(knots.gait.blend.sum(axis=1)).T))
+    true_shares = _true_shares_function()
     parts: list[tuple[Any, Any, Any]] = []
     totals = _wrench_function().map(len(places))(f, here) @ sums
     yaws = ca.DM(knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))[:n].T)
@@ -97,10 +97,11 @@ def _rows(
     for cut in problem.cuts:
         place = reach[3 * cut.limb : 3 * cut.limb + 3, :]
         parts.append((ca.DM(cut.normal_b).T @ place, -np.inf, cut.most))
+    pressed = _pressed(problem, x, feet, knots.gait.yaw(float(problem.goal.body.rpy_rad[2])))
     for k in np.flatnonzero(stance.sum(axis=1) == 3).tolist():
-        rows = np.flatnonzero(places[:, 0] == k).tolist()
-        shares = true_shares(f[2, rows], here[:2, rows], hanging[:, k], x[:, k], x[:, k + 1])
-        parts.append((shares, problem.profile.true_share, np.inf))
+        standing = here[:2, np.flatnonzero(places[:, 0] == k).tolist()]
+        for ahead in (0, 1):
+            parts.append((true_shares(standing, pressed[:, k + ahead]), problem.profile.true_share, np.inf))
     parts += _step_lengths(problem, knots, holds)
     of_limb = [feet[0, limb::4] for limb in range(4)]
     for front, rear in ((0, 2), (1, 3)):
@@ -160,17 +161,35 @@ def _cone_function(problem: WalkProblem) -> ca.Function:
     return ca.Function("cone", [f], [problem.friction * f[2] - demand])
 
 
-def _true_shares_function(problem: WalkProblem) -> ca.Function:
-    """Shares of the weight on three feet in stance as the limbs' mass accelerates over a body that does, too."""
-    loads, standing = ca.SX.sym("loads", 1, 3), ca.SX.sym("standing", 2, 3)
-    feet, x, after = ca.SX.sym("feet", 2), ca.SX.sym("x", BODY_STATES), ca.SX.sym("after", BODY_STATES)
-    body = -problem.pendulum_s2 / problem.dt_s * (after[6:8] - x[6:8])
-    pulled = problem.limbs_share * (feet - 4 * body)
-    point = standing @ loads.T / ca.sum2(loads) + pulled
+def _pressed(problem: WalkProblem, x: Any, feet: Any, yaws: Array) -> Any:
+    """Where (2, N + 1) the ground's force passes with no moment along it, every link a point mass."""
+    state, stand, turn = ca.SX.sym("x", BODY_STATES), ca.SX.sym("feet", 12), ca.SX.sym("yaws", 4)
+    to_b, hands = rotation(state[3:6]).T, on_feet(problem, stand, turn)
+    links = []
+    for limb, hand in zip(problem.limb_masses, hands, strict=True):
+        axis = to_b @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
+        gripper, up = to_b @ (hand[:3] - state[:3]), to_b[:, 2]
+        links += placed(limb, *((v[0], v[1], v[2]) for v in (gripper, up, axis))).links
+    of_body = problem.mass_kg - sum(mass for _, _, mass in links)
+    masses = ca.DM([[mass for _, _, mass in links] + [of_body]])
+    inside = [ca.vertcat(*place) for _, place, _ in links] + [ca.DM(problem.body_moment_kg_m / of_body)]
+    link_places = ca.Function("links", [state, stand, turn], [ca.vertcat(*(state[:3] + to_b.T @ v for v in inside))])
+    n = x.shape[1]
+    places = link_places.map(n)(x, ca.reshape(feet, 12, n), ca.DM(yaws.T))
+    inner = (places[:, 2:] - 2 * places[:, 1:-1] + places[:, :-2]) / problem.dt_s**2
+    still = ca.DM.zeros(places.shape[0], 1)
+    pull = ca.horzcat(still, inner, still) - ca.repmat(ca.DM(problem.gravity_w), len(inside), n)
+    (px, py, pz), (ax, ay, az) = ([each[i::3, :] for i in range(3)] for each in (places, pull))
+    return ca.vertcat(masses @ (px * az - pz * ax), masses @ (py * az - pz * ay)) / ca.repmat(masses @ az, 2, 1)
+
+
+def _true_shares_function() -> ca.Function:
+    """Shares of the weight on three feet in stance that press together at a point."""
+    standing, point = ca.SX.sym("standing", 2, 3), ca.SX.sym("point", 2)
     corners = [standing[:, i] - point for i in range(3)]
     areas = [_area(corners[(i + 1) % 3], corners[(i + 2) % 3]) for i in range(3)]
     shares = ca.vertcat(*areas) / (areas[0] + areas[1] + areas[2])
-    return ca.Function("true_shares", [loads, standing, feet, x, after], [shares])
+    return ca.Function("true_shares", [standing, point], [shares])
 
 
 def _area(a: Any, b: Any) -> Any:

@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 from crux_contracts.scenario import parse_scenario
 from crux_tools.benchmarks.figure6 import draw as draw_gaits
-from crux_tools.benchmarks.figure6 import gait_alone, lines, trot_wall
+from crux_tools.benchmarks.figure6 import gait_decided, lines, trot_wall
 from crux_tools.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
 
 
 def test_without_moments_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:
     scenario = parse_scenario(trot_wall(), "trot-wall")
-    trot = gait_alone(scenario, moments=False)
+    trot = gait_decided(scenario, moments=False)
     assert [set(pair.split("+")) for pair in trot.order] == [{"LF", "RR"}, {"RF", "LR"}]
     assert not trot.ok
     assert trot.tumbling_Nm > 1.0
-    single = gait_alone(scenario, moments=True)
+    single = gait_decided(scenario, moments=True)
     assert sorted(single.order) == ["LF", "LR", "RF", "RR"]
     assert single.most_away == 1
     assert single.tumbling_Nm < 0.05  # what (8b) linearised leaves; the exact NLP takes it away

@@ -10,13 +10,14 @@ from crux_contracts.robot import Robot
 from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import Vector, combined, placed
 
 if TYPE_CHECKING:
     from crux_planner.model.problem import CentroidalProblem, Problem
 
 _STEP = 1e-30  # of complex differentiation: exact to rounding
+_STRETCHED = 0.999  # of a limb's links end to end
 _GRID = 17  # points along each edge of a box
 _FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -35,16 +36,52 @@ def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vec
 
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
     """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
+    to_w, up, held = _in_body(problem, poses, hands)
+    centre = np.stack(centre_in_body(problem, up, held), axis=-1)
+    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, centre)
+    return found
+
+
+def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
+    """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
+    at knots: every link a point mass with the second difference of its places, at rest at both ends.
+    """
+    to_w, up, held = _in_body(problem, poses, hands)
+    placed_limbs = (
+        placed(limb, gripper, up, along) for limb, (gripper, along) in zip(problem.limb_masses, held, strict=True)
+    )
+    links = [(place, mass) for limb in placed_limbs for _, place, mass in limb.links]
+    of_body = problem.mass_kg - sum(mass for _, mass in links)
+    x, y, z = (np.full(len(poses), each) for each in problem.body_moment_kg_m / of_body)
+    links.append(((x, y, z), of_body))
+    masses = np.array([mass for _, mass in links])
+    places = poses[:, :3] + np.einsum(
+        "kij,ljk->lki", to_w, np.array([np.broadcast_arrays(*place) for place, _ in links])
+    )
+    pull = np.full_like(places, -problem.gravity_w)
+    pull[:, 1:-1] += np.diff(places, 2, axis=1) / problem.dt_s**2
+    moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
+    found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
+    return found
+
+
+def _in_body(
+    problem: CentroidalProblem, poses: Array, hands: Array
+) -> tuple[Array, Vector, list[tuple[Vector, Vector]]]:
+    """The body's rotations, and in its frame the wall's normal and each gripper's centre and opening axis: no farther
+    than a stretched limb has it, since motions that programs begin with may ask for more.
+    """
     to_w = rotation_from_rpy(poses[..., 3:])
     to_b = to_w.swapaxes(-1, -2)
     places = np.einsum("...ij,...lj->l...i", to_b, hands[..., :3] - poses[..., None, :3])
     axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
     axes = np.einsum("...ij,...lj->l...i", to_b, axes)
-    centre = centre_in_body(
-        problem, _parts(to_b[..., 2]), [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
-    )
-    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, np.stack(centre, axis=-1))
-    return found
+    for i, limb in enumerate(problem.limb_masses):
+        away = places[i] + limb.limb.wrist_to_gripper_m * to_b[..., 2] - limb.limb.shoulder_b_m
+        most = _STRETCHED * (limb.limb.upper_link_m + limb.limb.lower_link_m)
+        places[i] -= np.maximum(1.0 - most / np.linalg.norm(away.real, axis=-1, keepdims=True), 0.0) * away
+    held = [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
+    return to_w, _parts(to_b[..., 2]), held
 
 
 def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, Array]:
@@ -117,12 +154,31 @@ def turned_bounds(low: Array, high: Array, tilt_rad: float, yaw_rad: float) -> t
     """Bounds (3,), (3,) along W's axes of a vector within bounds along the body's, for any tilt and heading up to
     these.
     """
-    middle, half = (low + high) / 2, (high - low) / 2
-    tilt, turn = np.sin(tilt_rad), np.sin(min(yaw_rad, np.pi / 2))
-    reach = np.abs(middle) + half
-    half = half + tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach[[1, 0, 2]])
-    half[:2] += turn * reach[[1, 0]] + (1.0 - np.sqrt(1.0 - turn**2)) * reach[:2]
-    return middle - half, middle + half
+    return _yawed_bounds(*_tilted_bounds(low, high, tilt_rad), yaw_rad)
+
+
+def bounds_in_body(low: Array, high: Array, tilt_rad: float, yaw_rad: tuple[float, float]) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) along the body's axes of a vector within bounds along W's, for any tilt up to `tilt_rad` and
+    headings within `yaw_rad`.
+    """
+    back = rotation_z(-(yaw_rad[0] + yaw_rad[1]) / 2)
+    middle, half = back @ (low + high) / 2, np.abs(back) @ (high - low) / 2
+    return _tilted_bounds(*_yawed_bounds(middle - half, middle + half, (yaw_rad[1] - yaw_rad[0]) / 2), tilt_rad)
+
+
+def _tilted_bounds(low: Array, high: Array, tilt_rad: float) -> tuple[Array, Array]:
+    """Of a vector turned by roll and pitch of up to `tilt_rad`, either one first."""
+    reach, tilt = np.maximum(np.abs(low), np.abs(high)), np.sin(tilt_rad)
+    more = tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach.sum())
+    return low - more, high + more
+
+
+def _yawed_bounds(low: Array, high: Array, yaw_rad: float) -> tuple[Array, Array]:
+    """Of a vector turned about z by up to `yaw_rad` to either side."""
+    reach = np.maximum(np.abs(low), np.abs(high))
+    reach[2], flat = 0.0, np.array([*2 * [np.hypot(reach[0], reach[1])], np.inf])
+    more = np.sin(min(yaw_rad, np.pi / 2)) * reach[[1, 0, 2]] + (1.0 - np.cos(min(yaw_rad, np.pi))) * reach
+    return np.maximum(low - more, -flat), np.minimum(high + more, flat)
 
 
 def _parts(v: Any) -> Vector:

@@ -17,7 +17,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
-from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, composite_inertia
+from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, centres_of_pressure, composite_inertia
 from crux_planner.model.poses import body_and_ends, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
 from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box
@@ -33,7 +33,7 @@ class MarginProfile:
     """What a walk keeps clear of beyond (7) and (8): space for what the robot does not do as planned."""
 
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
-    true_share: float  # the same with the limbs' own mass where it is and as it accelerates, while three feet stand
+    true_share: float  # the same while three feet stand, for body and limbs as they accelerate at the knots
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
 
 
@@ -82,15 +82,20 @@ class WalkProblem(CentroidalProblem):
 
     def centres_of_mass(self, poses: Array, feet: Array, yaws: Array) -> Array:
         """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
-        above = feet + np.array([0.0, 0.0, self.pad_radius_m])
-        return centres_of_mass(self, poses, np.concatenate([above, yaws[..., None]], axis=2))
+        return centres_of_mass(self, poses, self._grippers(feet, yaws))
 
-    def limbs_inertia(self, places: Array) -> Array:
-        """What masses at places (N + 1, ...) at the knots do to the centre of pressure by their acceleration."""
-        ahead = np.zeros_like(places)
-        ahead[1:-1] = places[2:] - 2 * places[1:-1] + places[:-2]
-        moved: Array = -self.pendulum_s2 / self.dt_s**2 * ahead
-        return moved
+    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array) -> Array:
+        """Places (K, 2) for the same at all knots, as bodies and limbs accelerate there."""
+        return centres_of_pressure(self, poses, self._grippers(feet, yaws))
+
+    def _grippers(self, feet: Array, yaws: Array) -> Array:
+        return np.concatenate([feet + np.array([0.0, 0.0, self.pad_radius_m]), yaws[..., None]], axis=2)
+
+    def pressing(self, places: Array) -> Array:
+        """Where masses at places (N + 1, ...) at the knots press by their weight and acceleration, as pendulums."""
+        found = places.copy()
+        found[1:-1] -= self.pendulum_s2 / self.dt_s**2 * np.diff(places, 2, axis=0)
+        return found
 
 
 def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:

@@ -29,7 +29,6 @@ from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Rows
 
 _BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
-_MOVED_SHARE = 0.5  # of a foot's least load that is left when the body has moved on
 _FREE = 1e3  # a bound beyond what matters
 _ITERATIONS = 30  # gaits that need more have no solution
 _ACCURACY = dict.fromkeys(("eps_abs", "eps_rel", "eps_duality_gap_abs", "eps_duality_gap_rel"), 1e-4)
@@ -236,7 +235,7 @@ class FlatQp:
         feet: Array,
         at_h: int,
     ) -> None:
-        """Loads on three feet as the limbs' mass accelerates, and when the body has moved on to the next knot."""
+        """Loads on three feet here and at the next knot, as the mass accelerates then, the limbs' too."""
         problem, n = self.problem, self.problem.steps
         number = np.full((n, 4), -1)
         number[places] = np.arange(len(places[0]))
@@ -244,27 +243,26 @@ class FlatQp:
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
         shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
-        spread, inertia = problem.limbs_share * shift, problem.pendulum_s2 / problem.dt_s**2
-        together = problem.limbs_inertia(blend.sum(axis=1))[three]
-        seen, j = np.nonzero(together)
-        for corner in range(3):
-            row = 3 * np.arange(len(three)) + corner
-            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
-            for b in (0, 1):
-                rows.entries(row[seen], at_h + 2 * j + b, spread[seen, corner, b] * together[seen, j])
-                for ahead, share in enumerate((1.0, -2.0, 1.0)):
-                    value = 4 * share * inertia * spread[:, corner, b]
-                    rows.entries(row, 5 * np.minimum(three + ahead, n) + b, value)
-        known = np.einsum("kab,kb->ka", spread, problem.limbs_inertia(fixed.sum(axis=1))[three])
-        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
-        for corner in range(3):
-            row = 3 * np.arange(len(three)) + corner
-            rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
-            for b in (0, 1):
-                moved = (1.0 - 4 * problem.limbs_share) * shift[:, corner, b]
-                rows.entries(row, 5 * three + b, -moved)
-                rows.entries(row, 5 * three + 5 + b, moved)
-        rows.close(_MOVED_SHARE * problem.profile.least_share, np.inf, 3 * len(three))
+        body_share, press = 1.0 - 4 * problem.limbs_share, problem.pendulum_s2 / problem.dt_s**2
+        for ahead in (0, 1):
+            together, known = (
+                problem.limbs_share * (problem.pressing(places)[three + ahead] - places[three])
+                for places in (blend.sum(axis=1), fixed.sum(axis=1))
+            )
+            seen, j = np.nonzero(together)
+            body = [(three + ahead, body_share), (three, -body_share)]
+            for late, share in ((ahead, -body_share), (1, 1.0)):  # the body's acceleration then, and what loads have
+                body += [(np.minimum(three + late + i - 1, n), share * press * (1.0, -2.0, 1.0)[i]) for i in range(3)]
+            for corner in range(3):
+                row = 3 * np.arange(len(three)) + corner
+                rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
+                for b in (0, 1):
+                    along = shift[:, corner, b]
+                    rows.entries(row[seen], at_h + 2 * j + b, along[seen] * together[seen, j])
+                    for knot, share in body:
+                        rows.entries(row, 5 * knot + b, share * along)
+            most = np.einsum("kab,kb->ka", shift, known)
+            rows.close((problem.profile.true_share - most).ravel(), np.inf, 3 * len(three))
 
 
 def _matrix(rows: list[Indices], columns: list[Indices], values: list[Array], shape: tuple[int, int]) -> sp.csc_matrix:

@@ -2,7 +2,8 @@
 
 For a level body at a given place the torques of a limb are linear in its gripper's wrench. Where the wrenches found
 first ask too much of a motor, a QP with torque rows looks for others, and for a better place of the body beside. Which
-limb is on a contact follows from where it is: the limbs' acceptance boxes lie in a quadrant each.
+limb is on a contact follows from where it is: of two on one side of the body, the front limb is on the front one; one
+with its side to itself is a front limb's where it is ahead of the body.
 """
 
 from __future__ import annotations
@@ -100,9 +101,11 @@ class TorqueLimits(StaticEquilibrium):
     def _torques(self, support: tuple[int, ...], place: Array) -> list[tuple[Array, Array, Array]]:
         """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
         parts = []
-        for index in support:
-            contact = self.problem.contacts[index]
-            side = np.where(contact.centre_w_m[:2] >= place[:2], 1.0, -1.0)
+        contacts = [self.problem.contacts[index] for index in support]
+        away = np.array([contact.centre_w_m[:2] - place[:2] for contact in contacts])
+        for contact, at in zip(contacts, away, strict=True):
+            column = away[away[:, 1] * at[1] >= 0.0, 0]
+            side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
             limb = int(np.argmax((self._quadrant == side).all(axis=1)))
             rows, still = self._functions[limb](
                 place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w

@@ -99,7 +99,10 @@ def minimise(
         slacks = np.where(bounded, point.slacks, 1.0)
         stiffness = point.duals / slacks
         pull = np.where(bounded, barrier / slacks, 0.0) - stiffness * lacking
-        step = newton_step(stages, at, point, defects, stiffness.sum(axis=0), pull[0] - pull[1])
+        try:
+            step = newton_step(stages, at, point, defects, stiffness.sum(axis=0), pull[0] - pull[1])
+        except np.linalg.LinAlgError:  # the Hessian of a limb's column is singular: no step leads on
+            return Outcome(point, iteration, False, cost)
         body, columns, multipliers, change = step
         slack_step = np.where(bounded, np.stack([change, -change]) + lacking, 0.0)
         dual_step = np.where(bounded, pull - point.duals - stiffness * np.stack([change, -change]), 0.0)

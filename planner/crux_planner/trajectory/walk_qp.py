@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.gait import WalkMotion, nominal_footholds
-from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import (
@@ -68,6 +68,7 @@ class _Layout:
     reference: WalkMotion
     places: Indices  # (P, 2) knot and limb in stance
     feet: Array  # (N + 1, 4, 3) of the reference
+    centre: Array  # (N + 1, 3) of mass, of the reference
     fixed: Array  # (N + 1, 4, 2) what the start's footholds give of them
     blend: Array  # (N + 1, 4, S) times the steps' footholds gives the rest
     at_f: int
@@ -84,8 +85,10 @@ class _Layout:
         fixed = whole[:, :, :4] @ problem.start_feet_w_m
         height = problem.step_height_m * gait.height[..., None]
         feet = np.concatenate([whole @ reference.footholds, height], axis=2)
+        yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        centre = problem.centres_of_mass(reference.body[:, :6], feet, yaws)
         size = at_h + 2 * len(gait.steps)
-        return cls(reference, places, feet, fixed, whole[:, :, 4:], at_f, at_h, size)
+        return cls(reference, places, feet, centre, fixed, whole[:, :, 4:], at_f, at_h, size)
 
 
 class ContactQp:
@@ -153,9 +156,7 @@ class ContactQp:
         """(8) as matrix @ x = right, and the angular accelerations per newton of a foot (N, 4, 3, 3)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet, at_f, at_h = of.reference, of.feet, of.at_f, of.at_h
-        yaws = reference.gait.yaw(float(problem.goal.body.rpy_rad[2]))
-        centre = problem.centres_of_mass(reference.body[:n, :6], feet[:n], yaws[:n])
-        arms = feet[:n] - centre[:, None]
+        arms = feet[:n] - of.centre[:n, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
         turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
@@ -247,9 +248,7 @@ class ContactQp:
                 rows.close(-np.inf, cut.most - known @ cut.normal_b)
 
     def _three_feet(self, rows: Rows, of: _Layout, cone: Array) -> None:
-        """Loads on three feet as the limbs' mass accelerates; between the knots their cone, where they balance the body
-        here and at the next knot.
-        """
+        """Loads on three feet, and their cone, where they balance the body here and at the next knot."""
         problem, n, reference, gait = self.problem, self.problem.steps, of.reference, of.reference.gait
         number = np.full((n, 4), -1)
         number[of.places[:, 0], of.places[:, 1]] = np.arange(len(of.places))
@@ -257,37 +256,55 @@ class ContactQp:
         on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
         corners = np.concatenate([of.feet[three[:, None], on, :2], np.ones((len(three), 3, 1))], axis=2)
         spread = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
-        pull = problem.limbs_share * spread
         begin = 3 * np.arange(len(three))
         weight = reference.forces[three, :, 2].sum(axis=1)
-        for corner in range(3):
-            rows.entries(begin + corner, of.at_f + 3 * number[three, on[:, corner]] + 2, 1.0 / weight)
-        inertia = 4 * problem.pendulum_s2 / problem.dt_s * pull
-        rows.blocks(begin, 12 * three + 18, inertia)
-        rows.blocks(begin, 12 * three + 6, -inertia)
-        hanging = problem.limbs_inertia(of.blend.sum(axis=1))[three]
-        for j in range(len(gait.steps)):
-            rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), pull * hanging[:, j, None, None])
-        known = np.einsum("kab,kb->ka", pull, problem.limbs_inertia(of.fixed.sum(axis=1))[three])
-        rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
-        neutral = rotation_z(reference.body[:, 5])[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
-        together, standing = of.blend.sum(axis=1), of.fixed.sum(axis=1) - neutral
+        body_share, together = 1.0 - 4 * problem.limbs_share, of.blend.sum(axis=1)
         level = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, 2]
+        self._keep_loads(rows, of, three, spread, level)
+        centre = of.centre[:, :2] - body_share * reference.body[:, :2]
+        centre -= problem.limbs_share * (of.feet[..., :2] - of.fixed).sum(axis=1)  # what variables do not move of it
         for ahead in (0, 1):
             lean = problem.wall_friction * weight[:, None, None] * spread
-            height = problem.wall_friction * reference.body[three + ahead, 2, None, None] * spread
+            height = problem.wall_friction * of.centre[three + ahead, 2, None, None] * spread
             for corner in range(3):
                 place = number[three, on[:, corner]]
                 rows.blocks(begin + corner, of.at_f + 3 * place, cone[place, 0, None, :2])
                 rows.blocks(begin, of.at_f + 3 * place, height)
-            rows.blocks(begin, 12 * (three + ahead), -(1.0 - 4 * problem.limbs_share) * lean)
+            rows.blocks(begin, 12 * (three + ahead), -body_share * lean)
             followed = problem.limbs_share * lean
             for j in range(len(gait.steps)):
                 moved = -followed * together[three + ahead, j, None, None]
                 rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), moved)
             most = problem.wall_friction * weight[:, None] * level
-            most += np.einsum("kab,kb->ka", followed, standing[three + ahead])
+            most += np.einsum("kab,kb->ka", lean, centre[three + ahead])
             rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
+
+    def _keep_loads(self, rows: Rows, of: _Layout, three: Indices, spread: Array, level: Array) -> None:
+        """Shares of the weight on three feet at both ends of their intervals, as body and limbs accelerate there: exact
+        for the reference, and linear about it as if limbs' masses followed their feet.
+        """
+        problem, gait, begin = self.problem, of.reference.gait, 3 * np.arange(len(three))
+        body_share, follow = 1.0 - 4 * problem.limbs_share, problem.limbs_share
+        poses, ways = of.reference.body[:, :6], follow * of.blend.sum(axis=1)
+        yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
+        pressed = problem.centres_of_pressure(poses, of.feet, yaws)
+        still = pressed - problem.pressing(
+            body_share * poses[:, :2] + follow * (of.feet[..., :2] - of.fixed).sum(axis=1)
+        )
+        press, pushed = body_share * problem.pendulum_s2 / problem.dt_s * spread, problem.pressing(ways)
+        for at in (three, three + 1):
+            shares = np.zeros((len(three), 4))
+            shares[gait.stance[three]] = (np.einsum("kab,kb->ka", spread, pressed[at]) + level).ravel()
+            moved = np.einsum("ki,kij->kj", shares, of.blend[three])
+            rows.blocks(begin, 12 * at, body_share * spread)
+            rows.blocks(begin, 12 * at + 6, -press)
+            rows.blocks(begin, 12 * at - 6, press)
+            for j in range(len(gait.steps)):
+                along = (pushed[at, j] - moved[:, j])[:, None, None] * spread
+                rows.blocks(begin, np.full(len(three), of.at_h + 2 * j), along)
+            kept = np.einsum("ki,kia->ka", shares, of.feet[three, :, :2] - of.fixed[three])
+            known = np.einsum("kab,kb->ka", spread, still[at] + kept) + level
+            rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
 
     def _objective(self, of: _Layout, rho: float, target: Eta | None) -> tuple[sp.csc_matrix, Array, float]:
         """Hessian, gradient and constant of J's smooth terms and the consensus term."""

@@ -16,6 +16,7 @@ from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.mass import centres_of_mass
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import ReachableSet, goal_contacts
 from crux_planner.solvers import clock
@@ -74,6 +75,31 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
     position = np.array([0.1 + 0.2 * x, 0.2 * y, 0.185 + 0.02 * z])
     if balanced(replace(proof.problem, contacts=moved), tuple(support), position, 1.0):
         assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.62, 1.3])
+def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balances(friction: float) -> None:
+    wall = two_rows(slope_deg=90.0)
+    wall["contact"].update(spine_shear_N=0, spine_twist_Nm=0)
+    for part in wall["holds"]:
+        part["friction"] = friction
+    read = scenario(wall)
+    proof, random = Proof(read, ROBOT, build_problem(read, ROBOT)), np.random.default_rng(0)
+    problem, grips = proof.problem, proof.grips
+    stance = tuple(proof.number[problem.goal.grasps[limb]] for limb in range(4))
+    contacts = [grips[g].contact for g in stance]
+    hands = np.array([[*c.centre_w_m, c.yaw_rad] for c in contacts])
+    point = replace(
+        problem, contacts=contacts, start_contacts=(0, 1, 2, 3), limb_masses=(), body_moment_kg_m=np.zeros(3)
+    )
+    for _ in range(10):
+        place = problem.goal.body.position_m + random.uniform(-0.01, 0.01, 3)
+        turned = random.uniform(-1, 1, 3) * [*2 * [problem.body.max_tilt_rad], problem.goal.tolerance_rad]
+        mass = centres_of_mass(problem, np.append(place, turned), hands)
+        held = balanced(point, (0, 1, 2, 3), mass, 1.0)
+        if held:
+            assert proof.equilibrium.missing_at_goal(stance, place, place + 1e-4) <= 0.0
+        assert held == (friction > 0.6)
 
 
 def proven(read: Scenario) -> InfeasibleError | None:
@@ -150,9 +176,10 @@ def test_a_goal_at_the_start_of_few_steps_is_not_denied() -> None:
 
 
 def test_a_gap_between_the_holds_is_proven_by_search() -> None:
+    """Wider than from a stretched front limb to a stretched rear one on the other side."""
     wall = two_rows()
-    wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (0.86, 1.14) for y in (0.36, -0.36)]
-    wall["goal"] = {"body": {"position_m": [1.0, 0.0, 0.185]}}
+    wall["holds"] += [hold(f"top-{x}-{y}", x, y) for x in (1.86, 2.14) for y in (0.36, -0.36)]
+    wall["goal"] = {"body": {"position_m": [2.0, 0.0, 0.185]}}
     reason = proven(scenario(wall))
     assert reason is not None
     assert reason.proven
@@ -160,17 +187,19 @@ def test_a_gap_between_the_holds_is_proven_by_search() -> None:
 
 
 @pytest.mark.parametrize(("side", "limb"), [("left", "LF"), ("right", "RF")])
-def test_missing_rungs_are_named_where_only_a_tilted_body_reaches_the_goal(side: str, limb: str) -> None:
-    """Rungs 4 and 5 are gone: 3 is at 0.37 m, 6 at 0.88 m, and a level body's front gripper is 0.005..0.305 m ahead."""
-    wall = ladder(8)
-    wall["holds"] = [part for part in wall["holds"] if part["name"] not in (f"{side}-4", f"{side}-5")]
+def test_missing_rungs_are_named_where_a_level_body_does_not_reach_the_goal(side: str, limb: str) -> None:
+    """Rungs 4 to 8 are gone: 3 is at 0.37 m, 9 at 1.39 m, and a front gripper is from 0.22 m behind a body that heads
+    up to 0.49 m ahead of it, and 0.1 m farther of one that is turned.
+    """
+    wall = ladder(12)
+    wall["holds"] = [part for part in wall["holds"] if part["name"] not in {f"{side}-{rung}" for rung in range(4, 9)}]
     read = scenario(wall)
     proof = Proof(read, ROBOT, build_problem(read, ROBOT))
     assert proof.quick() is None
     reason = str(proof.instead_of(LevelGoalError("reach", "of a level body")))
     named = re.match(rf"no hold within reach of {limb} for a body between \[(0\.\d+), .*\] m and \[(0\.\d+), ", reason)
     assert named is not None
-    assert 0.365 < float(named[1]) <= float(named[2]) < 0.575
+    assert 0.37 + 0.22 < float(named[1]) < float(named[2]) < 1.39 - 0.49
     other = InfeasibleError("passage", "another reason")
     assert proof.instead_of(other) is other
 

@@ -75,6 +75,9 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
         grip = proof.grips[int(random.integers(len(proof.grips)))]
         off = random.uniform(-1, 1, 3)
         off[:2] = np.sign(off[:2]) if rim else off[:2]
+        along = (off * boxes.half_m) @ boxes.directions.T  # as far this way as the edges that slant let it
+        middle = boxes.centre_b_m[limb] @ boxes.directions.T - boxes.middle_m[limb]
+        off *= min(1.0, ((boxes.extent_m[limb] - np.sign(along) * middle) / np.maximum(np.abs(along), 1e-9)).min())
         centre = place + rotation @ (boxes.centre_b_m[limb] + off * boxes.half_m)
         centre -= random.uniform(-1, 1) * grip.aside_m * grip.contact.tangent
         height = (centre[2] - 0.005, centre[2] + 0.005)
@@ -82,7 +85,7 @@ def test_grasps_in_the_boxes_of_some_pose_at_the_goal_are_not_denied(
     assert GoalPoses(problem).lacking(grips) <= 0.0
 
 
-@pytest.mark.parametrize("seed", [204, 324])
+@pytest.mark.parametrize("seed", [241, 354])
 def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed: int) -> None:
     """Bounds of each limb alone let these pass; of many poses at the goal none has all four in reach."""
     read = parse_scenario(random_field(seed))
@@ -97,18 +100,17 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
         place, rotation = within_goal(problem, random)
         choice = []
         for limb in range(4):
+            wanted = problem.goal.grasps.get(limb)
             ends = [
                 i
-                for i, grip in enumerate(proof.grips)
-                if any(
-                    (
-                        np.abs(
-                            rotation.T @ (grip.contact.centre_w_m + side * grip.aside_m * grip.contact.tangent - place)
-                            - problem.boxes.centre_b_m[limb]
-                        )
-                        <= problem.boxes.half_m
-                    ).all()
-                    for side in np.linspace(-1, 1, 5)
+                for key, i in proof.number.items()
+                if wanted in (None, key)
+                and any(
+                    (problem.limb_reach.outer.beyond(limb, rotation.T @ (centre - place)) <= 0.0).all()
+                    for centre in (
+                        proof.grips[i].contact.centre_w_m + aside * proof.grips[i].contact.tangent
+                        for aside in np.linspace(-1, 1, 5) * proof.grips[i].aside_m
+                    )
                 )
             ]
             choice.append({proof.hold[i] for i in ends})

@@ -15,7 +15,7 @@ LIMITS = SwingLimits(2.0, 0.05, 0.25, 0.024, 0.01, 0.16)
 
 
 def contact(hold: int, x: float, y: float, yaw: float = 0.0) -> Contact:
-    return Contact(hold, 0, 0, yaw, np.array([x, y, 0.035]), 0.06, 2.2, 5.0, 0.05, 0.048)
+    return Contact(hold, 0, 0, yaw, np.array([x, y, 0.035]), 0.06, np.full(2, 2.2), np.zeros((2, 3)), 0.048)
 
 
 def wall(*extra: tuple[float, float, float]) -> Cuboids:

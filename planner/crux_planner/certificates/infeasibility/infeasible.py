@@ -79,21 +79,20 @@ class Proof:
         return None
 
     def goal_equilibrium(self, deadline: float) -> InfeasibleError | None:
-        """No stance at the goal in equilibrium; only the ones that may be remain in `goals`."""
-        goal, least = self.problem.goal.body.position_m, np.inf
+        """No stance at the goal in equilibrium, with all limbs or some in the air the knot before."""
+        goal, least, nearest = self.problem.goal.body.position_m, np.inf, self.goals[0]
         slack = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
-        held = []
-        for stance in self.goals:
+        borne = (held for stance in self.goals for held in itertools.product(*[(grip, AIR) for grip in stance]))
+        for held in dict.fromkeys(borne):
             if clock.now() > deadline:
                 return None
-            if self.equilibrium.possible(stance, goal - slack, goal + slack):
-                held.append(stance)
-                break
-            lacking = self.equilibrium.missing_force(stance, goal - slack, goal + slack)
+            if held.count(AIR) == len(held):
+                continue
+            lacking = self.equilibrium.missing_at_goal(held, goal - slack, goal + slack)
+            if lacking <= 0.0:
+                return None
             if lacking < least:
-                least, nearest = lacking, stance
-        if held:
-            return None
+                least, nearest = lacking, held
         text = f"no equilibrium at the goal, best on {self._text(nearest)}: short by {least:.1f} N"
         return InfeasibleError("equilibrium", text, proven=True)
 

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.mass import gripper_spans, offset_bounds
+from crux_planner.model.mass import bounds_in_body, gripper_spans, offset_bounds
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import skew, static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
@@ -167,14 +167,32 @@ class RelaxedBalance:
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
         yaw += _EULER_SHARE * problem.body.max_rate_rad_s * problem.steps * problem.dt_s / 2
-        self.offset = offset_bounds(
-            problem, gripper_spans(problem), yaw
-        )  # of the centre of mass from the body's origin
+        self.spans = gripper_spans(problem)
+        self.offset = offset_bounds(problem, self.spans, yaw)  # of the centre of mass from the body's origin
         self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
 
-    def possible(self, support: tuple[int, ...], low: Array, high: Array) -> bool:
-        """Whether balance may exist on the grips `support` for a body in [low, high]; False is a proof."""
-        return bool(support) and self.place(support, low, high) is not None
+    def missing_at_goal(self, stance: tuple[int, ...], low: Array, high: Array) -> float:
+        """`missing_force` of a body in [low, high] a knot before its goal, by those limbs that have a grip (-1: air).
+
+        What they hold says where their mass is.
+        """
+        problem, goal = self.problem, self.problem.goal
+        slack = _EULER_SHARE * (goal.tolerance_rad + problem.body.max_rate_rad_s * problem.dt_s) + 1e-3
+        yaw, tilt = float(goal.body.rpy_rad[2]), problem.body.max_tilt_rad + 1e-3
+        lowest, highest = problem.body.height_m
+        low = np.append(low[:2], max(low[2], lowest - TOLERANCE_M))
+        high = np.append(high[:2], min(high[2], highest + TOLERANCE_M))
+        lows, highs = self.spans[0].copy(), self.spans[1].copy()
+        for limb, g in enumerate(stance):
+            if g >= 0:
+                places = np.array(self._places(self.grips[g]))
+                first, last = places.min(axis=0) - high - TOLERANCE_M, places.max(axis=0) - low + TOLERANCE_M
+                near = bounds_in_body(first, last, tilt, (yaw - slack, yaw + slack))
+                lows[limb], highs[limb] = np.maximum(lows[limb], near[0]), np.minimum(highs[limb], near[1])
+        if (lows > highs).any():
+            return np.inf  # out of reach
+        offset = offset_bounds(problem, (lows, highs), abs(yaw) + slack)
+        return self._least_missing(tuple(g for g in stance if g >= 0), low + offset[0], high + offset[1])[0]
 
     def place(self, support: tuple[int, ...], low: Array, high: Array) -> Array | None:
         """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none.
