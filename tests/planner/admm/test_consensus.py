@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.mass import centres_of_mass
 from crux_planner.trajectory.consensus import Eta, Residuals, Scales, finger_positions
 from scenes import Scene, scene
 
@@ -68,7 +69,9 @@ def test_the_motion_block_keeps_the_dynamics(small: Scene, projected: tuple[Moti
     for k in range(problem.steps):
         now, then, dt = delta.body[k], delta.body[k + 1], problem.dt_s
         force = delta.forces[k].sum(axis=0)
-        arms = delta.fingers[k] - now[:3]
+        middles = (delta.fingers[k, 0::2] + delta.fingers[k, 1::2]) / 2
+        hands = np.column_stack([middles, delta.yaws[k]])
+        arms = delta.fingers[k] - centres_of_mass(problem, now[None, :6], hands[None])[0]
         moment = np.cross(arms, delta.forces[k]).sum(axis=0) + delta.moments[k].sum(axis=0)
         np.testing.assert_allclose(then[:3], now[:3] + dt * now[6:9], atol=1e-5)
         np.testing.assert_allclose(then[6:9], now[6:9] + dt * (force / problem.mass_kg + problem.gravity_w), atol=1e-5)
