@@ -35,8 +35,9 @@ WALLS: dict[str, dict[str, Any]] = {
     "one hold by its spines": {"slippery": "RF-high"},
     "unlike faces": {"faces": {"friction": UNLIKE}},
     "spines on the smooth face": {
+        "steps": 36,
         "faces": {"friction": SLIPPERY, "spines": {"+x": True, "-x": False}},
-        "contact": {"spine_shear_N": 22, "spine_twist_Nm": 0.5},
+        "contact": {"spine_shear_N": 30, "spine_twist_Nm": 0.5},
     },
 }
 
@@ -44,7 +45,7 @@ WALLS: dict[str, dict[str, Any]] = {
 @lru_cache
 def instance(name: str) -> tuple[Problem, Schedule, BodyPath]:
     options = WALLS[name]
-    wall = two_rows(slope_deg=options.get("slope_deg", 45.0), steps=32)
+    wall = two_rows(slope_deg=options.get("slope_deg", 45.0), steps=options.get("steps", 32))
     wall.update({key: options[key] for key in ("planner",) if key in options})
     if "slippery" in options:
         wall["contact"]["spine_shear_N"] = 30
