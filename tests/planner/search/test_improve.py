@@ -154,7 +154,7 @@ def test_limbs_stay_in_the_air_where_that_pays(robot: Robot, wall: Wall) -> None
 
 @pytest.fixture(scope="module")
 def route(robot: Robot) -> Wall:
-    oracles = Oracles.of(build_problem(scenario(ladder(8)), robot))
+    oracles = Oracles.of(build_problem(scenario(ladder(6)), robot))  # ten moves: longer routes end by WORK
     moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
     assert moves is not None
     return Wall(oracles.problem, moves, EventCost(oracles))
