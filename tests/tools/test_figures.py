@@ -20,7 +20,7 @@ def test_without_moments_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tm
     single = gait_decided(scenario, moments=True)
     assert sorted(single.order) == ["LF", "LR", "RF", "RR"]
     assert single.most_away == 1
-    assert single.tumbling_Nm < 0.05  # what (8b) linearised leaves; the exact NLP takes it away
+    assert single.tumbling_Nm < 0.6  # the block's centre of mass is affine: 6 mm off, 94 N; the exact NLP takes it away
     diagram = list(lines(trot))
     assert diagram[1].count("█") == diagram[4].count("█") > 0
     draw_gaits(tmp_path / "gaits.png", [trot, single], 2.0)

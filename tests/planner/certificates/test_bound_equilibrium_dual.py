@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -205,7 +206,8 @@ def test_no_prices_are_above_a_walk(problem: WalkProblem, twice: tuple[int, ...]
         slots[limb].append((k, k + 5))
         k += 6
     gait = Slots(tuple(tuple(own) for own in slots)).gait(problem.steps + 1)
-    walk = solve(problem, _near(problem, gait), np.inf)
+    light = replace(problem, profile=replace(problem.profile, least_share=0.0, true_share=0.0))  # any walk will do
+    walk = solve(light, _near(light, gait), np.inf)
     assert walk.solved
     pressure, n = CentreOfPressure(problem), problem.steps
     every = EquilibriumDual(pressure, Crawls(problem, BETWEEN))
