@@ -183,7 +183,7 @@ def test_more_friction_never_raises_it() -> None:
     problem = scene(20, goal_m=0.0).problem
     values = []
     for friction in (3.0, 2.2, 0.6):
-        rough = replace(problem, contacts=[replace(c, friction=friction) for c in problem.contacts])
+        rough = replace(problem, contacts=[replace(c, friction=np.full(2, friction)) for c in problem.contacts])
         values.append(lower_bound(rough, 3.0, 2.0))
     assert None not in values
     assert values[0] <= values[1] * 1.01 <= values[2] * 1.02  # type: ignore[operator]

@@ -144,9 +144,9 @@ def brute_force_finds_a_way(read: Scenario) -> bool:
             if all(b is not None and equilibrium.position(support, *b, b[0], on) is not None for on, b in ends):
                 seen.add(other)
                 queue.append(other)
-    ends, goal, slack = goal_contacts(problem, reach), problem.goal.body.position_m, problem.goal.position_slack_m
+    at_goal, goal, slack = goal_contacts(problem, reach), problem.goal.body.position_m, problem.goal.position_slack_m
     return any(
-        all(c in ends[limb] for limb, c in enumerate(stance))
+        all(c in at_goal[limb] for limb, c in enumerate(stance))
         and equilibrium.position(stance, goal - slack, goal + slack, goal) is not None
         for stance in seen
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -127,7 +128,7 @@ def test_centres_of_mass_from_gripper_poses_are_those_of_pinocchio(robot: Robot,
         hands.append([*(pose[:3] + turn @ place), yaw])
         for name, value in zip([*limb.joint_names, *limb.finger_joints], [*q, 0.03, 0.03], strict=True):
             full[free.joints[free.getJointId(name)].idx_q] = value
-    masses = SimpleNamespace(
+    masses: Any = SimpleNamespace(
         mass_kg=robot.total_mass_kg,
         limb_masses=[limb_masses(robot, limb) for limb in robot.limbs],
         body_moment_kg_m=body_moment(robot),

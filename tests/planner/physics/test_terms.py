@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -95,7 +96,7 @@ def test_a_step_of_the_body_obeys_newton_and_euler(seed: int) -> None:
     mass, gravity, dt = 9.6, np.array([-6.9, 0.0, -6.9]), 0.01
     root, centre = random.normal(size=(3, 3)), random.normal(size=3)
     inertia = root @ root.T + np.eye(3)
-    body = SimpleNamespace(mass_kg=mass, inertia_b=inertia, gravity_w=gravity, dt_s=dt)
+    body: Any = SimpleNamespace(mass_kg=mass, inertia_b=inertia, gravity_w=gravity, dt_s=dt)
     after = np.array(euler_step(ca.DM(x), ca.DM(force), ca.DM(moment), ca.DM(centre), body)).ravel()
     r, theta, v, omega = x[:3], x[3:6], x[6:9], x[9:]
     np.testing.assert_allclose(mass * (after[6:9] - v) / dt, force + mass * gravity, atol=1e-6)

@@ -154,7 +154,9 @@ def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[i
     share, found = problem.friction_share, []
     for k, knot in enumerate(wrenches):
         for limb, (s1, s2, m, *normal) in knot.items():
-            contact = problem.contacts[schedule.contacts[k][limb]]
+            held = schedule.contacts[k][limb]
+            assert held is not None
+            contact = problem.contacts[held]
             for finger in (0, 1):
                 shear, _, twist = share * contact.spines[finger]
                 friction = share * contact.friction[finger] * contact.may_press[finger]
