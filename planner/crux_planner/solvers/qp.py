@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from crux_planner.model.arrays import Array, Indices
 
 _REGULARISATION = 1e-8
+_FREE = 1e29  # no bound
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class Qp:
         self._solver = piqp.SparseSolver() if sp.issparse(cost) else piqp.DenseSolver()
         for name, value in {"verbose": False, **settings}.items():
             setattr(self._solver.settings, name, value)
-        self._solver.setup(cost, linear, *(equal or (None, None)), *(rows or (None, None, None)), low, high)
+        kept = _bounded(*rows) if rows is not None else (None, None, None)
+        self._solver.setup(cost, linear, *(equal or (None, None)), *kept, low, high)
 
     def solve(self, linear: Array | None = None) -> QpSolution:
         """The solution, with another linear term if one is given."""
@@ -50,6 +52,12 @@ class Qp:
             self._solver.update(c=linear)
         solved = self._solver.solve() == piqp.PIQP_SOLVED
         return QpSolution(np.array(self._solver.result.x), np.array(self._solver.result.y), solved)
+
+
+def _bounded(matrix: Any, least: Array | None, most: Array) -> tuple[Any, Array | None, Array]:
+    """The rows that ask for something: of others PIQP says on standard output that it leaves them out."""
+    asks = most < _FREE if least is None else (most < _FREE) | (least > -_FREE)
+    return (matrix, least, most) if asks.all() else (matrix[asks], None if least is None else least[asks], most[asks])
 
 
 class Entries:
