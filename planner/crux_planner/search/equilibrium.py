@@ -72,7 +72,7 @@ class StaticEquilibrium:
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
         self.queries += 1
-        support, grippers = tuple(sorted(support)), grippers or support
+        support, grippers = self.bearing(support), grippers or support
         key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._known:
             near = clipped(wanted, low, high)
@@ -81,6 +81,10 @@ class StaticEquilibrium:
             settled = inside and self._least_norm_fits(support, near, grippers)
             self._known[key] = near if settled else self._solve(support, low, high, wanted, grippers)
         return self._known[key]
+
+    def bearing(self, support: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of the contacts that are grasps, in order."""
+        return tuple(sorted(c for c in support if self.problem.contacts[c].bears))
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
         """(3,) of these contacts."""
@@ -118,6 +122,7 @@ class StaticEquilibrium:
 
         Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
         """
+        support, grippers = self.bearing(support), grippers or support
         n = 3 + WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
@@ -125,7 +130,7 @@ class StaticEquilibrium:
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
-        matrix, right = self._balance(support, grippers or support)
+        matrix, right = self._balance(support, grippers)
         weighted, target = about_middle @ matrix, about_middle @ right
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
         found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()

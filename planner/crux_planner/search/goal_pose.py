@@ -74,6 +74,7 @@ def _usable(problem: Problem, yaw: Array) -> Flags:
     low, high = problem.gripper_yaw_rad
     fingers = np.array([c.spines_only for c in problem.contacts])
     may = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
+    may &= np.array([c.bears for c in problem.contacts])
     for limb, wanted in problem.goal.grasps.items():
         may[limb] &= np.array([(c.hold, c.pair) == wanted for c in problem.contacts])
     turned = np.array([c.yaw_rad for c in problem.contacts]) - yaw[:, None]

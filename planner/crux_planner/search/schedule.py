@@ -74,6 +74,8 @@ def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: A
                 swing = swings.swing(current, move.after[limb])
                 assert swing is not None
                 poses[k:until, limb] = swing.poses(until - k)[:-1]
+                if not swing.start.bears:
+                    poses[k, limb, 4] = swing.start.open_m
                 current = move.after[limb]
             else:
                 _stand(problem, contacts, poses, limb, current, k, until)
@@ -100,6 +102,9 @@ def _stand(
 ) -> None:
     grasp = problem.contacts[contact]
     poses[first:end, limb] = [*grasp.centre_w_m, grasp.yaw_rad, grasp.separation_m / 2]
+    if not grasp.bears:
+        poses[1:end, limb, 4] = grasp.open_m  # its fingers open in the first interval
+        return
     for k in range(first, end):
         contacts[k][limb] = contact
 

@@ -98,6 +98,7 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
     for limb, usable in enumerate(problem.limb_contacts):
         wanted = problem.goal.grasps.get(limb)
         ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
+        ends = [c for c in ends if problem.contacts[c].bears]
         near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)
     return result
@@ -179,7 +180,8 @@ class _Tree:
     """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
 
     def __init__(self, oracles: Oracles, at_once: int, greed: float) -> None:
-        problem, swings = oracles.problem, oracles.swings
+        self._problem = problem = oracles.problem
+        swings = oracles.swings
         self.equilibrium, self.reach, self.swings = oracles.equilibrium, oracles.reachable, swings
         self.report = SearchReport()
         self._to_go, self._at_once, self._greed = costs_to_go(problem, self.reach, swings), at_once, greed
@@ -212,7 +214,10 @@ class _Tree:
         """Add what moves from a stance lead to."""
         if (bounds := self.reach.of(stance)) is None:
             return
+        free = set(self._problem.may_move(stance))
         for limbs in self._groups:
+            if not free.issuperset(limbs):
+                continue
             support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
             lift_off = self.equilibrium.position(support, *bounds, body, stance)
             if lift_off is None:

@@ -53,7 +53,7 @@ class TorqueLimits(StaticEquilibrium):
         grippers: tuple[int, ...] | None = None,
     ) -> Array | None:
         """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
-        support, grippers = tuple(sorted(support)), grippers or support
+        support, grippers = self.bearing(support), grippers or support
         key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
         if key not in self._strong:
             self._strong[key] = self._held(support, low, high, wanted, grippers)
