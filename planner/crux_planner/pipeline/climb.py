@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
@@ -20,11 +18,11 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
+from crux_planner.search.stances import ANY, Oracles, SearchReport, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
-QUICKEST = 10.0  # stances a second of the time limit are looked at for the quickest sequence of contacts
+QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
@@ -207,5 +205,5 @@ def _proven_gap(work: Work, cost: float) -> float | None:
 
 def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
     """The quickest moves if they are found with so much work, else any that are quick enough."""
-    greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
+    greed, most = (1.0, QUICKEST) if quick else (GREED, ANY)
     return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)

@@ -20,6 +20,7 @@ from crux_planner.swing.link_clearance import LinkClearance
 from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
+ANY = (np.inf, 0.0)  # stances, see `search`
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
@@ -146,16 +147,17 @@ def search(
     at_once: int,
     greed: float,
     deadline: float,
-    most: float = np.inf,
+    most: tuple[float, float] = ANY,
     known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
-    and after `most` stances.
+    and after so many stances: `most` on any way, and for each knot that it takes at least.
     """
     tree = _Tree(oracles, at_once, greed)
+    allowed = most[0] + most[1] * tree.estimate(oracles.problem.start_contacts)
     report = tree.report
     while tree.open and not report.timed_out:
         cost, stance, body = tree.next()
@@ -170,7 +172,7 @@ def search(
         if ahead < 1e-9 and _ends_well(oracles, stance):
             return tree.moves_to(stance), report
         report.expanded += 1
-        report.timed_out = report.expanded > most or clock.now() > deadline
+        report.timed_out = report.expanded > allowed or clock.now() > deadline
         tree.grow(cost, stance, body)
     return None, report
 
