@@ -109,9 +109,10 @@ class RelaxedReach:
         limbs = np.arange(4)
         possible = np.zeros(len(stances), dtype=bool)
         for i in range(len(self.goal.yaw_rad)):
-            low = np.maximum(self.goal.low[i, limbs, stances].max(axis=1), self._goal_low[i])
-            high = np.minimum(self.goal.high[i, limbs, stances].min(axis=1), self._goal_high[i])
-            possible |= (low <= high).all(axis=1)
+            rest = np.flatnonzero(~possible)
+            low = np.maximum(self.goal.low[i, limbs, stances[rest]].max(axis=1), self._goal_low[i])
+            high = np.minimum(self.goal.high[i, limbs, stances[rest]].min(axis=1), self._goal_high[i])
+            possible[rest] = (low <= high).all(axis=1)
         return possible
 
     def beyond_goal(self, limb: int) -> Array:
