@@ -17,9 +17,10 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array
 from crux_planner.model.mass import linear_centre
 from crux_planner.model.problem import Problem
-from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.dynamics import static_map
 from crux_planner.physics.limit_surface import finger_limits, grip_rows, polytope_directions
 from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import skews
 
 _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
@@ -96,7 +97,7 @@ class StaticEquilibrium:
 
     def weight(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
         """(6, 3) A and (6,) b: in balance, A @ r and the grippers' forces and moments about the origin sum to b."""
-        (moved, still), turn = self.centre(grippers, to_w), skew(self.problem.weight_N)
+        (moved, still), turn = self.centre(grippers, to_w), skews(self.problem.weight_N)
         return np.vstack([np.zeros((3, 3)), -turn @ moved]), np.append(-self.problem.weight_N, turn @ still)
 
     def right_side(self, position: Array, grippers: Array) -> Array:
@@ -123,7 +124,7 @@ class StaticEquilibrium:
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         low, high = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
-        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
         matrix, right = self._balance(support, grippers or support)
         weighted, target = about_middle @ matrix, about_middle @ right
