@@ -14,9 +14,9 @@ constexpr int kLeastHolds = 3;  // for one of them to be told from the others
 constexpr double kRelativeDamping = 1e-9;
 constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
 constexpr double kPlay = 0.5;
-constexpr double kDoubts = 2.0;    // deviations from where the others have it
-constexpr double kArm_m = 0.25;    // of a joint to its gripper, about: what was seen of play, as an angle
-constexpr int kSweeps = 30;        // over the joints, for their play
+constexpr double kDoubts = 2.0;  // deviations from where the others have it
+constexpr double kArm_m = 0.25;  // of a joint to its gripper, about: what was seen of play, as an angle
+constexpr int kSweeps = 30;      // over the joints, for their play
 
 }  // namespace
 
