@@ -70,6 +70,11 @@ class Contact:
         return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
 
     @property
+    def pose(self) -> Array:
+        """(5,) x, y, z, yaw and opening of a gripper that holds on."""
+        return np.array([*self.centre_w_m, self.yaw_rad, self.separation_m / 2])
+
+    @property
     def tangent(self) -> Array:
         """In the wall's plane, across the opening axis."""
         return np.array([-np.sin(self.yaw_rad), np.cos(self.yaw_rad), 0.0])

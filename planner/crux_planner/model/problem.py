@@ -153,6 +153,10 @@ class Problem(CentroidalProblem):
         """M g in W."""
         return self.mass_kg * self.gravity_w
 
+    def may_end(self, limb: int, contact: Contact) -> bool:
+        """Whether the goal lets a limb end on a contact: on any, where it names none."""
+        return self.goal.grasps.get(limb) in (None, (contact.hold, contact.pair))
+
     def aimed(self) -> Problem:
         """The same with the body's last pose near the middle of the goal's tolerance."""
         return replace(self, goal=replace(self.goal, aim_share=_AIM_SHARE))
