@@ -22,6 +22,7 @@ from crux_planner.model.contacts import (
     Contact,
     Grip,
     GripperShape,
+    SwingLimits,
     opening_for,
     pad_height,
     yaws_in_range,
@@ -29,7 +30,6 @@ from crux_planner.model.contacts import (
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
-from crux_planner.model.limits import SwingLimits
 from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights

@@ -15,10 +15,9 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.schedule import SpeedLimits
 
 if TYPE_CHECKING:
-    from crux_planner.model.contacts import Contact, GripperShape
+    from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
     from crux_planner.model.cuboids import Cuboids
     from crux_planner.model.limb import LimbMasses
-    from crux_planner.model.limits import SwingLimits
     from crux_planner.model.shapes import LimbShape
     from crux_planner.model.workspace import LimbReach, Reach
 

@@ -9,7 +9,7 @@ axis.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -34,6 +34,21 @@ def clipped(position: Array, low: Array, high: Array) -> Array:
     """The position moved into bounds (m,) as far as these are along x, y and z."""
     near: Array = np.clip(position, low[:3], high[:3])
     return near
+
+
+class Query(NamedTuple):
+    """A body position in [low, high] near `wanted` on the contacts `support`, its grippers on `grippers`."""
+
+    support: tuple[int, ...]
+    low: Array
+    high: Array
+    wanted: Array
+    grippers: tuple[int, ...]
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """The same for queries that are the same but for rounding."""
+        return self.support, self.grippers, np.round(np.concatenate(self[1:4]), 4).tobytes()
 
 
 class StaticEquilibrium:
@@ -72,15 +87,17 @@ class StaticEquilibrium:
         The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
+        return self._find(Query(tuple(sorted(support)), low, high, wanted, grippers or support))
+
+    def _find(self, query: Query) -> Array | None:
         self.queries += 1
-        support, grippers = tuple(sorted(support)), grippers or support
-        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
-        if key not in self._known:
-            near = clipped(wanted, low, high)
+        if (key := query.key) not in self._known:
+            low, high = query.low, query.high
+            near = clipped(query.wanted, low, high)
             along = self.problem.boxes.directions[3 : len(low)] @ near
             inside = (along >= low[3:]).all() and (along <= high[3:]).all()
-            settled = inside and self._least_norm_fits(support, near, grippers)
-            self._known[key] = near if settled else self._solve(support, low, high, wanted, grippers)
+            settled = inside and self._least_norm_fits(query.support, near, query.grippers)
+            self._known[key] = near if settled else self._solve(query)
         return self._known[key]
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
@@ -165,16 +182,9 @@ class StaticEquilibrium:
         low[4::WRENCH] = 0.0
         return rows, np.concatenate([b for _, b in parts]), low, high
 
-    def _solve(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...],
-        further: tuple[Array, Array] | None = None,
-    ) -> Array | None:
-        """A body position in balance near `wanted`; `further` are rows (A, b) on (position, wrenches), A x <= b."""
+    def _solve(self, query: Query, further: tuple[Array, Array] | None = None) -> Array | None:
+        """A body position in balance near that wanted; `further` are rows (A, b) on (position, wrenches), A x <= b."""
+        support, low, high, wanted, grippers = query
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.contacts import Contact, GripperShape
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.limits import SwingLimits
 
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
