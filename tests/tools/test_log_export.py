@@ -191,12 +191,11 @@ def test_markers_are_the_holds_and_the_forces(story_log: Path, messages: Decoded
                 np.testing.assert_array_equal(tail, log.limbs["gripper_position_w_m"][row, limb])
                 np.testing.assert_allclose((tip - tail) / 0.004, log.limbs[field][row, limb], atol=1e-9)
         shown = {m.ns for m in message.markers if m.type == 9 and m.action == 0}
-        for limb, name in enumerate(LIMBS):
+        for name in LIMBS:
             margin = messages[f"/{name}/margin"][row // 2][1].data
             assert (f"margin/{name}" in shown) == (not np.isnan(margin))
             text = next(m.text for m in message.markers if m.type == 9 and m.ns == f"margin/{name}")
             assert np.isnan(margin) or text == f"{margin:5.1f} N"
-            assert limb < len(LIMBS)
 
 
 def test_events_are_told_in_words(messages: Decoded) -> None:
