@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.gait import longest_step
 from crux_planner.model.limb import placed
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
@@ -15,7 +16,6 @@ from crux_planner.physics.bounds import (
     FEET_APART_M,
     foothold_bounds,
     least_load_N,
-    longest_steps,
     rate_steps,
     walk_bounds,
 )
@@ -113,7 +113,8 @@ def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tu
     """Mean speed of a foot over every interval of its steps, as one bound of each step's length."""
     rows = []
     last = list(range(4))
-    for i, (step, longest) in enumerate(zip(knots.gait.steps, longest_steps(problem, knots.gait), strict=True)):
+    for i, step in enumerate(knots.gait.steps):
+        longest = longest_step(problem, step)
         rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest**2))
         last[step.limb] = 4 + i
     return rows

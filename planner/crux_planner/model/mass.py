@@ -29,9 +29,9 @@ def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> A
     return found
 
 
-def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
+def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, dt_s: float) -> Array:
     """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
-    at knots: every link a point mass with the second difference of its places, at rest at both ends.
+    every `dt_s`: every link a point mass with the second difference of its places, at rest at both ends.
     """
     to_w, limbs = _limbs_in_body(problem, poses, hands)
     masses = np.concatenate([np.ravel(mass) for _, _, mass in limbs.links])
@@ -40,7 +40,7 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) 
     of_body = np.broadcast_to(problem.body_moment_kg_m / masses[-1], inside[:1].shape)
     places = poses[:, :3] + np.einsum("kij,lkj->lki", to_w, np.concatenate([inside, of_body]))
     pull = np.full_like(places, -problem.gravity_w)
-    pull[:, 1:-1] += np.diff(places, 2, axis=1) / problem.dt_s**2
+    pull[:, 1:-1] += np.diff(places, 2, axis=1) / dt_s**2
     moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
     found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
     return found

@@ -97,8 +97,3 @@ def static_map(centre: Array, normal: Array, tangent: Array) -> Array:
     moment = np.cross(centre, force, axisa=0, axisb=0, axisc=0)
     moment[:, 2] += 2 * normal
     return np.vstack([force, moment])
-
-
-def skew(v: Array) -> Array:
-    """Matrix of the cross product v x."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

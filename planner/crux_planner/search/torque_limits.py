@@ -19,7 +19,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.limb import JOINTS, NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
-from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium, clipped
+from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped
 from crux_planner.solvers.mapped import Mapped, mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
@@ -28,7 +28,7 @@ _MOVED_M = 0.005  # torques are taken as exact so near to where they were linear
 
 
 class TorqueLimits(StaticEquilibrium):
-    """Balance queries that count joint torques."""
+    """Balance queries answered by wrenches that no motor is too weak for."""
 
     def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
         """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
@@ -45,43 +45,26 @@ class TorqueLimits(StaticEquilibrium):
         other.gravity_w, other._strong = problem.gravity_w, {}
         return other
 
-    def position(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
-    ) -> Array | None:
-        """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
-        support, grippers = tuple(sorted(support)), grippers or support
-        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
-        if key not in self._strong:
-            self._strong[key] = self._held(support, low, high, wanted, grippers)
+    def by_friction(self, *query: Any) -> Array | None:
+        """As `position`, however strong the motors would have to be: much quicker."""
+        support, low, high, wanted, grippers = query
+        return super()._find(Query(tuple(sorted(support)), low, high, wanted, grippers))
+
+    def _find(self, query: Query) -> Array | None:
+        if (key := query.key) not in self._strong:
+            self._strong[key] = self._held(query)
         return self._strong[key]
 
-    def by_friction(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
-    ) -> Array | None:
-        """As `StaticEquilibrium.position`, however strong the motors would have to be: much quicker."""
-        return super().position(support, low, high, wanted, grippers)
-
-    def _held(
-        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...]
-    ) -> Array | None:
-        place = super().position(support, low, high, wanted, grippers)
+    def _held(self, query: Query) -> Array | None:
+        support, low, high, wanted, grippers = query
+        place = super()._find(query)
         if place is None or self._least_norm_is_light(support, place, grippers):
             return place
         between = self.mean_place(support)  # the weight is shared best there
         for start, near in ((place, wanted), ((low[:3] + high[:3]) / 2, wanted), (between, between)):
             place = clipped(start, low, high)
             for _ in range(_ROUNDS):
-                found = self._solve_within(support, low, high, (near, place), grippers)
+                found = self._solve_within(query._replace(wanted=near), place)
                 if found is None:
                     break
                 moved, place = float(np.abs(found - place).max()), found
@@ -113,23 +96,16 @@ class TorqueLimits(StaticEquilibrium):
             limits.append(self.limits_Nm[limb])
         return list(zip(*_torque_map()(np.array(given)), limits, strict=True))
 
-    def _solve_within(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted_about: tuple[Array, Array],
-        grippers: tuple[int, ...],
-    ) -> Array | None:
+    def _solve_within(self, query: Query, about: Array) -> Array | None:
         """A body position in balance near that wanted, with torques as they are at another."""
-        wanted, about = wanted_about
+        support = query.support
         rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
         right = np.zeros(len(rows))
         for i, (torques, still, limit) in enumerate(self._torques(support, about)):
             at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
             rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
             right[at] = np.concatenate([limit - still, limit + still])
-        return self._solve(support, low, high, wanted, grippers, (rows, right))
+        return self._solve(query, (rows, right))
 
 
 @cache
