@@ -11,7 +11,6 @@ from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
-from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
@@ -20,7 +19,7 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
+from crux_planner.search.stances import Oracles, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
@@ -123,7 +122,8 @@ def _plan_level(climb: Climb, quick: bool) -> PlanResult:
 
         def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
             with climb.work.part("contacts", 0.1):
-                moves, seen = _search(climb, at_once, quick)
+                greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
+                moves, seen = search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)
             if moves is not None:
                 return solve_and_check(climb, moves)
             failures.append(explain(climb, seen, at_once))
@@ -203,9 +203,3 @@ def _proven_gap(work: Work, cost: float) -> float | None:
         return None
     with work.part("bound", 0.95):
         return work.bound.gap(cost)
-
-
-def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
-    """The quickest moves if they are found with so much work, else any that are quick enough."""
-    greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
-    return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)
