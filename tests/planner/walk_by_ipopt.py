@@ -170,7 +170,7 @@ def _pressed(problem: WalkProblem, x: Any, feet: Any, yaws: Array) -> Any:
     for limb, hand in zip(problem.limb_masses, hands, strict=True):
         axis = to_b @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
         gripper, up = to_b @ (hand[:3] - state[:3]), to_b[:, 2]
-        links += placed(limb, *((v[0], v[1], v[2]) for v in (gripper, up, axis))).links
+        links += placed(limb.numbers, *((v[0], v[1], v[2]) for v in (gripper, up, axis))).links
     of_body = problem.mass_kg - sum(mass for _, _, mass in links)
     masses = ca.DM([[mass for _, _, mass in links] + [of_body]])
     inside = [ca.vertcat(*place) for _, place, _ in links] + [ca.DM(problem.body_moment_kg_m / of_body)]

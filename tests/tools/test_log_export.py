@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
+from crux_msgs.tables import SCHEMAS
 from crux_tools.cli import main
 from crux_tools.log import ros2
 from crux_tools.log.mcap_export import DERIVED
+from crux_tools.paths import ROOT
 from crux_tools.report.margins import measured_margin_n
 from crux_tools.sim.robot_model import build_model
 from crux_tools.telemetry import read_log
@@ -191,12 +193,11 @@ def test_markers_are_the_holds_and_the_forces(story_log: Path, messages: Decoded
                 np.testing.assert_array_equal(tail, log.limbs["gripper_position_w_m"][row, limb])
                 np.testing.assert_allclose((tip - tail) / 0.004, log.limbs[field][row, limb], atol=1e-9)
         shown = {m.ns for m in message.markers if m.type == 9 and m.action == 0}
-        for limb, name in enumerate(LIMBS):
+        for name in LIMBS:
             margin = messages[f"/{name}/margin"][row // 2][1].data
             assert (f"margin/{name}" in shown) == (not np.isnan(margin))
             text = next(m.text for m in message.markers if m.type == 9 and m.ns == f"margin/{name}")
             assert np.isnan(margin) or text == f"{margin:5.1f} N"
-            assert limb < len(LIMBS)
 
 
 def test_events_are_told_in_words(messages: Decoded) -> None:
@@ -267,3 +268,63 @@ def test_a_log_without_its_end_or_its_plan_is_exported_too(killed_log_path: Path
     out = tmp_path / "out.mcap"
     assert main(["log", "export", str(killed_log_path), "-o", str(out), "--foxglove"]) == 0
     assert len(_decoded(out)["/tf"]) > 10
+
+
+LAYOUTS = ROOT / "tools" / "layouts"
+
+
+def _curves(topic: str, message: Any) -> set[str]:
+    """What PlotJuggler calls the curves of a message: names joined by slashes, joints by their own names."""
+    if hasattr(message, "position") and hasattr(message, "name"):
+        return {f"{topic}/{name}/{part}" for name in message.name for part in ("position", "velocity", "effort")}
+
+    def below(name: str, value: Any) -> set[str]:
+        if hasattr(value, "__slots__"):
+            return {found for slot in value.__slots__ for found in below(f"{name}/{slot}", getattr(value, slot))}
+        if isinstance(value, list | tuple | np.ndarray):
+            return {found for i, each in enumerate(value) for found in below(f"{name}[{i}]", each)}
+        return {name} if isinstance(value, float | int) else set()
+
+    return below(topic, message)
+
+
+def test_every_curve_of_the_plotjuggler_layout_is_there(messages: Decoded) -> None:
+    curves = [curve.get("name", "") for curve in ET.parse(LAYOUTS / "crux.plotjuggler.xml").iter("curve")]
+    assert len(curves) > 80
+    wanted = {topic for topic in messages for curve in curves if curve.startswith(f"{topic}/")}
+    known = {name for topic in wanted for name in _curves(topic, messages[topic][0][1])}
+    known |= {f"/{limb}/bus_health/lost" for limb in LIMBS}  # the made-up log has no buses
+    assert set(curves) - known == set()
+
+
+def _along(message: Any, path: list[str]) -> Any:
+    for part in path:
+        name, _, index = part.partition("[")
+        message = getattr(message, name)
+        message = message[int(index.rstrip("]"))] if index else message
+    return message
+
+
+def test_every_path_of_the_foxglove_layout_is_there(messages: Decoded) -> None:
+    layout = json.loads((LAYOUTS / "crux.foxglove.json").read_text())
+    panels = layout["configById"]
+    paths = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    paths = [path for path in paths if path.startswith("/")]
+    assert len(paths) > 50
+    for path in paths:
+        topic, *fields = path.split(".")
+        if topic.endswith("bus_health"):
+            assert fields[0] in SCHEMAS["bus_health_t"][1]  # the made-up log has no buses
+        else:
+            assert isinstance(_along(messages[topic][0][1], fields), int | float), path
+    assert set(panels["3D!climb"]["topics"]) <= set(messages)
+    assert panels["RosOut!events"]["topicToRender"] in messages
+    assert panels["DiagnosticSummary!nodes"]["topicToRender"] in messages
+    assert panels["3D!climb"]["followTf"] in {t.child_frame_id for t in messages["/tf"][0][1].transforms}
+
+    def shown(part: Any) -> set[str]:
+        return {part} if isinstance(part, str) else shown(part["first"]) | shown(part["second"])
+
+    named = shown(layout["layout"])
+    named |= {name for tab in panels["Tab!questions"]["tabs"] for name in shown(tab["layout"])}
+    assert named == set(panels)

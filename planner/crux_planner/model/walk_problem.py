@@ -11,6 +11,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
+from scipy.interpolate import PchipInterpolator
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
@@ -35,6 +36,9 @@ class MarginProfile:
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
     true_share: float  # the same while three feet stand, for body and limbs as they accelerate at the knots
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
+    between_share: float = (
+        0.01  # as `true_share` between the knots, where motions are less smooth than from knot to knot
+    )
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,15 @@ class WalkProblem(CentroidalProblem):
         """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
         return centres_of_mass(self, poses, self._grippers(feet, yaws))
 
-    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array) -> Array:
-        """Places (K, 2) for the same at all knots, as bodies and limbs accelerate there."""
-        return centres_of_pressure(self, poses, self._grippers(feet, yaws))
+    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array, parts: int = 1) -> Array:
+        """Places (parts N + 1, 2) for the same at all knots, as bodies and limbs accelerate there and, with every
+        interval in `parts`, on the way between them that the plan is read as (msgs/PLAN.md).
+        """
+        hands, last = self._grippers(feet, yaws), len(poses) - 1
+        if parts > 1:
+            at = np.linspace(0.0, last, last * parts + 1)
+            poses, hands = (PchipInterpolator(np.arange(last + 1), each)(at) for each in (poses, hands))
+        return centres_of_pressure(self, poses, hands, self.dt_s / parts)
 
     def _grippers(self, feet: Array, yaws: Array) -> Array:
         return np.concatenate([feet + np.array([0.0, 0.0, self.pad_radius_m]), yaws[..., None]], axis=2)

@@ -9,16 +9,18 @@ with its side to itself is a front limb's where it is ahead of the body.
 from __future__ import annotations
 
 import copy
+from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.limb import JOINTS
+from crux_planner.model.limb import JOINTS, NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
 from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped
+from crux_planner.solvers.mapped import Mapped, mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
@@ -34,7 +36,6 @@ class TorqueLimits(StaticEquilibrium):
         self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
         self.gravity_w = problem.gravity_w
         self._quadrant = np.sign(problem.boxes.centre_b_m[:, :2])
-        self._functions = [_torque_map(problem, limb) for limb in range(len(problem.limb_masses))]
         self._strong: dict[tuple[Any, ...], Array | None] = {}
 
     def turned(self, problem: Problem) -> TorqueLimits:
@@ -83,18 +84,17 @@ class TorqueLimits(StaticEquilibrium):
 
     def _torques(self, support: tuple[int, ...], place: Array) -> list[tuple[Array, Array, Array]]:
         """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
-        parts = []
+        given, limits = [], []
         contacts = [self.problem.contacts[index] for index in support]
         away = np.array([contact.centre_w_m[:2] - place[:2] for contact in contacts])
         for contact, at in zip(contacts, away, strict=True):
             column = away[away[:, 1] * at[1] >= 0.0, 0]
             side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
             limb = int(np.argmax((self._quadrant == side).all(axis=1)))
-            rows, still = self._functions[limb](
-                place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w
-            )
-            parts.append((np.array(rows), np.array(still).ravel(), self.limits_Nm[limb]))
-        return parts
+            grip = (place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w)
+            given.append(np.concatenate([self.problem.limb_masses[limb].numbers, *grip]))
+            limits.append(self.limits_Nm[limb])
+        return list(zip(*_torque_map()(np.array(given)), limits, strict=True))
 
     def _solve_within(self, query: Query, about: Array) -> Array | None:
         """A body position in balance near that wanted, with torques as they are at another."""
@@ -108,14 +108,16 @@ class TorqueLimits(StaticEquilibrium):
         return self._solve(query, (rows, right))
 
 
-def _torque_map(problem: Problem, limb: int) -> ca.Function:
-    """(place, centre, axis, tangent, gravity) -> A (6, 4), b (6,) of the torques A @ (s1, s2, m, F) + b, level body."""
-    names = ("place", "centre", "axis", "tangent", "gravity")
-    place, centre, axis, tangent, gravity = (ca.SX.sym(name, 3) for name in names)
-    w = ca.SX.sym("w", 4)
+@cache
+def _torque_map() -> Mapped:
+    """(numbers of a limb, place, centre, axis, tangent, gravity) in one -> A (6, 4), b (6,) of the torques
+    A @ (s1, s2, m, F) + b, level body.
+    """
+    given, w = ca.SX.sym("given", NUMBERS + 15), ca.SX.sym("w", 4)
+    ends = [0, *range(NUMBERS, NUMBERS + 18, 3)]
+    numbers, place, centre, axis, tangent, gravity = ca.vertsplit(given, ends)
     force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
-    torques = joint_torques(
-        problem.limb_masses[limb], place, ca.DM.zeros(3), centre, axis, force, 2 * w[2] * axis, gravity
-    )
+    pose = ca.vertcat(place, ca.DM.zeros(3))
+    torques = joint_torques()(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
     still = ca.substitute(torques, w, ca.DM.zeros(4))
-    return ca.Function(f"torque_map_{limb}", [place, centre, axis, tangent, gravity], [ca.jacobian(torques, w), still])
+    return mapped("torque_map", [given], [ca.jacobian(torques, w), still])

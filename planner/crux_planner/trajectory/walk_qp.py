@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 _SIDES = 8  # of the polygon about the cone, one of them where the force points
 _CONE_RESERVE_N = 0.02
+_PARTS = 4  # of an interval, at whose ends feet are looked at
 
 
 @dataclass(frozen=True)
@@ -242,21 +243,23 @@ class ContactQp:
             rows.close(-np.inf, most.ravel() - _CONE_RESERVE_N)
 
     def _keep_loads(self, qp: CentroidalQp, of: _About, three: Indices, spread: Array, level: Array) -> None:
-        """Shares of the weight on three feet at both ends of their intervals, as body and limbs accelerate there: exact
-        for the reference, and linear about it as if limbs' masses followed their feet.
+        """Shares of the weight on three feet at both ends of their intervals and between, as body and limbs accelerate
+        there: exact for the reference, and linear about it as if limbs' masses followed their feet.
         """
         problem, gait, begin, rows = self.problem, of.reference.gait, 3 * np.arange(len(three)), qp.rows
         body_share, follow = 1.0 - 4 * problem.limbs_share, problem.limbs_share
         poses, ways = of.reference.body[:, :6], follow * of.blend.sum(axis=1)
         yaws = gait.yaw(float(problem.goal.body.rpy_rad[2]))
-        pressed = problem.centres_of_pressure(poses, of.feet, yaws)
-        still = pressed - problem.pressing(
-            body_share * poses[:, :2] + follow * (of.feet[..., :2] - of.fixed).sum(axis=1)
-        )
+        pressed, between = (problem.centres_of_pressure(poses, of.feet, yaws, parts) for parts in (1, _PARTS))
+        followed = problem.pressing(body_share * poses[:, :2] + follow * (of.feet[..., :2] - of.fixed).sum(axis=1))
+        near = _PARTS * three[:, None] + np.arange(_PARTS // 2 + 1)  # samples of the half interval next to a knot
         press, pushed = body_share * problem.pendulum_s2 / problem.dt_s * spread, problem.pressing(ways)
-        for at in (three, three + 1):
+        for ahead, at in enumerate((three, three + 1)):
+            here = np.einsum("kab,kb->ka", spread, pressed[at]) + level
+            least = np.einsum("kab,ksb->ksa", spread, between[near + ahead * _PARTS // 2]).min(axis=1) + level
+            least = np.minimum(here, least + problem.profile.true_share - problem.profile.between_share)
             shares = np.zeros((len(three), 4))
-            shares[gait.stance[three]] = (np.einsum("kab,kb->ka", spread, pressed[at]) + level).ravel()
+            shares[gait.stance[three]] = here.ravel()
             moved = np.einsum("ki,kij->kj", shares, of.blend[three])
             rows.blocks(begin, 12 * at, body_share * spread)
             rows.blocks(begin, 12 * at + 6, -press)
@@ -265,7 +268,7 @@ class ContactQp:
                 along = (pushed[at, j] - moved[:, j])[:, None, None] * spread
                 rows.blocks(begin, np.full(len(three), qp.at_h + 2 * j), along)
             kept = np.einsum("ki,kia->ka", shares, of.feet[three, :, :2] - of.fixed[three])
-            known = np.einsum("kab,kb->ka", spread, still[at] + kept) + level
+            known = least + np.einsum("kab,kb->ka", spread, kept - followed[at])
             rows.close((problem.profile.true_share - known).ravel(), np.inf, 3 * len(three))
 
     def _add_cost(self, qp: CentroidalQp, of: _About, rho: float, target: Eta | None) -> None:

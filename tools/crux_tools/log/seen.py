@@ -41,7 +41,8 @@ def contact_frame(limb: str) -> str:
 class Event:
     """Something that happened, in words; `level` as in rcl_interfaces/Log."""
 
-    time_ns: int
+    log_ns: int
+    time_ns: int  # by the clock
     level: int
     text: str
 
@@ -63,6 +64,12 @@ class Seen:
     joint_state: np.ndarray  # (n, len(joints), 3): position, velocity, effort
     margin_n: np.ndarray  # (n, 4) the least of a limb's two fingers since the moment before; NaN: not in full stance
     events: list[Event]
+
+    def limb_of_joint(self, joint: int) -> str:
+        """The name of the limb that joint number `joint` of `joints` moves."""
+        arm = sum(len(limb.joint_names) for limb in self.robot.limbs)
+        per_limb, at = (arm, joint) if joint < arm else (len(self.joints) - arm, joint - arm)
+        return LIMB_NAMES[at * len(LIMB_NAMES) // per_limb]
 
     def block(self, first: int, end: int) -> Seen:
         """Some of the moments."""
@@ -151,27 +158,27 @@ def _margins(log: Telemetry, robot: Robot, rows: np.ndarray) -> np.ndarray:
 
 def _events(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:
     """Faults, changes of state, waits, commands and answers, in the order of time."""
-    found = []
+    found: list[tuple[int, int, str]] = []
     times_ns = np.round(log.time_s * NS).astype(np.int64)
+    for topic, words in (("/command", _command_words), ("/acknowledgement", _answer_words)):
+        times = channels.times_ns.get(topic, np.empty(0))
+        for time_ns, message in zip(times, channels.messages.get(topic, []), strict=True):
+            found.append((int(time_ns), *words(message)))
     for fault in summarise(log).faults:
-        found.append(Event(round(fault.time_s * NS), ERROR, "fault " + fault_line(fault).partition(": ")[2]))
+        found.append((round(fault.time_s * NS), ERROR, "fault " + fault_line(fault).partition(": ")[2]))
     state = log.state["supervisor_state"].astype(int)
     for first, _ in runs(state)[1:]:
         before, now = (name_of(STATE_NAMES, int(state[row])) for row in (first - 1, first))
-        found.append(Event(int(times_ns[first]), WARN if now == "FAULT" else INFO, f"{before} → {now}"))
+        found.append((int(times_ns[first]), WARN if now == "FAULT" else INFO, f"{before} → {now}"))
     limb, reason = log.state["waiting_limb"].astype(int), log.state["waiting_for"].astype(int)
     for first, _ in runs((limb + 1) * len(WAIT_NAMES) + reason):
         if reason[first] > 0:
             who = name_of(LIMB_NAMES, int(limb[first])) if limb[first] >= 0 else "all limbs"
             what = f"the plan's clock waits for {who} to {name_of(WAIT_NAMES, int(reason[first]))}"
-            found.append(Event(int(times_ns[first]), INFO, what))
-    for topic, words in (("/command", _command_words), ("/acknowledgement", _answer_words)):
-        times = channels.times_ns.get(topic, np.empty(0))
-        for time_ns, message in zip(times, channels.messages.get(topic, []), strict=True):
-            found.append(Event(int(time_ns), *words(message)))
-    found.sort(key=lambda event: event.time_ns)
-    told_ns = clock(np.array([event.time_ns for event in found], dtype=np.int64))
-    return [replace(event, time_ns=int(time_ns)) for event, time_ns in zip(found, told_ns, strict=True)]
+            found.append((int(times_ns[first]), INFO, what))
+    found.sort(key=lambda told: told[0])
+    by_clock = clock(np.array([log_ns for log_ns, *_ in found], dtype=np.int64)).tolist()
+    return [Event(log_ns, time_ns, level, text) for (log_ns, level, text), time_ns in zip(found, by_clock, strict=True)]
 
 
 def _command_words(command: Any) -> tuple[int, str]:
