@@ -183,7 +183,8 @@ def _candidate_ways(
 
     def badness(corners: list[Array]) -> float:
         aside = 0.0 if body_line is None or not corners else max(_beside(corner, body_line) for corner in corners)
-        return _length([a, *corners, b]) + _BODY_SIDE * aside
+        legs = np.diff(np.array([a, *corners, b]), axis=0)
+        return float(np.linalg.norm(legs, axis=1).sum()) + _BODY_SIDE * aside
 
     return sorted(swings, key=badness)
 
@@ -221,7 +222,3 @@ def _beside(point: Array, line: Array) -> float:
     along = line[1] - line[0]
     share = np.clip((point - line[0]) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
     return float(np.linalg.norm(point - line[0] - share * along))
-
-
-def _length(points: list[Array]) -> float:
-    return float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())
