@@ -12,7 +12,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
-from crux_planner.model.schedule import Move, Stance
+from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.physics.reach import body_positions, spread, turned
 from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
@@ -96,8 +96,7 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
     low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
-        wanted = problem.goal.grasps.get(limb)
-        ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
+        ends = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
         near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)
     return result
@@ -227,7 +226,7 @@ class _Tree:
     ) -> None:
         reach, swings = self.reach, self.swings
         for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
-            after = _after(stance, limbs, ends)
+            after = stance_after(stance, limbs, ends)
             moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
             landing = reach.of(after)
             if landing is None or self.estimate(after) >= UNREACHABLE or not swings.free(moves, support):
@@ -245,13 +244,6 @@ class _Tree:
     def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
         ahead = cost + greed * self.estimate(stance)
         heapq.heappush(self.open, (ahead, next(self._counter), cost, stance, body))
-
-
-def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
-    changed = list(stance)
-    for limb, end in zip(limbs, ends, strict=True):
-        changed[limb] = end
-    return (changed[0], changed[1], changed[2], changed[3])
 
 
 def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:

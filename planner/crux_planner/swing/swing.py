@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.contacts import Contact, GripperShape
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.limits import SwingLimits
 
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
@@ -49,7 +48,7 @@ class Swing:
         for _ in range(intervals - self.intervals):  # spare time goes to the leg with the longest steps
             steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
             legs[int(np.argmax(steps))] += 1
-        first, last = _closed(self.start), _closed(self.end)
+        first, last = self.start.pose, self.end.pose
         swings = [_line(_open(self.start), self.stations[0], self.rise)]
         swings += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
         swings += [_line(self.stations[-1], _open(self.end), self.fall)]
@@ -209,12 +208,8 @@ def _dense(way: Array) -> Array:
     return np.vstack(pieces)
 
 
-def _closed(contact: Contact) -> Array:
-    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.separation_m / 2])
-
-
 def _open(contact: Contact) -> Array:
-    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.open_m])
+    return np.append(contact.pose[:4], contact.open_m)
 
 
 def _line(a: Array, b: Array, intervals: int) -> Array:
