@@ -124,6 +124,7 @@ class Story:
     dropped: int = 0
     slack: tuple[int, int, float] | None = None  # (cycle, limb, newtons): a squeeze that is so small for one cycle
     joint_torque_nm: tuple[float, ...] = (0.0,) * 24
+    silent: tuple[int, int] | None = None  # (cycle, joint): one that did not answer
     metadata: dict[str, str] = field(default_factory=dict)  # what the runtime says of itself besides
     whole_file: bool = False  # has a summary without an orderly end, as after each of the runtime's flushes
 
@@ -191,13 +192,14 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
     squeeze = [GRASP_FORCE_N] * 4
     if story.slack is not None and cycle == story.slack[0]:
         squeeze[story.slack[1]] = story.slack[2]
+    fresh = [int((cycle, joint) != story.silent) for joint in range(24)]
     body = np.array([0.05 * time / ((N_KNOTS - 1) * DT_S), 0.0, 0.185])
     put("/robot_state", cycle, cycle=cycle, time_s=cycle * CYCLE_S, supervisor_state=state, plan_complete=int(done),
         waiting_for=2 if waiting else 0, waiting_limb=0 if waiting else -1, fault_code=0, missed_cycles=cycle // 100,
         plan_time_s=time, plan_end_s=plan_cycles * CYCLE_S, body_position_w_m=(body + story.body_error_m).tolist(),
         body_quaternion_w=[1.0, 0, 0, 0], body_reference_position_w_m=body.tolist(),
         body_reference_quaternion_w=[1.0, 0, 0, 0], centre_of_mass_w_m=body.tolist())  # fmt: skip
-    put("/control_input", cycle, cycle=cycle, dt_s=CYCLE_S, operator_command=0, joint_fresh=[1] * 24,
+    put("/control_input", cycle, cycle=cycle, dt_s=CYCLE_S, operator_command=0, joint_fresh=fresh,
         joint_state=[2] * 24, joint_faults=[0] * 24, joint_position_rad=[0.5] * 24, joint_velocity_rad_s=[0.0] * 24,
         joint_torque_nm=list(story.joint_torque_nm), gripper_fresh=[1] * 4, gripper_state=[2] * 4,
         gripper_faults=[0] * 4, finger_opening_m=[0.03] * 4, finger_speed_m_s=[0.0] * 4, finger_force_n=squeeze,

@@ -50,6 +50,7 @@ COMMANDS: dict[str, Command] = {
     "guide": Command("plan again where the robot holds, and go on", "crux_tools.guide.command"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan, a climb or a campaign", "crux_tools.report.command"),
+    "log": Command("logs: for other tools, listed, cut, merged, recovered, played", "crux_tools.log.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
     "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
 }

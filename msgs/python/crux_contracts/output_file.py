@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -57,10 +58,12 @@ def _look_at(where: str, path: Path, inputs: list[Path]) -> None:
     _make_and_try(path.resolve().parent)
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """A broken write leaves an older file as it was; through a symbolic link the file behind it is written.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A file beside `path` for the time of a with-block, in place of `path` where that ends without an exception.
 
-    Raises OutputError where `path` is no file, OSError where it cannot be written.
+    Through a symbolic link the file behind it is written. Raises OutputError where `path` is no file, OSError where it
+    cannot be written.
     """
     target = path.resolve()
     if target.exists() and not target.is_file():
@@ -68,12 +71,18 @@ def write_whole(path: Path, data: bytes) -> None:
     with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name[:100]}.", delete=False) as file:
         scratch = Path(file.name)
     try:
-        scratch.write_bytes(data)
+        yield scratch
         scratch.chmod(0o666 & ~_umask())
         scratch.replace(target)
     except BaseException:
         scratch.unlink(missing_ok=True)
         raise
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """A broken write leaves an older file as it was. Raises as `whole_file` does."""
+    with whole_file(path) as scratch:
+        scratch.write_bytes(data)
 
 
 def _umask() -> int:

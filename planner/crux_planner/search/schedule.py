@@ -101,7 +101,7 @@ def _stand(
     problem: Problem, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
 ) -> None:
     grasp = problem.contacts[contact]
-    poses[first:end, limb] = [*grasp.centre_w_m, grasp.yaw_rad, grasp.separation_m / 2]
+    poses[first:end, limb] = grasp.pose
     if not grasp.bears:
         poses[1:end, limb, 4] = grasp.open_m  # its fingers open in the first interval
         return

@@ -77,6 +77,7 @@ class Payloads:
     payloads: dict[str, list[bytes]]
     times_ns: dict[str, list[int]]
     definitions: dict[str, str]
+    types: dict[str, str]
     metadata: dict[str, str]
     attachments: dict[str, bytes]
 
@@ -231,12 +232,23 @@ def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
 
 def read_payloads(path: Path, topics: set[str]) -> Payloads:
     """The messages of some topics, not decoded. Raises LogError as `read_channels` does."""
-    raw = _opened(path, topics)
+    return _payloads(_opened(path, topics), topics)
+
+
+def read_both(path: Path) -> tuple[Channels, Payloads]:
+    """All channels, decoded and not. Raises LogError as `read_channels` does."""
+    raw = _opened(path, None)
+    return _decode(raw, path), _payloads(raw, {channel.topic for channel in raw.channels.values()})
+
+
+def _payloads(raw: _Raw, topics: set[str]) -> Payloads:
     names = {number: channel.topic for number, channel in raw.channels.items() if channel.topic in topics}
-    definitions = {name: raw.schemas[raw.channels[number].schema_id].data.decode() for number, name in names.items()}
+    schemas = {name: raw.schemas[raw.channels[number].schema_id] for number, name in names.items()}
+    definitions = {name: schema.data.decode() for name, schema in schemas.items()}
+    types = {name: schema.name for name, schema in schemas.items()}
     payloads = {name: raw.payloads[number] for number, name in names.items()}
     times_ns = {name: raw.times_ns[number] for number, name in names.items()}
-    return Payloads(payloads, times_ns, definitions, raw.metadata, raw.attachments)
+    return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments)
 
 
 def _opened(path: Path, topics: set[str] | None) -> _Raw:

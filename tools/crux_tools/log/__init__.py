@@ -1,0 +1,1 @@
+"""`crux log`: logs for other tools, listed, cut, merged, recovered and played."""

@@ -1,0 +1,29 @@
+"""`crux log`: each action's parser sets `action`, a function of the options."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from crux_tools.arguments import taught
+from crux_tools.log.export_command import add_export
+
+
+def add_parser(subparsers: Any) -> None:
+    """Adds `crux log` with its actions."""
+    parser = subparsers.add_parser(
+        "log",
+        help="logs: for other tools, listed, cut, merged, recovered, played",
+        **taught(
+            "Logs of climbs, from the robot or from crux climb: written for other tools.",
+            "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
+            "crux log ACTION --help",
+        ),
+    )
+    actions = parser.add_subparsers(dest="log_action", metavar="ACTION", required=True)
+    add_export(actions)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status of the action."""
+    return int(options.action(options))

@@ -1,0 +1,107 @@
+"""Holds, obstacles, forces and margins as the markers that Foxglove and rviz draw."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+
+from crux_tools.log.ros2 import Rows, encoded, laid_out, vector
+from crux_tools.log.seen import WORLD, Seen
+
+CUBE, SPHERE, ARROW, TEXT = 1, 2, 0, 9  # of visualization_msgs/Marker
+ADD, DELETE = 0, 2
+FORCE_SCALE_M_PER_N = 0.004
+SHAFT_M, HEAD_M = 0.008, 0.018
+BALL_M = 0.03
+TEXT_M = 0.03
+TEXT_ABOVE_M = 0.06
+WALL_M = 0.002
+WALL_BEYOND_M = 0.3  # the wall is drawn so far beyond the outermost hold
+HOLD_RGBA, OBSTACLE_RGBA, WALL_RGBA = (0.62, 0.53, 0.42, 1.0), (0.35, 0.35, 0.38, 1.0), (0.80, 0.79, 0.74, 1.0)
+TEXT_RGBA = (0.1, 0.1, 0.1, 1.0)
+FORCES = {"measured": ("", (0.14, 0.40, 0.69, 1.0)), "planned": ("_reference", (0.90, 0.59, 0.16, 1.0))}
+SAFE_MARGIN_N = 10.0  # green from here on, red at 0
+NO_MARGIN = "       "
+
+
+def _marker(ns: str, number: int, kind: int, **more: Any) -> dict[str, Any]:
+    upright = {"orientation": vector((0, 0, 0, 1))}
+    return {"header": {"frame_id": WORLD}, "ns": ns, "id": number, "type": kind, "pose": upright, **more}
+
+
+def wall_markers(plan: Any) -> bytes:
+    """The MarkerArray of the wall, its holds and obstacles with their names."""
+    markers = []
+    points = [hold.position_w_m[:2] for hold in plan.holds] + [
+        limb.gripper_position_w_m[:2] for knot in plan.knots for limb in knot.limbs
+    ]
+    low, high = np.min(points, axis=0) - WALL_BEYOND_M, np.max(points, axis=0) + WALL_BEYOND_M
+    middle, size = (low + high) / 2, high - low
+    pose = {"position": vector((*middle, -WALL_M / 2)), "orientation": vector((0, 0, 0, 1))}
+    markers.append(
+        _marker("wall", 0, CUBE, scale=vector((*size, WALL_M)), color=vector(WALL_RGBA, "rgba")) | {"pose": pose}
+    )
+    for number, hold in enumerate(plan.holds):
+        x, y, z = hold.position_w_m
+        height = hold.size_m[2]
+        half = hold.yaw_rad / 2
+        turned = vector((0, 0, np.sin(half), np.cos(half)))
+        rgba = HOLD_RGBA if hold.graspable else OBSTACLE_RGBA
+        cube = _marker("holds" if hold.graspable else "obstacles", number, CUBE, scale=vector(hold.size_m))
+        cube |= {"pose": {"position": vector((x, y, z + height / 2)), "orientation": turned}}
+        cube |= {"color": vector(rgba, "rgba")}
+        name = _marker("names", number, TEXT, scale=vector((0, 0, TEXT_M)), text=hold.name)
+        name |= {"pose": {"position": vector((x, y, z + height + TEXT_M)), "orientation": vector((0, 0, 0, 1))}}
+        name |= {"color": vector(TEXT_RGBA, "rgba")}
+        markers += [cube, name]
+    return encoded("visualization_msgs/MarkerArray", {"markers": markers})
+
+
+def margin_colours(margin_n: np.ndarray) -> np.ndarray:
+    """(n, 4) red, green, blue, opacity: from red where a finger slips to green."""
+    share = np.clip(np.nan_to_num(margin_n) / SAFE_MARGIN_N, 0, 1)
+    return np.stack([1 - share, 0.8 * share, 0 * share + 0.1, 0 * share + 1], axis=-1)
+
+
+def force_markers(seen: Seen) -> list[bytes]:
+    """A MarkerArray a row: arrows of measured and planned forces, balls coloured by the margin and its newtons."""
+    blank = {"points": [vector((0, 0, 0))] * 2, "scale": vector((SHAFT_M, HEAD_M, 0))}
+    arrows = [
+        (f"{name}/{limb}", _marker(f"{name}/{limb}", 0, ARROW, color=vector(rgba, "rgba"), **blank))
+        for name, (_, rgba) in FORCES.items()
+        for limb in LIMB_NAMES
+    ]
+    balls = [_marker(f"margin/{limb}", 0, SPHERE, scale=vector([BALL_M] * 3)) for limb in LIMB_NAMES]
+    texts = [
+        _marker(
+            f"margin/{limb}", 1, TEXT, scale=vector((0, 0, TEXT_M)), color=vector(TEXT_RGBA, "rgba"), text=NO_MARGIN
+        )
+        for limb in LIMB_NAMES
+    ]
+    layout = laid_out(
+        "visualization_msgs/MarkerArray", {"markers": [*(marker for _, marker in arrows), *balls, *texts]}
+    )
+    rows = Rows(layout, len(seen.rows))
+    rows.put_stamps([f"markers.{i}.header.stamp" for i in range(len(arrows) + 2 * len(LIMB_NAMES))], seen.times_ns)
+    at = seen.log.limbs["gripper_position_w_m"][seen.rows]
+    for number, (kind, _) in enumerate(FORCES.values()):
+        force = seen.wrench(kind)[..., :3]
+        for limb in range(len(LIMB_NAMES)):
+            ends = np.concatenate([at[:, limb], at[:, limb] + FORCE_SCALE_M_PER_N * force[:, limb]], axis=1)
+            rows.put(f"markers.{number * len(LIMB_NAMES) + limb}.points.0", ends)
+    for limb in range(len(LIMB_NAMES)):
+        _put_margin(rows, len(arrows) + limb, len(arrows) + len(LIMB_NAMES) + limb, at[:, limb], seen.margin_n[:, limb])
+    return rows.payloads()
+
+
+def _put_margin(rows: Rows, ball: int, text: int, at: np.ndarray, margin_n: np.ndarray) -> None:
+    hidden = np.where(np.isnan(margin_n), DELETE, ADD)
+    rows.put(f"markers.{ball}.action", hidden)
+    rows.put(f"markers.{text}.action", hidden)
+    rows.put(f"markers.{ball}.pose.position", at)
+    rows.put(f"markers.{text}.pose.position", at + np.array([0, 0, TEXT_ABOVE_M]))
+    rows.put(f"markers.{ball}.color", margin_colours(margin_n))
+    words = [NO_MARGIN if np.isnan(value) else f"{np.clip(value, -99, 999):5.1f} N" for value in margin_n]
+    rows.put_text(f"markers.{text}.text", words)

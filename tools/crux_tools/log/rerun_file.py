@@ -1,0 +1,144 @@
+"""A log as a rerun recording: the robot, its wall, forces and margins in 3-D, curves, events, and a blueprint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from crux_contracts import LIMB_NAMES
+from rerun.urdf import UrdfTree
+
+from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, margin_colours
+from crux_tools.log.seen import NS, WORLD, Seen
+from crux_tools.telemetry.summary import STATE_NAMES, name_of
+
+APPLICATION = "crux"
+TIMELINE = "log time"
+UTC_TIMELINE = "utc"
+LEVELS = {20: rr.TextLogLevel.INFO, 30: rr.TextLogLevel.WARN, 40: rr.TextLogLevel.ERROR}
+JOINT_QUANTITIES = ("position", "velocity", "effort")
+XYZ = ("x", "y", "z")
+
+
+def blueprint() -> rrb.Blueprint:
+    """The 3-D view, states and events, and under tabs margins, forces and joints, of the paths written below."""
+    forces = [rrb.TimeSeriesView(origin=f"/forces/{limb}", name=f"force {limb}") for limb in LIMB_NAMES]
+    joints = [
+        rrb.TimeSeriesView(origin=f"/joints/{quantity}/{limb}", name=f"{quantity} {limb}")
+        for quantity in JOINT_QUANTITIES
+        for limb in LIMB_NAMES
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial3DView(
+                origin="/", contents=["/robot/**", "/wall/**", "/arrows/**", "/margins_3d/**", "/tf/**"], name="climb"
+            ),
+            rrb.Vertical(
+                rrb.Tabs(
+                    rrb.TimeSeriesView(origin="/margins", name="margins [N]"),
+                    rrb.TimeSeriesView(origin="/body", name="body off its reference [m]"),
+                    rrb.Grid(*forces, name="forces [N]"),
+                    rrb.Grid(*joints, name="joints"),
+                ),
+                rrb.TextLogView(origin="/events", name="events"),
+                row_shares=[3, 1],
+            ),
+            column_shares=[3, 2],
+        ),
+        collapse_panels=True,
+    )
+
+
+def write_rerun(path: Path, seen: Seen, utc: bool) -> None:
+    """Writes the recording with its blueprint. Times are seconds of the log, with `utc` the date, too."""
+    with rr.RecordingStream(APPLICATION, recording_id=seen.log.metadata.get("started_utc")) as recording:
+        recording.save(path, default_blueprint=blueprint())
+        UrdfTree.from_file_path(seen.robot.urdf_path, entity_path_prefix="robot").log_urdf_to_recording(recording)
+        _wall(recording, seen)
+        _moments(recording, seen, utc)
+        _events(recording, seen, utc)
+
+
+def _times(log_ns: np.ndarray, clock_ns: np.ndarray, utc: bool) -> list[rr.TimeColumn]:
+    found = [rr.TimeColumn(TIMELINE, duration=log_ns.astype("m8[ns]"))]
+    return [*found, rr.TimeColumn(UTC_TIMELINE, timestamp=clock_ns.astype("M8[ns]"))] if utc else found
+
+
+def _wall(recording: rr.RecordingStream, seen: Seen) -> None:
+    for (parent, child), at in zip(seen.fixed, seen.fixed_at, strict=True):
+        moved = rr.Transform3D(
+            translation=at[:3], quaternion=rr.Quaternion(xyzw=at[3:]), parent_frame=parent, child_frame=child
+        )
+        recording.log(f"/tf/{child}", moved, static=True)
+    for place in ("/wall", "/arrows", "/margins_3d"):
+        recording.log(place, rr.CoordinateFrame(WORLD), static=True)
+    holds = [] if seen.log.plan is None else seen.log.plan.holds
+    for kind, rgba in (("holds", HOLD_RGBA), ("obstacles", OBSTACLE_RGBA)):
+        chosen = [hold for hold in holds if bool(hold.graspable) == (kind == "holds")]
+        if not chosen:
+            continue
+        sizes = np.array([hold.size_m for hold in chosen])
+        half = np.array([hold.yaw_rad for hold in chosen]) / 2
+        boxes = rr.Boxes3D(
+            sizes=sizes,
+            centers=np.array([hold.position_w_m for hold in chosen]) + sizes * [0, 0, 0.5],
+            quaternions=np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1),
+            colors=[rgba] * len(chosen),
+            labels=[hold.name for hold in chosen],
+            fill_mode="solid",
+        )
+        recording.log(f"/wall/{kind}", rr.CoordinateFrame(WORLD), boxes, static=True)
+
+
+def _moments(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
+    n = len(seen.rows)
+    times = _times(np.round(seen.log.time_s[seen.rows] * NS).astype(np.int64), seen.times_ns, utc)
+
+    def send(entity: str, columns: rr.ComponentColumnList) -> None:
+        recording.send_columns(entity, indexes=times, columns=columns)
+
+    for i, (parent, child) in enumerate(seen.moving):
+        at = seen.moving_at[:, i]
+        moved = rr.Transform3D.columns(
+            translation=at[:, :3], quaternion=at[:, 3:], parent_frame=[parent] * n, child_frame=[child] * n
+        )
+        send(f"/tf/{child}", moved)
+    grippers = seen.log.limbs["gripper_position_w_m"][seen.rows]
+    for name, (kind, rgba) in FORCES.items():
+        force = seen.wrench(kind)[..., :3]
+        for limb, limb_name in enumerate(LIMB_NAMES):
+            entity = f"/arrows/{name}/{limb_name}"
+            recording.log(entity, rr.CoordinateFrame(WORLD), rr.Arrows3D.from_fields(colors=[rgba]), static=True)
+            vectors = FORCE_SCALE_M_PER_N * force[:, limb]
+            send(entity, rr.Arrows3D.columns(vectors=vectors, origins=grippers[:, limb]))
+            for axis, letter in enumerate(XYZ):
+                send(f"/forces/{limb_name}/{name}_{letter}", rr.Scalars.columns(scalars=force[:, limb, axis]))
+    for limb, limb_name in enumerate(LIMB_NAMES):
+        margin = seen.margin_n[:, limb]
+        send(f"/margins/{limb_name}", rr.Scalars.columns(scalars=margin))
+        entity = f"/margins_3d/{limb_name}"
+        recording.log(entity, rr.CoordinateFrame(WORLD), rr.Points3D.from_fields(radii=[0.015]), static=True)
+        colours = (255 * margin_colours(margin)).astype(np.uint8)
+        colours[np.isnan(margin), 3] = 0
+        send(entity, rr.Points3D.columns(positions=grippers[:, limb], colors=colours))
+    for i, joint in enumerate(seen.joints):
+        for quantity, values in zip(JOINT_QUANTITIES, seen.joint_state[:, i].T, strict=True):
+            send(f"/joints/{quantity}/{seen.limb_of_joint(i)}/{joint}", rr.Scalars.columns(scalars=values))
+    state = seen.log.state[seen.rows]
+    off = state["body_position_w_m"] - state["body_reference_position_w_m"]
+    for axis, letter in enumerate(XYZ):
+        send(f"/body/{letter}", rr.Scalars.columns(scalars=off[:, axis]))
+    words = [name_of(STATE_NAMES, int(number)) for number in state["supervisor_state"]]
+    send("/state", rr.AnyValues.columns(supervisor_state=words))
+
+
+def _events(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
+    if not seen.events:
+        return
+    log_ns, clock_ns = (np.array([getattr(e, name) for e in seen.events]) for name in ("log_ns", "time_ns"))
+    columns = rr.TextLog.columns(
+        text=[event.text for event in seen.events], level=[LEVELS[event.level] for event in seen.events]
+    )
+    recording.send_columns("/events", indexes=_times(log_ns, clock_ns, utc), columns=columns)
