@@ -87,7 +87,7 @@ class StaticEquilibrium:
         The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
-        return self._find(Query(self.bearing(support), low, high, wanted, grippers or support))
+        return self._find(Query(tuple(sorted(self.bearing(support))), low, high, wanted, grippers or support))
 
     def _find(self, query: Query) -> Array | None:
         self.queries += 1
@@ -101,8 +101,8 @@ class StaticEquilibrium:
         return self._known[key]
 
     def bearing(self, support: tuple[int, ...]) -> tuple[int, ...]:
-        """Those of the contacts that are grasps, in order."""
-        return tuple(sorted(c for c in support if self.problem.contacts[c].bears))
+        """Those of the contacts that are grasps."""
+        return tuple(c for c in support if self.problem.contacts[c].bears)
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
         """(3,) of these contacts."""
