@@ -44,6 +44,7 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
     result, channels = guided(plan, log, f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
     said = capsys.readouterr().err
     assert result.ok, result.reason
+    assert result.verdict.goal_error_m < 0.006
     assert "RR node 7 (gripper): finger force fell" in said
     assert "right-rear-low is no hold any more" in said
     state, output = channels.tables["/robot_state"], channels.tables["/control_output"]

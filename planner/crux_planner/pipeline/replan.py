@@ -30,8 +30,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
-from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, solve_and_check
-from crux_planner.search.body_path import knot_path
+from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, path_to_goal, solve_and_check
 from crux_planner.search.stances import Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
@@ -151,7 +150,8 @@ class Planner:
         for spare in SPARE_KNOTS if moves is not None else ():
             with climb.work.part("body", 0.3):
                 timed, schedule = in_time(climb, moves or [], spare)
-                path = knot_path(self._as_level(timed.problem), climb.equilibrium, schedule)
+                aimed, path = path_to_goal(self._as_level(timed.problem), climb.equilibrium, schedule)
+                timed = replace(timed, problem=replace(timed.problem, goal=aimed.goal))
             if path is not None:
                 result = self._finish(timed, schedule, start_from_path(timed.problem, path))
                 if result is not None:
