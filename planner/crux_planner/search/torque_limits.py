@@ -45,10 +45,11 @@ class TorqueLimits(StaticEquilibrium):
         other.gravity_w, other._strong = problem.gravity_w, {}
         return other
 
-    def by_friction(self, *query: Any) -> Array | None:
+    def by_friction(
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] = ()
+    ) -> Array | None:
         """As `position`, however strong the motors would have to be: much quicker."""
-        support, low, high, wanted, grippers = query
-        return super()._find(Query(tuple(sorted(support)), low, high, wanted, grippers))
+        return super()._find(Query(tuple(sorted(support)), low, high, wanted, grippers or support))
 
     def _find(self, query: Query) -> Array | None:
         if (key := query.key) not in self._strong:
