@@ -99,6 +99,11 @@ def run_plan(args: argparse.Namespace) -> int:
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
                 result = again.replan(read_plan(args.running), args.at or 0.0, without=args.without, log=log, **limit)
+            elif scenario.start.air:
+                from crux_planner.pipeline.replan import Planner
+
+                limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
+                result = Planner(scenario, robot).plan(log=log, **limit)
             else:
                 from crux_planner.pipeline.entry import plan
 

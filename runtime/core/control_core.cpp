@@ -182,7 +182,10 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .fault = fault,
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
-  for (int l = 0; l < kLimbs; ++l) limbs_[l].trust_finger_force(!faults_.finger_force_distrusted(l));
+  for (int l = 0; l < kLimbs; ++l) {
+    limbs_[l].trust_finger_force(!faults_.finger_force_distrusted(l));
+    limbs_[l].trust_force_torque(!faults_.distrusted(l));
+  }
   if (supervisor_.rearm_requested()) {
     faults_.forgive();
     test_.reset();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <utility>
 
 #include "core/grasp_test.hpp"
 #include "core/node_protocol.hpp"
@@ -262,15 +263,15 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
     // A hold that is gone lets its gripper slide as well; it is told as gone before this lasts.
     if (lasts(errors.slips_on[l], slip_time_s_[l], dt_s, p.persistence_s))
       tell({FaultCode::kSlip, l, can_.gripper_node, errors.slid_m[l], stance_.max_slip_m});
+    // A sensor is told of once: a plan that an operator has it climb all the same goes on without it.
     if (lasts(errors.finger_residual_N[l] > p.max_finger_residual_N, finger_residual_time_s_[l], dt_s,
-              kFingerResidual_s)) {
-      finger_distrusted_[l] = true;
+              kFingerResidual_s) &&
+        !std::exchange(finger_distrusted_[l], true)) {
       tell({FaultCode::kFingerForceImplausible, l, can_.gripper_node, errors.finger_residual_N[l],
             p.max_finger_residual_N});
     }
     const bool unexplained = errors.ft_residual_Nm[l] > errors.ft_limit_Nm[l];
-    if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s)) {
-      distrusted_[l] = true;
+    if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s) && !std::exchange(distrusted_[l], true)) {
       tell({FaultCode::kFtImplausible, l, can_.gripper_node, errors.ft_residual_Nm[l], errors.ft_limit_Nm[l]});
     }
     if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {

@@ -1,9 +1,11 @@
 // Watches nodes, sensors and the loop's own errors for the faults of msgs/faults.yaml.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <crux_msgs/control_input_t.hpp>
 #include <crux_msgs/faults.hpp>
+#include <functional>
 
 #include "core/geometry.hpp"
 #include "core/robot_description.hpp"
@@ -76,6 +78,7 @@ class FaultMonitor {
   bool lost(int limb) const noexcept { return lost_[limb]; }
   /// The limb's F/T sensor does not fit its joints' torques; nothing is done on its word.
   bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
+  bool any_distrusted() const noexcept { return std::ranges::any_of(distrusted_, std::identity()); }
   /// The limb's finger force does not fit its opening and command.
   bool finger_force_distrusted(int limb) const noexcept { return finger_distrusted_[limb]; }
   /// A plan begins with the limb in the air: what it held is looked for no more.

@@ -134,7 +134,9 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   const bool opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
   gripped_time_s_ = finger_force_N() >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
-  return {.unloaded = wrench_W().force_N.norm() < control_.unload_force_N,
+  const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
+                                             : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
+  return {.unloaded = unloaded,
           .opened = opened,
           .arrived = opened && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = gripped_time_s_ >= supervisor_.persistence_s};

@@ -100,6 +100,7 @@ class LimbController {
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
   void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
+  void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
   double expected_finger_force_N() const noexcept {
     return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
   }
@@ -154,6 +155,7 @@ class LimbController {
   double finger_speed_m_s_ = 0.0;
   double finger_force_N_ = 0.0;
   bool trusts_finger_force_ = true;
+  bool trusts_force_torque_ = true;
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is

@@ -76,7 +76,7 @@ bool ControlCore::moves_slowly(int limb) const noexcept {
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
   LoopErrors errors;
   errors.late_s = late_s;
-  errors.unbalanced_N = plan_->point_feet ? 0.0 : balance_.change_N();
+  errors.unbalanced_N = plan_->point_feet || faults_.any_distrusted() ? 0.0 : balance_.change_N();
   errors.unbalanced_limb = balance_.limb();
   errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
   for (int l = 0; l < kLimbs; ++l) {

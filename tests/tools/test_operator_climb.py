@@ -10,26 +10,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crux_contracts import channels
+from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
-from crux_msgs import acknowledgement_t, command_t, plan_t, robot_state_t
+from crux_msgs import acknowledgement_t, command_t, limb_knot_t, plan_t, robot_state_t
+from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.operator_status import status_json, status_lines
 from crux_tools.replay.recompute import recompute
+from crux_tools.sim.climb import ClimbOptions, plant_of
 from crux_tools.sim.disturbance import STATE_MASK
 from crux_tools.sim.firmware_nodes import FirmwareNodes
 from crux_tools.sim.judge import SLIP_M, judge
 from crux_tools.sim.loop import START_CYCLE, climbing
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.recorder import recorded
-from crux_tools.sim.robot_model import build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import runtime_arguments
-from crux_tools.telemetry.reader import read_log
+from crux_tools.sim.world_file import parse_world
+from crux_tools.telemetry.reader import read_channels, read_log
 from crux_tools.telemetry.summary import summarise
 from hand_plan import climbing_plan
 
 MOST_CYCLES = 60_000
 LF = 0
+K0 = 5  # the plan's knot at which LF releases its hold
+TRACK = 1  # NodeMode
+GRIP_LOST = 9  # msgs/faults.yaml
 LIFTS_S, ON_NEW_HOLD_S, STANCE_S = 10.0, 22.84, 8.0  # of the plan: LF releases, bears again; the stance before
 BACK_M = 0.002  # where a robot stands that came back, against where it stood
 
@@ -101,11 +107,12 @@ class Operated:
 
 
 @contextmanager
-def operated(plan: plan_t, log: Path) -> Iterator[Operated]:
-    """The plan is loaded, the hand has released the robot."""
+def operated(plan: plan_t, log: Path, world: str = "") -> Iterator[Operated]:
+    """The plan is loaded, the hand has released the robot; `world`: what is otherwise than the plan says."""
     robot = load_robot("scaler")
+    drawn = parse_world(f"version: 1\nname: test\n{world}".encode()).draw(0, plan) if world else None
     with ExitStack() as stack:
-        plant = Plant(build_model(robot, plan), plan, 0)
+        plant = plant_of(plan, robot, ClimbOptions(world=drawn))
         nodes = stack.enter_context(FirmwareNodes(["memory:"] * 4, robot))
         runtime = stack.enter_context(RuntimeHere(nodes, runtime_arguments(robot.folder, log, "each", {})))
         link = stack.enter_context(OperatorLink(connection=runtime))
@@ -197,3 +204,47 @@ def test_step_by_step_onto_the_new_hold_and_at_half_the_speed_back_to_the_old_on
         assert not log.inputs["command_value"][~ordered].any()
         assert [command.value for command in log.commands if command.command == command_t.SPEED] == [1.5, 0.5, 1.0, 0.5]
         assert any(span.state == "CLIMBING, in reverse" for span in summarise(log).states)
+
+
+def rest_from(plan: plan_t, first: int) -> plan_t:
+    """The plan from a knot on."""
+    rest = plan_t.decode(plan.encode())
+    rest.knots = rest.knots[first:]
+    for k, knot in enumerate(rest.knots):
+        knot.time_s = k * rest.dt_s
+    in_air = any(limb.phase == limb_knot_t.AIR for limb in rest.knots[0].limbs)
+    rest.format = plan_t.FORMAT_FROM_AIR if in_air else plan_t.FORMAT
+    rest.n_knots, rest.plan_id = len(rest.knots), ""
+    rest.plan_id = plan_id(rest)
+    return rest
+
+
+def test_with_a_hold_gone_another_plan_is_taken_with_all_joints_controlled_all_the_while(
+    plan: plan_t, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.mcap"
+    with operated(plan, log, "holds: {h0: {breaks_at_s: 9.5}}") as run:
+        assert run.order(command_t.START, plan_id=plan.plan_id) == ""
+        state = run.until_holding()
+        assert state.fault_code == GRIP_LOST
+        run.runtime.idle = lambda: run.cycles(1)
+        with pytest.raises(UsageError, match="LF: the plan begins with this gripper on a hold, here it is in the air"):
+            run.link.upload(rest_from(plan, K0 - 1))
+        rest = rest_from(plan, K0)
+        run.link.upload(rest)
+        state = run.state()
+        assert (state.supervisor_state, state.fault_code) == (robot_state_t.READY, 0)
+        run.cycles(500)
+        assert run.link.send(command_t.START, rest.plan_id)
+        run.runtime.idle = None
+        state = run.until_holding()
+        assert state.fault_code == 0
+        assert state.plan_complete
+        assert run.plant.limbs_on_holds().all()
+        run.runtime.wait()
+    tables = read_channels(log).tables
+    climbed = tables["/robot_state"]["supervisor_state"] == robot_state_t.CLIMBING
+    since = tables["/robot_state"]["cycle"][np.argmax(climbed)]
+    modes = tables["/control_output"]["joint_mode"][tables["/control_output"]["cycle"] >= since]
+    assert (modes == TRACK).all()
+    assert recompute(log).ok

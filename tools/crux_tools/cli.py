@@ -47,6 +47,7 @@ COMMANDS: dict[str, Command] = {
     "clear-fault": Command("leave the fault state once its cause is gone", _OPERATOR, "add_clear_parser", "run_clear"),
     "shutdown": Command("end the runtime, --force: on the wall, too", _OPERATOR, "add_shutdown_parser", "run_shutdown"),
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
+    "guide": Command("plan again where the robot holds, and go on", "crux_tools.guide.command"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan, a climb or a campaign", "crux_tools.report.command"),
     "log": Command("logs: for other tools, listed, cut, merged, recovered, played", "crux_tools.log.command"),

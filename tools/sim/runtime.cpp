@@ -63,6 +63,7 @@ struct crux_runtime {
   crux_runtime& operator=(const crux_runtime&) = delete;
 
   void tell(const std::string& channel, std::span<const std::uint8_t> data);
+  void serve();
   const std::string& finish();
 
   RobotDescription robot_;
@@ -97,6 +98,10 @@ crux_runtime::crux_runtime(crux_nodes* nodes, const Options& options)
 
 void crux_runtime::tell(const std::string& channel, std::span<const std::uint8_t> data) {
   server_.link().publish(channel, data.data(), static_cast<unsigned>(data.size()));
+  serve();
+}
+
+void crux_runtime::serve() {
   // A round in which nothing comes in may still have put an answer into LCM's queue.
   for (int idle = 0; idle < 2;) idle = server_.serve(0ms) || loop_.serve() ? 0 : idle + 1;
 }
@@ -129,6 +134,7 @@ void crux_runtime_tell(crux_runtime* runtime, const char* channel, const std::ui
 }
 
 const std::uint8_t* crux_runtime_next(crux_runtime* runtime, std::int32_t* size, std::int32_t* is_status) {
+  if (runtime->to_operators_.empty()) runtime->serve();
   if (runtime->to_operators_.empty()) return nullptr;
   runtime->told_ = std::move(runtime->to_operators_.front());
   runtime->to_operators_.pop_front();

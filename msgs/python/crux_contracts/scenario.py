@@ -130,11 +130,25 @@ class BodyPose:
 
 
 @dataclass(frozen=True)
+class Gripper:
+    """Where a gripper in the air is; opening: pad face to gripper centre."""
+
+    position_m: tuple[float, float, float]
+    yaw_deg: float
+    opening_m: float
+
+    @property
+    def yaw_rad(self) -> float:
+        return math.radians(self.yaw_deg)
+
+
+@dataclass(frozen=True)
 class Start:
-    """Patch model: a grasp for every limb. Point model: a foot on the wall (x, y) for every limb."""
+    """Patch model: every limb has a grasp or is in the air. Point model: a foot on the wall (x, y) for every limb."""
 
     body: BodyPose
     grasps: dict[str, Grasp] = field(default_factory=dict)
+    air: dict[str, Gripper] = field(default_factory=dict)
     feet: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 

@@ -20,6 +20,7 @@ from .scenario import (
     Faces,
     Goal,
     Grasp,
+    Gripper,
     Hold,
     Horizon,
     Obstacle,
@@ -36,6 +37,7 @@ VERSION = 1
 MAX_SLOPE_DEG = 110.0
 MAX_POSITION_M = 20.0
 MAX_BODY_HEIGHT_M = 1.0
+MAX_OPENING_M = 0.5
 SIZE_M = (0.005, 2.0)
 MAX_FRICTION = 5.0
 MAX_CUBOIDS = 300
@@ -206,20 +208,37 @@ class _Reader:
         finger1 = self.check.choice(keys["finger1"], sides) if "finger1" in keys else None
         return Grasp(hold, cast(Faces, faces), finger1)
 
-    def _grasps(self, node: Node, required: bool) -> dict[str, Grasp]:
-        limbs = list(LIMB_NAMES)
-        keys = self.check.members(node, limbs if required else [], [] if required else limbs)
-        return {limb: self._grasp(keys[limb]) for limb in limbs if limb in keys}
+    def _grasps(self, node: Node, required: tuple[str, ...]) -> dict[str, Grasp]:
+        keys = self.check.members(node, required, [limb for limb in LIMB_NAMES if limb not in required])
+        return {limb: self._grasp(keys[limb]) for limb in LIMB_NAMES if limb in keys}
+
+    def _air(self, node: Node) -> dict[str, Gripper]:
+        keys = self.check.members(node, [], LIMB_NAMES)
+        return {limb: self._gripper(keys[limb]) for limb in LIMB_NAMES if limb in keys}
+
+    def _gripper(self, node: Node) -> Gripper:
+        keys = self.check.members(node, ["position_m", "opening_m"], ["yaw_deg"])
+        place = self._of(keys, "position_m", lambda n: self.check.numbers(n, 3, *POSITION)) or (0.0, 0.0, 0.0)
+        return Gripper(
+            (place[0], place[1], place[2]),
+            yaw_deg=self._number(keys, "yaw_deg", 0.0, -360.0, 360.0, "degrees"),
+            opening_m=self._number(keys, "opening_m", 0.0, 0.0, MAX_OPENING_M, "m"),
+        )
 
     def _start(self, node: Node, contact: Contact | None) -> Start:
         check = self.check
         needed, other = ("feet", "grasps") if contact and contact.model == "point" else ("grasps", "feet")
         if contact and isinstance(node.content, dict) and other in node.content:
             check.note_at(node.content[other], "", "", f"does not go with contact.model {contact.model}; use {needed}")
-        keys = check.members(node, ["body", needed], [other])
+        keys = check.members(node, ["body", needed], [other, "air"] if needed == "grasps" else [other])
         body = self._of(keys, "body", lambda n: self._body(n)[0]) or BodyPose((0.0, 0.0, 0.0))
         if needed == "grasps":
-            return Start(body, grasps=self._of(keys, "grasps", lambda n: self._grasps(n, required=True)) or {})
+            air = self._of(keys, "air", self._air) or {}
+            others = tuple(limb for limb in LIMB_NAMES if limb not in air)
+            grasps = self._of(keys, "grasps", lambda n: self._grasps(n, others)) or {}
+            for limb in grasps.keys() & air.keys():
+                check.note(keys["air"], f"{limb} has a grasp in start.grasps: it is there or in the air")
+            return Start(body, grasps=grasps, air=air)
         return Start(body, feet=self._of(keys, "feet", self._feet) or {})
 
     def _feet(self, node: Node) -> dict[str, tuple[float, float]]:
@@ -233,7 +252,7 @@ class _Reader:
         body_keys: dict[str, Node] = {}
         if "body" in keys:
             body, body_keys = self._body(keys["body"], ("tolerance_m", "tolerance_deg"))
-        grasps = self._of(keys, "grasps", lambda n: self._grasps(n, required=False)) or {}
+        grasps = self._of(keys, "grasps", lambda n: self._grasps(n, ())) or {}
         if grasps and contact and contact.model == "point":
             self.check.note(keys["grasps"], "does not go with contact.model point")
         return Goal(

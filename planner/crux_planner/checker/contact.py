@@ -153,8 +153,8 @@ def _check_swings(plan: PlanArrays, findings: Findings) -> None:
         where = {"limb": swing.limb, "time_s": plan.time_s[swing.first]}
         if swing.last == swing.first:
             findings.add("swing_structure", 1.0, "knots", detail="a swing needs at least two air knots", **where)
-        if swing.first == 0 or swing.last == plan.n_knots - 1:
-            detail = "a plan starts and ends with every limb in stance"
+        if swing.last == plan.n_knots - 1:
+            detail = "a plan ends with every limb in stance"
             findings.add("swing_structure", 1.0, "knots", detail=detail, **where)
 
 
@@ -164,8 +164,7 @@ def occupancy(plan: PlanArrays) -> NDArray[np.int_]:
     """
     held = plan.gripped_hold.copy()
     for swing in swings(plan):
-        if swing.first > 0:
-            held[swing.first, swing.limb] = plan.gripped_hold[swing.first - 1, swing.limb]
+        held[swing.first, swing.limb] = plan.hold_before[swing.first, swing.limb]
         if swing.last < plan.n_knots - 1 and swing.last > swing.first:
             held[swing.last, swing.limb] = plan.gripped_hold[swing.last + 1, swing.limb]
     return held

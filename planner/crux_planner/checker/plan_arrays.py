@@ -118,6 +118,19 @@ class PlanArrays:
         return np.where(self.gripped, self.hold, -1)
 
     @cached_property
+    def hold_before(self) -> NDArray[np.int_]:
+        """(K, 4): the hold gripped at the knot before; at the first, that between whose faces a gripper stands in the
+        air; -1 where there is none.
+        """
+        place, cuboids = self.gripper_position[0], self.cuboids
+        first = np.full((1, N_LIMBS), -1)
+        if cuboids.names:
+            away = np.einsum("hij,lhi->lhj", cuboids.rotation, place[:, None] - cuboids.centre_w_m)
+            inside = (np.abs(away) < 0.5 * cuboids.size_m).all(axis=2)
+            first[0] = np.where(inside.any(axis=1) & ~self.stance[0], inside.argmax(axis=1), -1)
+        return np.concatenate([first, self.gripped_hold[:-1]])
+
+    @cached_property
     def on_wall(self) -> NDArray[np.bool_]:
         """(K, 4): in stance on the wall itself (point contact)."""
         return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
@@ -210,8 +223,10 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
 def _fault_of_form(plan: Any) -> str | None:
     """Why the message has not the form that arrays are read from; None where it has."""
     knots, holds = len(plan.knots), len(plan.holds)
-    if plan.format != plan.FORMAT:
-        return f"format is {plan.format}, this checker knows {plan.FORMAT}"
+    if plan.format not in (plan.FORMAT, plan.FORMAT_FROM_AIR):
+        return f"format is {plan.format}, this checker knows {plan.FORMAT} and {plan.FORMAT_FROM_AIR}"
+    if plan.format == plan.FORMAT and knots and any(limb.phase == AIR for limb in plan.knots[0].limbs):
+        return f"a limb is in the air at the first knot, which only plans of format {plan.FORMAT_FROM_AIR} may have"
     if plan.n_knots != knots or plan.n_holds != holds or plan.n_knots < 2:
         counts = f"{plan.n_knots} knots announced, {knots} there; {plan.n_holds} holds announced, {holds} there"
         return f"{counts}; at least 2 knots are needed"

@@ -157,9 +157,8 @@ def _swing(
     gap = np.where(lifting, half[kr] + np.clip(ur / 0.5, 0.0, 1.0) * (half[kr + 1] - half[kr]), gap)
     closed = half[kr] + np.clip((ur - 0.6) / 0.4, 0.0, 1.0) * (half[kr + 1] - half[kr])
     opening[rows, limb] = np.where(closing & ~lifting, closed, gap)
-    if first > 0:
-        still = rows[lifting & (ur < 0.5)]
-        own[still, limb] = plan.gripped_hold[first - 1, limb]
+    still = rows[lifting & (ur < 0.5)]
+    own[still, limb] = plan.hold_before[first, limb]
     if last < plan.n_knots - 1:
         near = rows[closing & (ur >= 0.6)]
         own[near, limb] = plan.gripped_hold[last + 1, limb]

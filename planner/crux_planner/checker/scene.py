@@ -27,12 +27,13 @@ class Grasp:
 
 @dataclass(frozen=True)
 class Ends:
-    """Start and goal of the scenario; grasps and feet by limb index."""
+    """Start and goal of the scenario; grasps, feet and grippers in the air (x, y, z, yaw, opening) by limb index."""
 
     start_position_m: Array
     start_rpy_rad: Array
     start_grasps: dict[int, Grasp]
     start_feet_m: dict[int, Array]
+    start_air: dict[int, Array]
     goal_position_m: Array
     goal_rpy_rad: Array
     goal_tolerance_m: float
@@ -68,6 +69,7 @@ def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | Non
         *_pose(start.body),
         _grasps(scenario, start.grasps),
         {LIMB_NAMES.index(name): np.array(xy) for name, xy in start.feet.items()},
+        {LIMB_NAMES.index(n): np.array([*g.position_m, g.yaw_rad, g.opening_m]) for n, g in start.air.items()},
         *_pose(goal.body),
         goal.tolerance_m,
         goal.tolerance_rad,

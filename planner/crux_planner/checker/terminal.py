@@ -21,9 +21,15 @@ def check_ends(plan: PlanArrays, ends: Ends, findings: Findings) -> None:
     moving = float(np.abs(np.concatenate([plan.body_velocity[0], plan.body_rate[0]])).max())
     findings.add("start_at_rest", moving, "m/s or rad/s", time_s=first)
     for limb, xy in ends.start_feet_m.items():
-        away = float(np.linalg.norm(plan.gripper_position[0, limb, :2] - xy))
+        away = float(np.linalg.norm(plan.gripper_position[0, limb, :2] - xy)) if plan.stance[0, limb] else 1.0
         findings.add("start_grasp", away, "m", limb=limb, time_s=first)
     _check_grasps("start_grasp", plan, 0, ends.start_grasps, findings)
+    for limb, gripper in ends.start_air.items():
+        detail = f"{LIMB_NAMES[limb]} should be in the air" if plan.stance[0, limb] else ""
+        here = np.append(plan.gripper_position[0, limb], plan.separation[0, limb] / 2)
+        away = 1.0 if detail else float(np.abs(here - gripper[[0, 1, 2, 4]]).max())
+        findings.add("start_air", away, "m", limb=limb, time_s=first, detail=detail)
+        findings.add("start_air", abs(plan.gripper_yaw[0, limb] - gripper[3]), "rad", limb=limb, time_s=first)
 
     off = float(np.linalg.norm(plan.body_position[-1] - ends.goal_position_m))
     findings.add("goal_position", off - ends.goal_tolerance_m, "m", time_s=last)

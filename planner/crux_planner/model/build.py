@@ -70,6 +70,7 @@ def build_problem(
     limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
+    contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, contacts, unusable)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
     return Problem(
@@ -152,7 +153,10 @@ def _limb_contacts(
         if low + max(final_yaw_rad, 0.0) <= c.yaw_rad <= high + min(final_yaw_rad, 0.0) or i in begin
     ]
     hanging = [scenario.contact.spines_only.get(limb, 0) for limb in LIMB_NAMES]
-    return [[i for i in usable if contacts[i].spines_only == finger] for finger in hanging]
+    return [
+        [i for i in usable if contacts[i].spines_only == finger and (contacts[i].bears or i == here)]
+        for finger, here in zip(hanging, begin, strict=True)
+    ]
 
 
 def _cuboids(scenario: Scenario, heading: float) -> Cuboids:
@@ -244,10 +248,29 @@ def _contact(
     )
 
 
+def _in_air(name: str, scenario: Scenario, heading: float, cuboids: Cuboids, shape: GripperShape) -> Contact:
+    """Where a limb is in the air at the start: a contact that bears nothing; its hold: what it surrounds."""
+    gripper, limb = scenario.start.air[name], LIMB_NAMES.index(name)
+    centre = rotation_z(-heading) @ np.array(gripper.position_m)
+    yaw = gripper.yaw_rad - heading
+    axis = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    inside = np.flatnonzero(cuboids.distance(centre) < 0.0)
+    hold = int(inside[0]) if len(inside) else -1 - limb
+    half = float(np.clip(gripper.opening_m, shape.smallest_opening, shape.largest_opening))
+    opening = opening_for(centre, axis, hold, half, cuboids, shape, TIGHT_CLEARANCE_M) or shape.open_opening
+    finger = scenario.contact.spines_only.get(name, 0)
+    nothing = (np.zeros(2), np.zeros((2, 3)))
+    return Contact(hold, 0, -1, yaw, centre, 2 * half, *nothing, max(opening, half), finger, bears=False)
+
+
 def start_contacts(scenario: Scenario, contacts: list[Contact], unusable: dict[tuple[int, int], str]) -> list[int]:
     """The contacts of the scenario's start; `unusable` says why a hold and pair has none. Raises ScenarioError."""
-    chosen = []
+    chosen, in_air = [], (i for i, c in enumerate(contacts) if not c.bears)  # in the order of start.air
+    begun = {limb: next(in_air) for limb in scenario.start.air}
     for limb in LIMB_NAMES:
+        if limb in begun:
+            chosen.append(begun[limb])
+            continue
         grasp = scenario.start.grasps[limb]
         hold, pair = scenario.hold_index(grasp.hold), PAIR_NAMES.index(grasp.faces)
         finger = scenario.contact.spines_only.get(limb, 0)

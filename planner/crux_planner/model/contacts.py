@@ -54,6 +54,7 @@ class Contact:
     spines: Array  # (2, 3) most that the spines of each finger hold of (s1, s2, m) by (3); 0 where its face has none
     open_m: float  # opening with which the gripper leaves and comes
     spines_only: int = 0  # the finger (1 or 2) whose normal force is 0, 0 for none
+    bears: bool = True  # False: a gripper in the air at the start; `hold` is what it surrounds, < 0 for nothing
 
     @property
     def grip_friction(self) -> Array:
@@ -74,7 +75,7 @@ class Contact:
     @property
     def may_press(self) -> Array:
         """1 for a finger that may press, 0 for one that may not, (2,)."""
-        return np.array([float(self.spines_only != finger) for finger in (1, 2)])
+        return np.array([float(self.bears and self.spines_only != finger) for finger in (1, 2)])
 
     @property
     def axis(self) -> Array:

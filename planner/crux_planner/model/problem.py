@@ -12,7 +12,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.schedule import SpeedLimits
+from crux_planner.model.schedule import SpeedLimits, Stance
 
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
@@ -152,9 +152,13 @@ class Problem(CentroidalProblem):
         """M g in W."""
         return self.mass_kg * self.gravity_w
 
+    def may_move(self, stance: Stance) -> list[int]:
+        """The limbs that may go on from a stance: those in the air first, while any is."""
+        return [limb for limb, c in enumerate(stance) if not self.contacts[c].bears] or list(range(len(stance)))
+
     def may_end(self, limb: int, contact: Contact) -> bool:
         """Whether the goal lets a limb end on a contact: on any, where it names none."""
-        return self.goal.grasps.get(limb) in (None, (contact.hold, contact.pair))
+        return contact.bears and self.goal.grasps.get(limb) in (None, (contact.hold, contact.pair))
 
     def aimed(self) -> Problem:
         """The same with the body's last pose near the middle of the goal's tolerance."""

@@ -71,7 +71,8 @@ def reach_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
     low, high = (np.tile((middle + sign * extent).ravel(), (problem.steps, 1)) for sign in (-1, 1))
     away = schedule.poses[0, :, :3] - problem.start.position_m
     begin = (away @ rotation_from_rpy(problem.start.rpy_rad) @ problem.boxes.directions.T).ravel()
-    lift_off = next((k for k, knot in enumerate(schedule.contacts) if None in knot), problem.steps)
+    moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
+    lift_off = int(np.argmax(moved)) - 1 if moved.any() else problem.steps
     low[: lift_off - 1], high[: lift_off - 1] = np.minimum(low[0], begin), np.maximum(high[0], begin)
     return low, high
 

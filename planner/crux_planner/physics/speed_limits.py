@@ -30,7 +30,7 @@ def steady_speed(contacts: Sequence[Contact], weight_N: Array, dt_s: float, held
     f_i = (J^-1 (weight x d)) x p_i that make up for it, p_i the grips' places about their middle, J the sum of
     |p_i|^2 I - p_i p_i^T.
     """
-    grips = [contacts[c] for c in held if c is not None]
+    grips = [contacts[c] for c in held if c is not None and contacts[c].bears]
     slippery = [g.slippery for g in grips]
     if not any(slippery):
         return float(np.inf)

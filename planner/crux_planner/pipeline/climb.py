@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
-from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
+from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError, wrong
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
@@ -37,6 +37,10 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     work; with `prove_s`, it goes on for up to so long.
     """
     scenario, work = session.scenario, session.work
+    if scenario.start.air:
+        raise wrong(
+            scenario, "start.air", ", ".join(scenario.start.air), "expected none: Planner.plan plans from there"
+        )
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)

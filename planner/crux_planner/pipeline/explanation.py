@@ -36,7 +36,7 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             raise wrong(
                 scenario,
                 f"start.grasps.{name}.hold",
-                problem.hold_names[contact.hold],
+                _place_text(problem, problem.start_contacts[limb]),
                 f"out of reach by {1000 * beyond[axis]:.0f} mm: the gripper would be at {'xyz'[axis]} = "
                 f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m",
             )
@@ -143,7 +143,7 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             after = first + int(np.argmax(inside[first:])) if inside[first:].any() else len(line)
             span = f"{point_text(problem, line[first])} and {point_text(problem, line[after - 1])}"
             return InfeasibleError("reach", f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}")
-        hold = problem.hold_names[problem.contacts[problem.start_contacts[limb]].hold]
+        hold = _place_text(problem, problem.start_contacts[limb])
         if swings.any_forbidden:
             return InfeasibleError(
                 "passage", f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
@@ -203,11 +203,17 @@ def _lift_unbalanced(
     )
 
 
+def _place_text(problem: Problem, contact: int) -> str:
+    """The hold of a contact, by name."""
+    grasp = problem.contacts[contact]
+    return problem.hold_names[grasp.hold] if grasp.bears else "in the air"
+
+
 def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:
     if stance is None:
         return "the start"
     return ", ".join(
-        f"{name} {problem.hold_names[problem.contacts[c].hold]}"
+        f"{name} {_place_text(problem, c)}"
         for i, (name, c) in enumerate(zip(LIMB_NAMES, stance, strict=True))
         if i != without
     )

@@ -188,7 +188,7 @@ def _with_knots(
 def plan_header(scenario: Scenario, robot: Robot, cost: float, method: str = "auto") -> Any:
     """A plan_t with all that does not depend on the contact model: names, hashes, gravity, goal tolerances, cuboids."""
     plan = crux_msgs.plan_t()
-    plan.format = crux_msgs.plan_t.FORMAT
+    plan.format = crux_msgs.plan_t.FORMAT_FROM_AIR if scenario.start.air else crux_msgs.plan_t.FORMAT
     plan.scenario_name = scenario.name
     plan.scenario_yaml = scenario.yaml_text
     plan.scenario_sha256 = scenario.sha256

@@ -22,8 +22,10 @@ from crux_planner.model.build import build_problem, start_contacts, start_inerti
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
 from crux_planner.model.schedule import Move, Schedule
+from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.entry import plan
-from crux_planner.pipeline.fallback import plan_turning
+from crux_planner.pipeline.explanation import explain
+from crux_planner.pipeline.fallback import ATTEMPTS, plan_turning, without_blamed
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
@@ -51,6 +53,7 @@ class Planner:
         self.problem = build_problem(scenario, robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
+        self._refused: InfeasibleError | None = None
 
     def replan(
         self,
@@ -88,13 +91,7 @@ class Planner:
         if remaining is not None and remaining.open_to(problem):
             result = self._along(climb, remaining)
         most = max(problem.steps, self.scenario.horizon.steps - first)
-        if result is None:
-            result = self._anew(climb, most, remaining)
-        if result is None:
-            scenario = rewritten(scenario, steps=most)
-            turning = replace(climb, scenario=scenario, problem=self.problem)
-            found = plan_turning(turning, self._solve_and_check, min(deadline, clock.now() + TURNING_S))
-            result = None if found is None else found[0]
+        result = result or self._anew(climb, most, remaining) or self._turning(climb, most)
         if result is None:
             work.log("the quick ways found no plan that passes the check; planning from scratch")
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
@@ -102,6 +99,41 @@ class Planner:
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
         result.seconds = time.monotonic() - began
         return result
+
+    def plan(
+        self, *, time_limit_s: float = TIME_LIMIT_S, method: str = "auto", log: Callable[[str], None] | None = None
+    ) -> PlanResult:
+        """A checked plan from the scenario's start, limbs in the air or not: the quickest moves, no bound of the cost.
+
+        `method`: what the plan says of how it came about. Raises InfeasibleError.
+        """
+        began = time.monotonic()
+        work = Work(lambda _what, _share: None, log or (lambda _line: None))
+        session = Session(self.scenario, self.robot, work, clock.now() + time_limit_s, method)
+        shortest = replace(self.oracles, problem=replace(self.problem, steps=1))
+        climb = Climb(**vars(session), **vars(shortest))
+        most, failures = self.scenario.horizon.steps, list[InfeasibleError]()
+        result, _ = attempts(
+            climb,
+            lambda climb: self._anew(climb, most, None) or self._refused,
+            (without_blamed,),
+            failures,
+            most=ATTEMPTS,
+            until=climb.deadline,
+        )
+        climb.swings.allow_all()
+        result = result or self._turning(climb, most)
+        if result is None:
+            moves, seen = search(climb, at_once=1, greed=1.0, deadline=climb.deadline)
+            raise failures[0] if moves is not None and failures else explain(climb, seen, 1)
+        result.seconds = time.monotonic() - began
+        return result
+
+    def _turning(self, climb: Climb, most: int) -> PlanResult | None:
+        """With other headings and grasps, in up to `most` steps."""
+        turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
+        found = plan_turning(turning, self._solve_and_check, min(climb.deadline, clock.now() + TURNING_S))
+        return None if found is None else found[0]
 
     def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:
         """The running plan's own moves, from the problem's start."""
@@ -112,6 +144,7 @@ class Planner:
     def _anew(self, climb: Climb, most: int, remaining: RemainingPlan | None) -> PlanResult | None:
         """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
         known = None if remaining is None else remaining.known(climb.problem)
+        self._refused = None
         with climb.work.part("contacts", 0.1):
             longer = replace(climb, problem=replace(climb.problem, steps=most))
             moves, _ = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
@@ -138,6 +171,7 @@ class Planner:
         if isinstance(found, PlanResult):
             return found
         climb.work.log(f"refused: {found}")
+        self._refused = found
         return None
 
     def _from(self, scenario: Scenario, without: Collection[str]) -> Problem:

@@ -153,7 +153,7 @@ def _position(
     """
     position = within(qp, equilibrium.problem.boxes, *bounds, to_w)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
-    wrenches = []
+    wrenches, support = [], equilibrium.bearing(support)
     for contact in support:
         index = qp.variables(np.concatenate([-bound[:4], [0.0]]), bound)
         rows, right = equilibrium.limit_rows(contact)

@@ -87,7 +87,7 @@ class StaticEquilibrium:
         The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
-        return self._find(Query(tuple(sorted(support)), low, high, wanted, grippers or support))
+        return self._find(Query(tuple(sorted(self.bearing(support))), low, high, wanted, grippers or support))
 
     def _find(self, query: Query) -> Array | None:
         self.queries += 1
@@ -99,6 +99,10 @@ class StaticEquilibrium:
             settled = inside and self._least_norm_fits(query.support, near, query.grippers)
             self._known[key] = near if settled else self._solve(query)
         return self._known[key]
+
+    def bearing(self, support: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of the contacts that are grasps."""
+        return tuple(c for c in support if self.problem.contacts[c].bears)
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
         """(3,) of these contacts."""
@@ -136,6 +140,7 @@ class StaticEquilibrium:
 
         Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
         """
+        support, grippers = self.bearing(support), grippers or support
         n = 3 + WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
@@ -143,7 +148,7 @@ class StaticEquilibrium:
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
         about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
-        matrix, right = self._balance(support, grippers or support)
+        matrix, right = self._balance(support, grippers)
         weighted, target = about_middle @ matrix, about_middle @ right
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
         found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()

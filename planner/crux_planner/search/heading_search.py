@@ -174,7 +174,7 @@ class HeadingSearch:
         bounds = view.reach.of(stance)
         if bounds is None:
             return steps
-        for limb in range(4):
+        for limb in self.problem.may_move(stance):
             support = tuple(c for other, c in enumerate(stance) if other != limb)
             if view.equilibrium.by_friction(support, *bounds, view.from_w(body), stance) is None:
                 continue

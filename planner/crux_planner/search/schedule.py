@@ -74,6 +74,8 @@ def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: A
                 swing = swings.swing(current, move.after[limb])
                 assert swing is not None
                 poses[k:until, limb] = swing.poses(until - k)[:-1]
+                if not swing.start.bears:
+                    poses[k, limb, 4] = swing.start.open_m
                 current = move.after[limb]
             else:
                 _stand(problem, contacts, poses, limb, current, k, until)
@@ -98,7 +100,11 @@ def _yaws(problem: Problem, moves: list[Move], stances: Array, swing_knots: Arra
 def _stand(
     problem: Problem, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
 ) -> None:
-    poses[first:end, limb] = problem.contacts[contact].pose
+    grasp = problem.contacts[contact]
+    poses[first:end, limb] = grasp.pose
+    if not grasp.bears:
+        poses[1:end, limb, 4] = grasp.open_m  # its fingers open in the first interval
+        return
     for k in range(first, end):
         contacts[k][limb] = contact
 

@@ -180,7 +180,8 @@ class _Tree:
     """The stances reached, the cheapest moves known to each, and those from which the search may go on."""
 
     def __init__(self, oracles: Oracles, at_once: int, greed: float) -> None:
-        problem, swings = oracles.problem, oracles.swings
+        self._problem = problem = oracles.problem
+        swings = oracles.swings
         self.equilibrium, self.reach, self.swings = oracles.equilibrium, oracles.reachable, swings
         self.report = SearchReport()
         self._to_go, self._at_once, self._greed = costs_to_go(problem, self.reach, swings), at_once, greed
@@ -213,7 +214,10 @@ class _Tree:
         """Add what moves from a stance lead to."""
         if (bounds := self.reach.of(stance)) is None:
             return
+        free = set(self._problem.may_move(stance))
         for limbs in self._groups:
+            if not free.issuperset(limbs):
+                continue
             support = tuple(c for limb, c in enumerate(stance) if limb not in limbs)
             lift_off = self.equilibrium.position(support, *bounds, body, stance)
             if lift_off is None:

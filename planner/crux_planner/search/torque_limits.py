@@ -46,10 +46,10 @@ class TorqueLimits(StaticEquilibrium):
         return other
 
     def by_friction(
-        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] = ()
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] | None = None
     ) -> Array | None:
         """As `position`, however strong the motors would have to be: much quicker."""
-        return super()._find(Query(tuple(sorted(support)), low, high, wanted, grippers or support))
+        return super()._find(Query(tuple(sorted(self.bearing(support))), low, high, wanted, grippers or support))
 
     def _find(self, query: Query) -> Array | None:
         if (key := query.key) not in self._strong:

@@ -140,12 +140,12 @@ def _clear_height(
     samples = _dense(way)
     fingers = footprint(samples, samples[:, 4] + shape.pad_radius)[:, [0, -1]]
     columns = footprint(samples, shape.half_length(samples[:, 4]))
-    own_top = cuboids.top_m[[start.hold, end.hold]]
+    own_top = cuboids.top_m[[contact.hold for contact in (start, end) if contact.hold >= 0]]
     cuboids = cuboids.near(columns, limits.clearance_m)
     under = column_gap(fingers, cuboids) < limits.clearance_m
     beside = column_gap(columns, cuboids) < shape.pad_radius + limits.body_clearance_m
     top = cuboids.top_m
-    height = max(float(own_top.max()), top[under].max(initial=0.0)) + limits.clearance_m
+    height = max(float(own_top.max(initial=0.0)), top[under].max(initial=0.0)) + limits.clearance_m
     # What the palm passes over, or stands beside, must be lower than the palm.
     height = max(height, (top[beside] + limits.body_clearance_m - shape.finger_height).max(initial=0.0))
     return float(height + HEIGHT_RESERVE_M) if height + HEIGHT_RESERVE_M <= limits.max_height_m else None

@@ -43,7 +43,7 @@ class SwingCache:
                     body_line_w_m=np.stack([problem.start.position_m[:2], problem.goal.body.position_m[:2]]),
                     skip=skip,
                 )
-                if start != end
+                if start != end and b.bears
                 else None
             )
         return self._swings[key]

@@ -42,6 +42,7 @@ def test_a_stance_that_friction_holds_and_motors_do_not(robot: Robot) -> None:
     support, place = problem.start_contacts[:3], np.array([-0.12, -0.05, 0.165])
     assert StaticEquilibrium(problem, 0.9).position(support, place, place, place) is not None
     assert TorqueLimits(problem, 0.9).position(support, place, place, place) is None
+    assert TorqueLimits(problem, 0.9).by_friction(support, place, place, place) is not None
     uphill = np.array([0.1, 0.03, 0.165])
     assert TorqueLimits(problem, 0.9).position(support, uphill, uphill, uphill) is not None
     low, high = np.array([-0.12, -0.05, 0.165]), np.array([0.1, 0.05, 0.2])

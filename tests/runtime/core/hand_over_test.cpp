@@ -141,6 +141,32 @@ TEST_F(HandOver, APlanThatBeginsElsewhereIsRefusedWithLimbAndAmount) {
   EXPECT_NE(reason.find("0.034"), std::string::npos) << reason;
 }
 
+TEST(FromStance, ALimbWhoseForceTorqueSensorIsDeadClimbsAnotherPlanAllTheSame) {
+  Climber run(sample_plan());
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.steps(1000);
+  run.step(command_t::START);
+  run.steps(200);
+  const auto dead_step = [&](int command = command_t::NONE) {
+    std::fill_n(run.plant.input().ft_force_g_n, 3, 30.0);  // LF feels a load all the time
+    std::fill_n(run.plant.input().ft_moment_g_nm, 3, 0.0);
+    run.step(command);
+  };
+  for (int i = 0; i < 1000 && !run.result.has_fault; ++i) dead_step();
+  ASSERT_EQ(run.result.fault.code, static_cast<int>(FaultCode::kFtImplausible));
+  ASSERT_EQ(run.result.fault.limb, 0);
+  plan_t plan = sample_plan();
+  plan.cost = 1.0;  // another plan
+  sign(plan);
+  ASSERT_EQ(run.core.load_plan(plan), "");
+  for (int i = 0; i < 500; ++i) dead_step();
+  ASSERT_EQ(run.core.state(), SupervisorState::kReady) << "told of the same sensor again";
+  dead_step(command_t::START);
+  for (int i = 0; i < 20000 && run.core.state() == SupervisorState::kClimbing; ++i) dead_step();
+  EXPECT_EQ(run.result.state.plan_complete, 1) << "fault " << run.result.state.fault_code;
+  EXPECT_NEAR(run.result.telemetry[0].gripper_position_w_m[0], kNewHold_m, 3e-3);
+}
+
 TEST(FromAir, ALimbThatBearsIsNotTakenForOneInTheAir) {
   Climber run(sample_plan());
   ASSERT_TRUE(run.until(SupervisorState::kReady, 20));

@@ -25,6 +25,7 @@ from crux_tools.sim.disturbance import Course, Disturbance, look_back
 from crux_tools.sim.emulated_boards import EmulatedBoards, Place
 from crux_tools.sim.fault_file import OF_THE_RUNTIME, Fault
 from crux_tools.sim.firmware_nodes import FirmwareNodes
+from crux_tools.sim.guided import Guided
 from crux_tools.sim.judge import Tracking, Verdict, judge, track
 from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
 from crux_tools.sim.plant import Plant
@@ -65,6 +66,8 @@ class ClimbOptions:
     """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
     world: World | None = None
     """what the physics has otherwise than plan and robot description say"""
+    guide: bool = False
+    """plans again where the robot holds for a cause that planning can mend"""
 
 
 @dataclass(frozen=True)
@@ -218,6 +221,12 @@ def climb(
         watched_s = WATCHED_S if options.world is not None else 0.0
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
         loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
+        guided = (
+            Guided(link, runtime, loop, plan, robot) if options.guide and isinstance(runtime, RuntimeHere) else None
+        )
+        if guided is not None:
+            loop.guided = guided
+            loop.max_cycles *= 2
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
@@ -237,7 +246,8 @@ def climb(
         died = outcome.ending is Ending.RUNTIME_DIED or runtime.crashed
         last_words = runtime.last_words() if died else ""
     courses = tuple(disturbance.courses) if disturbance is not None else ()
-    result = _judged(plan, plant, log, outcome, (last_words, unlogged), courses)
+    further = guided.legs[1:] if guided is not None else []
+    result = _judged([(0, plan), *further], plant, log, outcome, (last_words, unlogged), courses)
     result = replace(result, bus=options.bus, worst_interrupts=interrupts)
     return _logged(result, plant, _tags(options).get("world", ""))
 
@@ -289,26 +299,27 @@ def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan
 
 
 def _judged(
-    plan: plan_t,
+    legs: list[tuple[int, plan_t]],
     plant: Plant,
     log: Path,
     outcome: Outcome,
     complaints: tuple[str, str],
     courses: tuple[Course, ...],
 ) -> ClimbResult:
-    """`complaints`: how the runtime ended if it should not have, and why its log is incomplete."""
+    """`legs`: the plans climbed and the cycles they were taken in; `complaints`: how the runtime ended if it should not
+    have, and why its log is incomplete."""
     robot, dt_s, truth = plant.robot, plant.dt_s, recorded(plant)
     last_words, unlogged = complaints
     if not len(truth.cycle):
         raise WorkFailed(f"the runtime made no control cycle{': ' + last_words if last_words else ''}")
-    verdict = judge(truth, plan, robot, outcome.ending is Ending.COMPLETE)
+    verdict = judge(truth, legs[0][1], robot, outcome.ending is Ending.COMPLETE, legs[1:])
     tracking, reported, missed = Tracking(), list[FaultNote](), 0
     try:
         telemetry = read_log(log)
     except (LogError, OSError) as error:
         unlogged = unlogged or str(error)
     else:
-        tracking, reported = track(truth, telemetry, plan, robot), summarise(telemetry).faults
+        tracking, reported = track(truth, telemetry, *legs[-1], robot), summarise(telemetry).faults
         missed = int(telemetry.state["missed_cycles"][-1])
     look_back(courses, truth, reported, dt_s)
     said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]

@@ -91,6 +91,12 @@ def add_parser(subparsers: Any) -> None:
     )
     _add_world_options(parser)
     parser.add_argument(
+        "--guide",
+        action="store_true",
+        help="where the robot holds for a cause that planning can mend, plan again from there and go on, as crux guide "
+        "does on the robot (--bus memory)",
+    )
+    parser.add_argument(
         "--emulate",
         metavar="NODES",
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
@@ -175,7 +181,9 @@ def run(options: argparse.Namespace) -> int:
     bus = options.bus or ("memory" if options.pace == "lockstep" else "udp")
     if bus == "memory" and options.pace == "realtime":
         raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
-    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands, world)
+    if options.guide and bus != "memory":
+        raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
+    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide)
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

@@ -5,6 +5,7 @@ The verdict needs no log. The log adds how well the runtime's own references wer
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.scenario import parse_scenario
+from crux_msgs import limb_knot_t
 from numpy.typing import NDArray
 
 from crux_tools.sim.native import contact_period
@@ -162,8 +164,8 @@ def _opened(truth: Truth, gone: Bools, soon: int) -> Bools:
     return opened
 
 
-def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
-    """What makes the run a fall."""
+def _falls(truth: Truth, plan: Any, robot: RobotModel, given_up: Collection[int] = ()) -> list[str]:
+    """What makes the run a fall; a hold that a limb of `given_up` loses does not."""
     dt_s = float(robot.model.opt.timestep)
     lost_samples = int(LOST_HOLD_S / (contact_period() * dt_s)) + 1
     time_s = truth.cycle * dt_s
@@ -189,17 +191,34 @@ def _falls(truth: Truth, plan: Any, robot: RobotModel) -> list[str]:
     without = off & stance & begun[:, None]
     for limb, name in enumerate(LIMB_NAMES):
         lost = long_runs(without[:, limb], lost_samples)
-        if lost.any():
+        if lost.any() and limb not in given_up:
             reasons.append(f"limb {name} lost its hold in stance at {time_s[np.argmax(lost)]:.1f} s")
     return reasons
 
 
-def judge(truth: Truth, plan: Any, robot: RobotModel, complete: bool) -> Verdict:
+def _legs(truth: Truth, legs: Sequence[tuple[int, Any]]) -> Iterator[tuple[Truth, Any, list[int]]]:
+    """The samples of each plan climbed, from the cycle it was taken in, and the limbs in the air where the next begins:
+    they have lost their holds, which that plan goes on from."""
+    ends = [*(cycle for cycle, _ in legs[1:]), np.inf]
+    for i, ((begin, plan), end) in enumerate(zip(legs, ends, strict=True)):
+        rows = (truth.cycle >= begin) & (truth.cycle < end)
+        following = legs[i + 1][1].knots[0].limbs if i + 1 < len(legs) else []
+        if rows.any():
+            part = Truth(**{name: values[rows] for name, values in vars(truth).items()})
+            yield part, plan, [limb for limb, knot in enumerate(following) if knot.phase == limb_knot_t.AIR]
+
+
+def judge(
+    truth: Truth, plan: Any, robot: RobotModel, complete: bool, further: Sequence[tuple[int, Any]] = ()
+) -> Verdict:
     """The verdict on a run of at least one sample, from its first climbing cycle to its end.
 
-    `robot` is the model it ran on, `complete` whether the plan was played to its end.
+    `robot` is the model it ran on, `complete` whether the last plan was played to its end, `further` the plans taken on
+    the way and the cycles they were taken in. The goal is that of the first.
     """
-    reasons = _falls(truth, plan, robot)
+    reasons = [
+        reason for leg in _legs(truth, [(0, plan), *further]) for reason in _falls(leg[0], leg[1], robot, leg[2])
+    ]
     travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N, robot.point_feet)
     slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
@@ -217,10 +236,11 @@ def judge(truth: Truth, plan: Any, robot: RobotModel, complete: bool) -> Verdict
     )
 
 
-def track(truth: Truth, log: Any, plan: Any, robot: RobotModel) -> Tracking:
-    """Physics against the references in `log`, a telemetry.Telemetry of the same run, in the cycles both have."""
+def track(truth: Truth, log: Any, since: int, plan: Any, robot: RobotModel) -> Tracking:
+    """Physics against the references in `log`, a telemetry.Telemetry of the same run, in the cycles that both have from
+    `since` on, when `plan` was taken."""
     logged = log.state["cycle"]
-    climbing = np.flatnonzero(log.state["supervisor_state"] == CLIMBING)
+    climbing = np.flatnonzero((log.state["supervisor_state"] == CLIMBING) & (logged >= since))
     if not len(climbing):
         return Tracking()
     row = np.clip(np.searchsorted(logged, truth.cycle), 0, len(logged) - 1)

@@ -123,6 +123,20 @@ class Loop:
     """how long the robot is watched besides, after it has stopped climbing"""
     clock: WorldClock | None = None
     """real time; None: lockstep"""
+    guided: Callable[[], bool] = lambda: False
+    """asked where the robot holds: whether somebody leads it on; lets cycles pass by `cycles`"""
+    cycle: int = field(default=-1, init=False)
+    """of the last Sync answered"""
+
+    def cycles(self, count: int) -> None:
+        """Lets so many Syncs come and answers them: in lockstep, for whoever waits for the runtime meanwhile."""
+        end = self.cycle + count
+        while self.cycle < end and (cycle := self.nodes.wait_sync(SYNC_TIMEOUT_S)) is not None:
+            if cycle == self.cycle:
+                self.nodes.publish(self.plant)
+                continue
+            self._step(cycle)
+            self.cycle = cycle
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Goes on answering Syncs, unjudged, until `until()`: in real time silent nodes would be a fault."""
@@ -148,7 +162,6 @@ class Loop:
 
     def run(self) -> Outcome:
         """Answers Syncs until the climb is over."""
-        last = -1
         end_cycle: int | None = None
         ending = Ending.COMPLETE
         missed = 0
@@ -158,24 +171,25 @@ class Loop:
             if cycle is None:
                 wall_s = time.monotonic() - began_s
                 if not self.runtime_alive():
-                    return Outcome(Ending.RUNTIME_DIED, last + 1, wall_s, missed, robot_on_wall=self._free_run(last))
+                    held = self._free_run(self.cycle)
+                    return Outcome(Ending.RUNTIME_DIED, self.cycle + 1, wall_s, missed, robot_on_wall=held)
                 if time.monotonic() - heard_s > SILENCE_S:
-                    return Outcome(Ending.SILENT, last + 1, wall_s, missed)
-                if last > 0 and self._moves_on(heard=False):
-                    self._step(last, heard=False)
+                    return Outcome(Ending.SILENT, self.cycle + 1, wall_s, missed)
+                if self.cycle > 0 and self._moves_on(heard=False):
+                    self._step(self.cycle, heard=False)
                 continue
             heard_s = time.monotonic()
-            if cycle == last:  # the runtime repeats its first Sync until all nodes have answered
+            if cycle == self.cycle:  # the runtime repeats its first Sync until all nodes have answered
                 self.nodes.publish(self.plant)
                 continue
-            if last < 0:
+            if self.cycle < 0:
                 began_s = time.monotonic()
-            missed += cycle - last - 1  # the bench came too late: physics stands still, no watchdog counts
+            missed += cycle - self.cycle - 1  # the bench came too late: physics stands still, no watchdog counts
             if cycle <= 0 or self._moves_on(heard=True):
                 self._step(cycle)
             else:
                 self.nodes.publish(self.plant)
-            last = cycle
+            self.cycle = cycle
             if cycle % REPORT_CYCLES == 0:
                 self.progress(self.plant.time_s)
             if end_cycle is None:
@@ -196,7 +210,7 @@ class Loop:
             lived_through = self.disturbance is None or self.disturbance.over(self.plant.cycle - 1)
             if cycle > START_CYCLE + START_GRACE_CYCLES and lived_through:
                 if state in (HOLDING, FAULT):
-                    return Ending.STOPPED
+                    return None if state == HOLDING and self.guided() else Ending.STOPPED
                 if state != CLIMBING:
                     return Ending.NOT_STARTED
         return Ending.TIMEOUT if cycle >= self.max_cycles else None

@@ -30,6 +30,8 @@ class RuntimeHere:
             raise UsageError(f"crux-runtime: {self._sim.crux_runtime_error().decode(errors='replace')}")
         self._handlers: dict[str, Handler] = {}
         self._trouble = ""
+        self.idle: Callable[[], None] | None = None
+        """lets time pass while somebody waits for an answer"""
         nodes.before_sync = self._turn
 
     def __enter__(self) -> RuntimeHere:
@@ -81,8 +83,16 @@ class RuntimeHere:
         """No more."""
         self._handlers.pop(subscription, None)
 
-    def handle_timeout(self, _timeout_ms: int) -> int:
-        """Hands on one message; nothing comes later, so there is nothing to wait for."""
+    def handle_timeout(self, timeout_ms: int) -> int:
+        """Hands on one message; where time passes by `idle` alone, after so many turns of it at most."""
+        for _ in range(timeout_ms if self.idle else 0):
+            if self._hand_on():
+                return 1
+            assert self.idle is not None
+            self.idle()
+        return self._hand_on()
+
+    def _hand_on(self) -> int:
         size, is_status = ctypes.c_int32(), ctypes.c_int32()
         data = self._sim.crux_runtime_next(self._handle, ctypes.byref(size), ctypes.byref(is_status))
         if not data:

@@ -1,0 +1,98 @@
+"""A guide beside a runtime in physics: a hold breaks in stance, and another plan leads on, or it says why none does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from crux_contracts.plan_file import plan_id
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import load_scenario
+from crux_msgs import limb_knot_t, plan_t
+from crux_planner import plan as make_plan
+from crux_tools.guide.guide import Attended, Guide
+from crux_tools.replay.recompute import recompute
+from crux_tools.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_tools.sim.world_file import parse_world
+from crux_tools.telemetry.reader import Channels, read_channels
+
+SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
+BREAKS_S = 10.0
+RR, TRACK = 3, 1
+IDLE, READY, CLIMBING, HOLDING = 0, 1, 2, 3
+
+
+@pytest.fixture(scope="module")
+def plan() -> plan_t:
+    """The wall of four holds a side; all limbs are in stance when the hold breaks."""
+    made: plan_t = make_plan(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
+    return made
+
+
+def guided(plan: plan_t, log: Path, holds: str) -> tuple[ClimbResult, Channels]:
+    world = parse_world(f"version: 1\nname: test\nholds: {holds}\n".encode()).draw(0, plan)
+    result = climb(plan, load_robot("scaler"), log, ClimbOptions(world=world, guide=True))
+    return result, read_channels(log)
+
+
+def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
+    plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "log.mcap"
+    result, channels = guided(plan, log, f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    said = capsys.readouterr().err
+    assert result.ok, result.reason
+    assert "RR node 7 (gripper): finger force fell" in said
+    assert "right-rear-low is no hold any more" in said
+    state, output = channels.tables["/robot_state"], channels.tables["/control_output"]
+    cycles, now = state["cycle"], state["supervisor_state"]
+    began = cycles[np.argmax(now == CLIMBING)]
+    assert set(now[cycles >= began].tolist()) == {READY, CLIMBING, HOLDING}
+    assert (output["joint_mode"][output["cycle"] >= began] == TRACK).all()
+    broke = cycles[np.argmax((now == HOLDING) & (cycles > began))]
+    moved_on = cycles[np.argmax((now == CLIMBING) & (cycles > broke))]
+    assert moved_on - broke < 1000  # 2 s, of which planning counts as one
+    plans = channels.messages["/plan"]
+    assert [each.plan_id == plan.plan_id for each in plans] == [True, False]
+    assert plans[1].method == "guide: grip_lost of RR"
+    assert plans[1].knots[0].limbs[RR].phase == limb_knot_t.AIR
+    assert recompute(log).ok
+
+
+def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(
+    plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = yaml.safe_load(plan.scenario_yaml)
+    high = next(hold for hold in content["holds"] if hold["name"] == "right-rear-high")
+    high["position_m"] = [0.6, 0.6]  # on the guide's map alone
+    lonely = plan_t.decode(plan.encode())
+    lonely.scenario_yaml = yaml.safe_dump(content)
+    lonely.plan_id = plan_id(lonely)
+    result, channels = guided(lonely, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    said = capsys.readouterr().err
+    assert not result.ok
+    assert "no way to the goal" in said
+    assert "the robot stays where it is" in said
+    assert len(channels.messages["/plan"]) == 1
+    truth = channels.tables["/truth/body"]
+    stands = truth["position_w_m"][truth["cycle"] > BREAKS_S * 500]
+    assert np.ptp(stands, axis=0).max() < 0.02
+
+
+def test_without_the_guide_in_mid_plan_the_plan_is_finished(
+    plan: plan_t, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attend, looks = Guide.attend, list[Attended]()
+
+    def once(self: Guide) -> Attended:
+        if Attended.STARTED in looks:
+            raise AssertionError("the guide is gone")
+        looks.append(attend(self))
+        return looks[-1]
+
+    monkeypatch.setattr(Guide, "attend", once)
+    result, _ = guided(plan, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    assert looks[-1] is Attended.STARTED
+    assert result.ok, result.reason

@@ -1,0 +1,1 @@
+"""Plans again where a robot holds for a cause that planning can mend."""

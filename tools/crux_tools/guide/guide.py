@@ -1,0 +1,152 @@
+"""Beside a runtime: where the robot holds for a cause that planning can mend, plans again from there and goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from itertools import pairwise
+
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import ScenarioError, parse_scenario
+from crux_msgs import command_t, limb_knot_t, plan_t, robot_state_t, status_t
+from crux_planner import InfeasibleError, Planner, PlanResult
+
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.guide.situation import Situation
+from crux_tools.operator_link import OperatorLink
+from crux_tools.operator_status import fault_of
+
+MENDED = (
+    "event_timeout",
+    "body_error",
+    "tracking_error",
+    "grip_lost",
+    "ik_failed",
+    "ft_implausible",
+    "grasp_failed",
+    "slip",
+    "stance_misfit",
+    "finger_force_implausible",
+)
+"""Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
+SETTLED_S = 0.3  # of standing, before what is measured counts
+PLANNING_S = 8.0  # of computing, for the way to one goal
+TRIES = 5
+SAFE_STANCES = 3  # behind the robot, to which a way is looked for
+
+
+class Attended(Enum):
+    """What became of a look at the runtime."""
+
+    NOTHING = "nothing to do"
+    WAITING = "the robot is about to hold"
+    STARTED = "another plan is climbed"
+    DONE = "the robot is at the goal"
+    GAVE_UP = "no plan leads on"
+
+
+@dataclass
+class Guide:
+    """One robot's guide. `plan` is what the runtime climbs; `say` hears every decision and its reason."""
+
+    link: OperatorLink
+    plan: plan_t
+    robot: Robot
+    say: Callable[[str], None]
+    tries: int = TRIES
+    agrees: Callable[[], bool] = lambda: True
+    """asked before another plan is uploaded"""
+    climbs_down: bool = field(default=False, init=False)
+    """the last plan leads to a safe stance, not to the goal"""
+    tried: int = field(default=0, init=False)
+    _still: tuple[float, float] | None = field(default=None, init=False)  # plan time at which it stands, and since when
+    _gave_up: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        # Everything that planning needs is loaded before it is needed.
+        Planner(parse_scenario(self.plan.scenario_yaml), self.robot)
+
+    def attend(self) -> Attended:
+        """Looks at the runtime, and does what there is to do. Raises WorkFailed where nobody answers."""
+        plan_id = self.link.send(command_t.STATUS).plan_id
+        status = self.link.status
+        if status is None or status.state.supervisor_state != robot_state_t.HOLDING:
+            self._still = None
+            return Attended.NOTHING
+        fault = fault_of(status)
+        if fault is None:
+            done = status.state.plan_complete and not self.climbs_down
+            return Attended.DONE if done else Attended.NOTHING
+        if self._gave_up:
+            return Attended.GAVE_UP
+        if not self._stands(status):
+            return Attended.WAITING
+        self.say(f"holds: {fault['where']}{fault['text']}")
+        if plan_id != self.plan.plan_id:
+            return self._give_up(f"the runtime climbs plan {plan_id[:12]}, not {self.plan.plan_id[:12]}")
+        if fault["name"] not in MENDED:
+            return self._give_up(f"no other plan mends that; {fault['do']}")
+        return self._lead_on(Situation(self.plan, status, self.robot))
+
+    def _stands(self, status: status_t) -> bool:
+        """It has stood for a while; a limb may first go back to its hold by itself."""
+        state = status.state
+        if self._still is None or self._still[0] != state.plan_time_s:
+            self._still = (state.plan_time_s, state.time_s)
+        return bool(state.time_s - self._still[1] >= SETTLED_S)
+
+    def _lead_on(self, situation: Situation) -> Attended:
+        if self.tried == self.tries:
+            return self._give_up(f"{self.tries} plans have not led on")
+        self.tried += 1
+        result = self._way(situation)
+        if result is None:
+            return self._give_up("the robot stays where it is")
+        for line in told(result.plan):
+            self.say(line)
+        if not self.agrees():
+            return self._give_up("the operator does not want it")
+        try:
+            self.link.upload(result.plan)
+            self.plan = result.plan
+            self.link.send(command_t.START, result.plan.plan_id)
+        except (UsageError, WorkFailed) as refused:
+            self.say(str(refused))
+            return Attended.WAITING
+        self._still = None
+        return Attended.STARTED
+
+    def _way(self, situation: Situation) -> PlanResult | None:
+        """On to the goal, else back to a safe stance."""
+        for name in sorted(situation.useless()):
+            self.say(f"{name} is no hold any more")
+        goals = [None] if not self.climbs_down else []
+        for goal in [*goals, *situation.safe_goals()[:SAFE_STANCES]]:
+            where = "to the goal" if goal is None else "back to a safe stance"
+            try:
+                planner = Planner(situation.scenario(goal), self.robot)
+                result = planner.plan(time_limit_s=PLANNING_S, method=f"guide: {situation.reason}")
+            except (InfeasibleError, ScenarioError) as none:
+                self.say(f"no way {where}: {none}")
+                continue
+            self.climbs_down = goal is not None
+            self.say(f"{where} in {result.steps * result.plan.dt_s:g} s, planned in {result.seconds:.1f} s")
+            return result
+        return None
+
+    def _give_up(self, reason: str) -> Attended:
+        self.say(reason)
+        self._gave_up = True
+        return Attended.GAVE_UP
+
+
+def told(plan: plan_t) -> list[str]:
+    """What a plan does, move by move."""
+    lines = []
+    for before, after in pairwise(plan.knots):
+        for limb, name in enumerate(LIMB_NAMES):
+            if before.limbs[limb].phase == limb_knot_t.AIR and after.limbs[limb].phase == limb_knot_t.STANCE:
+                lines.append(f"  {after.time_s:5.0f} s  {name} to {plan.holds[after.limbs[limb].hold].name}")
+    return [*lines, f"  {plan.knots[-1].time_s:5.0f} s  the end"]

@@ -1,0 +1,182 @@
+"""From what the runtime reports of a robot that holds to a scenario that begins there: the map as it was measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import FACE_NAMES, Scenario, parse_scenario
+from crux_msgs import limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
+
+GRIPPING = (0, 1, 7)  # limb_reference_t.phase: stance, unload, load
+COMING = (5, 6)  # descend, close
+NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed")  # the hold is elsewhere, or slippery
+SHIFT_M, TURN_RAD = 0.005, 0.035  # that a hold is off the map at least where it is moved there
+LEAST_STEPS = 60  # of the horizon: the way on may be a detour
+INSIDE_M, INSIDE_RAD = 0.002, 0.01  # kept of the body's bounds (7)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A robot that holds: the plan it was on, and what the runtime says of it."""
+
+    plan: plan_t
+    status: status_t
+    robot: Robot
+
+    @property
+    def interval(self) -> int:
+        """Of the plan, in which its clock stands."""
+        return min(int(self.status.state.plan_time_s / self.plan.dt_s + 1e-9), self.plan.n_knots - 2)
+
+    def grips(self, limb: int) -> bool:
+        """A limb that has lost its hold is given nothing to bear."""
+        reference, telemetry = self.status.reference[limb], self.status.telemetry[limb]
+        lost = reference.load > 0.0 and not any(telemetry.force_reference_w_n)
+        return reference.phase in GRIPPING and not lost
+
+    def grasp(self, limb: int) -> limb_knot_t:
+        """What the limb grips as planned, or was to grip next."""
+        knots = [knot.limbs[limb] for knot in self.plan.knots[self.interval :]]
+        return next(knot for knot in knots if knot.phase == limb_knot_t.STANCE)
+
+    def hold(self, limb: int) -> str:
+        """Name of its hold."""
+        return str(self.plan.holds[self.grasp(limb).hold].name)
+
+    @property
+    def fault(self) -> str:
+        """Name of the one that stands."""
+        return FAULT_BY_CODE[self.status.fault.code].name
+
+    @property
+    def reason(self) -> str:
+        """Why the robot holds, in short."""
+        limb = self.status.fault.limb
+        return self.fault if limb < 0 else f"{self.fault} of {LIMB_NAMES[limb]}"
+
+    def useless(self) -> dict[str, int]:
+        """Holds that are none, and whose: those that were lost, and one that the limb on its way to it cannot grip."""
+        limbs = [limb for limb in range(len(LIMB_NAMES)) if self._phase(limb) in GRIPPING and not self.grips(limb)]
+        limb = self.status.fault.limb
+        if self.fault in NOT_GRIPPED and limb >= 0 and self._phase(limb) in COMING:
+            limbs.append(limb)
+        return {self.hold(limb): limb for limb in limbs}
+
+    def _phase(self, limb: int) -> int:
+        return int(self.status.reference[limb].phase)
+
+    def scenario(self, goal: dict[str, Any] | None = None) -> Scenario:
+        """The plan's scenario from here on, to its own goal or another. Raises ScenarioError."""
+        content = yaml.safe_load(self.plan.scenario_yaml)
+        self._measure(content)
+        content["start"] = self._start()
+        content["goal"] = goal or content["goal"]
+        content["horizon"]["steps"] = max(content["horizon"]["steps"], LEAST_STEPS)
+        return parse_scenario(yaml.safe_dump(content, sort_keys=False), "the wall as measured")
+
+    def safe_goals(self) -> list[dict[str, Any]]:
+        """Goals on the plan's stances behind, the last first, whose holds are still holds."""
+        useless, goals, seen = self.useless(), list[dict[str, Any]](), set[tuple[int, ...]]()
+        for knot in reversed(self.plan.knots[: self.interval + 1]):
+            held = tuple(int(limb.hold) for limb in knot.limbs)
+            names = [self.plan.holds[hold].name for hold in held if hold >= 0]
+            if len(names) < len(LIMB_NAMES) or useless.keys() & set(names) or held in seen:
+                continue
+            seen.add(held)
+            rpy_deg = np.degrees(knot.body_rpy_rad).tolist()
+            body = {"position_m": list(knot.body_position_w_m), "rpy_deg": rpy_deg, "tolerance_m": 0.02}
+            grasps = {name: _grasp(self.plan, limb) for name, limb in zip(LIMB_NAMES, knot.limbs, strict=True)}
+            goals.append({"body": body, "grasps": {n: {k: g[k] for k in ("hold", "faces")} for n, g in grasps.items()}})
+        return goals
+
+    def _start(self) -> dict[str, Any]:
+        state, bounds = self.status.state, self.robot.body
+        rpy = _rpy(state.body_quaternion_w)
+        tilt = bounds.max_tilt_rad - INSIDE_RAD
+        low, high = bounds.height_m
+        height = min(max(state.body_position_w_m[2], low + INSIDE_M), high - INSIDE_M)
+        start: dict[str, Any] = {
+            "body": {
+                "position_m": [*state.body_position_w_m[:2], height],
+                "rpy_deg": np.degrees([*np.clip(rpy[:2], -tilt, tilt), rpy[2]]).tolist(),
+            },
+            "grasps": {},
+            "air": {},
+        }
+        for limb, name in enumerate(LIMB_NAMES):
+            if self.grips(limb):
+                start["grasps"][name] = _grasp(self.plan, self.grasp(limb))
+            else:
+                start["air"][name] = _in_air(self.status.reference[limb], self.status.telemetry[limb])
+        return start
+
+    def _measure(self, content: dict[str, Any]) -> None:
+        """Holds to where they are gripped, with the friction they slipped at; what is no hold becomes an obstacle."""
+        useless = self.useless()
+        for limb in filter(self.grips, range(len(LIMB_NAMES))):
+            hold = next(each for each in content["holds"] if each["name"] == self.hold(limb))
+            telemetry, reference = self.status.telemetry[limb], self.status.reference[limb]
+            place = np.array(telemetry.gripper_position_w_m[:2])
+            if np.linalg.norm(place - hold["position_m"]) > SHIFT_M:
+                hold["position_m"] = place.tolist()
+            turned = _yaw(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
+            if abs(turned) > TURN_RAD:
+                hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(turned)
+            if telemetry.slip_friction > 0.0:
+                hold["friction"] = _at_most(hold["friction"], telemetry.slip_friction)
+        for lost in [each for each in content["holds"] if each["name"] in useless]:
+            content["holds"].remove(lost)
+            if (obstacle := self._left_of(lost, useless[lost["name"]])) is not None:
+                content["obstacles"] = [*content.get("obstacles", []), obstacle]
+
+    def _left_of(self, hold: dict[str, Any], limb: int) -> dict[str, Any] | None:
+        """What stands where a hold was: nothing where fingers closed further than it is wide, else an obstacle; where
+        fingers are about it they show its place."""
+        telemetry, reference = self.status.telemetry[limb], self.status.reference[limb]
+        place = np.array(telemetry.gripper_position_w_m[:2])
+        left: dict[str, Any] = {key: hold[key] for key in ("name", "position_m", "size_m", "yaw_deg") if key in hold}
+        if np.linalg.norm(place - hold["position_m"]) < min(hold["size_m"][:2]) / 2:
+            if self._phase(limb) in GRIPPING:
+                return None
+            turned = _yaw(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
+            left |= {"position_m": place.tolist(), "yaw_deg": left.get("yaw_deg", 0.0) + math.degrees(turned)}
+        return left
+
+
+def _grasp(plan: plan_t, limb: limb_knot_t) -> dict[str, Any]:
+    face = FACE_NAMES[limb.finger1_face]
+    return {"hold": plan.holds[limb.hold].name, "faces": face[1:], "finger1": face}
+
+
+def _in_air(reference: limb_reference_t, telemetry: limb_telemetry_t) -> dict[str, Any]:
+    yaw = _yaw(telemetry, reference.gripper_yaw_w_rad)
+    place = [float(v) for v in telemetry.gripper_position_w_m]
+    return {"position_m": place, "yaw_deg": math.degrees(yaw), "opening_m": reference.finger_opening_m}
+
+
+def _at_most(friction: Any, most: float) -> Any:
+    if isinstance(friction, dict):
+        return {face: min(value, most) for face, value in friction.items()}
+    return min(friction, most)
+
+
+def _yaw(telemetry: limb_telemetry_t, near: float) -> float:
+    """Of the gripper's opening axis in the wall's plane, the one nearest to another."""
+    w, x, y, z = telemetry.gripper_quaternion_w
+    yaw = math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return near + math.remainder(yaw - near, 2 * math.pi)
+
+
+def _rpy(quaternion: Any) -> tuple[float, float, float]:
+    """Roll, pitch, yaw (intrinsic z-y-x) of a quaternion w, x, y, z."""
+    w, x, y, z = quaternion
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    return roll, pitch, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
