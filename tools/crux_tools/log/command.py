@@ -7,6 +7,7 @@ from typing import Any
 
 from crux_tools.arguments import taught
 from crux_tools.log.export_command import add_export
+from crux_tools.log.ls_command import add_ls
 
 
 def add_parser(subparsers: Any) -> None:
@@ -16,11 +17,13 @@ def add_parser(subparsers: Any) -> None:
         help="logs: for other tools, listed, cut, merged, recovered, played",
         **taught(
             "Logs of climbs, from the robot or from crux climb: written for other tools.",
+            "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
             "crux log ACTION --help",
         ),
     )
     actions = parser.add_subparsers(dest="log_action", metavar="ACTION", required=True)
+    add_ls(actions)
     add_export(actions)
 
 

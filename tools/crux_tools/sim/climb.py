@@ -65,6 +65,8 @@ class ClimbOptions:
     """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
     world: World | None = None
     """what the physics has otherwise than plan and robot description say"""
+    note: str = ""
+    """the user's own words, for the log"""
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,7 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
     from crux_commit import COMMIT
 
     tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags |= {"note": options.note} if options.note else {}
     world = options.world
     if world is not None:
         tags |= {"world": world.name, "world_sha256": world.source_sha256, "world_seed": str(world.seed)}
