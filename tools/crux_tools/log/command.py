@@ -8,6 +8,7 @@ from typing import Any
 from crux_tools.arguments import taught
 from crux_tools.log.edit_commands import add_edits
 from crux_tools.log.export_command import add_export
+from crux_tools.log.lcm_command import add_lcm
 from crux_tools.log.ls_command import add_ls
 
 
@@ -17,8 +18,8 @@ def add_parser(subparsers: Any) -> None:
         "log",
         help="logs: for other tools, listed, cut, merged, recovered, played",
         **taught(
-            "Logs of climbs, of the robot or of crux climb: listed, looked into, cut, merged, recovered, and written "
-            "for other tools.",
+            "Logs of climbs, of the robot or of crux climb: listed, looked into, cut, merged, recovered, "
+            "played on LCM, and written for other tools.",
             "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
             "crux log ACTION --help",
@@ -28,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
     add_ls(actions)
     add_edits(actions)
     add_export(actions)
+    add_lcm(actions)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -22,7 +22,8 @@ def _output(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """The `type` of an option that takes a time of the log."""
     try:
         value = float(text)
     except ValueError:
@@ -57,8 +58,8 @@ def add_edits(actions: Any) -> None:
         ),
     )
     _log(cut)
-    cut.add_argument("--from", type=_seconds, default=-math.inf, dest="from_s", metavar="S", help="(the log's begin)")
-    cut.add_argument("--to", type=_seconds, default=math.inf, dest="to_s", metavar="S", help="(the log's end)")
+    cut.add_argument("--from", type=seconds, default=-math.inf, dest="from_s", metavar="S", help="(the log's begin)")
+    cut.add_argument("--to", type=seconds, default=math.inf, dest="to_s", metavar="S", help="(the log's end)")
     _output(cut)
     cut.set_defaults(action=run_cut)
     merge = actions.add_parser(
