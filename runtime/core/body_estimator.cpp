@@ -42,11 +42,18 @@ void BodyCorrection::reset(const Pose& command_W, const Pose& reference_W) noexc
   rotation_rad_ = clamped_norm(rotation_log(command_W.rotation * reference_W.rotation.transpose()), max_rotation_rad_);
 }
 
-void BodyCorrection::relocate(const Pose& motion, const Pose& reference_W) noexcept {
-  const Vector3 way_m = way_m_, shifted_W_m = reference_W.position_m + way_m;
-  reset(motion * Pose{rotation_exp(rotation_rad_) * reference_W.rotation, shifted_W_m + offset_m_},
-        {reference_W.rotation, shifted_W_m});
+Pose BodyCorrection::command_W(const Pose& reference_W) const noexcept {
+  return {rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + way_m_ + offset_m_};
+}
+
+void BodyCorrection::rebase(const Pose& command_W, const Pose& reference_W) noexcept {
+  const Vector3 way_m = way_m_;
+  reset(command_W, {reference_W.rotation, reference_W.position_m + way_m});
   way_m_ = way_m;
+}
+
+void BodyCorrection::relocate(const Pose& motion, const Pose& reference_W) noexcept {
+  rebase(motion * command_W(reference_W), reference_W);
 }
 
 void BodyCorrection::make_way(const Vector3& missed_W_m, double dt_s) noexcept {
@@ -59,7 +66,7 @@ Pose BodyCorrection::update(const Pose& reference_W, const Pose& estimate_W, dou
   offset_m_ =
       clamped_norm(offset_m_ + share * (reference_W.position_m + way_m_ - estimate_W.position_m), max_offset_m_);
   rotation_rad_ = clamped_norm(rotation_rad_ + share * turn, max_rotation_rad_);
-  return {rotation_exp(rotation_rad_) * reference_W.rotation, reference_W.position_m + way_m_ + offset_m_};
+  return command_W(reference_W);
 }
 
 }  // namespace crux

@@ -34,6 +34,12 @@ class BodyCorrection {
   /// The correction with which the command is `command_W` when the reference is `reference_W`.
   void reset(const Pose& command_W, const Pose& reference_W) noexcept;
 
+  /// The command as it was last, of the reference it was made from.
+  Pose command_W(const Pose& reference_W) const noexcept;
+
+  /// The command is `command_W` although the reference is another; the way made stays.
+  void rebase(const Pose& command_W, const Pose& reference_W) noexcept;
+
   /// The command moves along with the world it is counted in.
   void relocate(const Pose& motion, const Pose& reference_W) noexcept;
 

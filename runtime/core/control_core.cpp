@@ -40,23 +40,40 @@ std::string ControlCore::load_plan(const crux_msgs::plan_t& plan) {
 Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept {
   if (supervisor_.state() == SupervisorState::kClimbing) return {"the robot is climbing; hold it first"};
   if (supervisor_.state() != SupervisorState::kIdle && plan) {
-    if (const Reason off = off_start(play(*plan, {}))) return off;
+    const PlanReference start = play(*plan, {});
+    if (const Reason off = off_stance(start)) return off;
+    if (const Reason off = off_start(start)) return off;
   }
+  const bool stands = engaged_ && plan && plan->point_feet == plan_->point_feet;
   plan_.swap(plan);
-  supervisor_.plan_exchanged();
+  supervisor_.plan_exchanged(stands);
   clock_.reset();
-  started_ = false;
-  engaged_ = false;
   test_.reset();
   retry_.reset();
   return_ = Return::kNone;
-  reference_ = {};
-  if (plan_) {
-    reference_ = play(*plan_, clock_.now());
-    body_.reset(reference_.body_W);
+  const PlanReference before = reference_;
+  reference_ = plan_ ? play(*plan_, clock_.now()) : PlanReference();
+  if (stands) {
+    hand_over(before);
+  } else {
+    started_ = false;
+    engaged_ = false;
+    if (plan_) body_.reset(reference_.body_W);
   }
   return {};
 }
+
+void ControlCore::hand_over(const PlanReference& before) noexcept {
+  correction_.rebase(correction_.command_W(before.body_W), reference_.body_W);
+  for (int l = 0; l < kLimbs; ++l) {
+    limbs_[l].hand_over(before.limbs[l], reference_.limbs[l], engagement());
+    if (!reference_.limbs[l].gripping()) faults_.begin_in_air(l);
+  }
+  balance_.restart();
+  engaged_time_s_ = 0.0;
+}
+
+double ControlCore::engagement() const noexcept { return smoothstep(engaged_time_s_ / robot_.control.engage_time_s); }
 
 void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept {
   sense(in);
@@ -96,6 +113,19 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
   const double dt_s = in.dt_s > 0.0 && std::isfinite(in.dt_s) ? in.dt_s : 0.0;
   for (LimbController& limb : limbs_) limb.sense_wrench(body_.body_W().rotation, plan_->gravity_W_m_s2, dt_s);
   watch_stance(dt_s);
+}
+
+Reason ControlCore::off_stance(const PlanReference& start) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    const bool grips = reference_.limbs[l].gripping() && !faults_.lost(l);
+    if (start.limbs[l].gripping() && !grips)
+      return {"the plan begins with this gripper on a hold, here it is in the air: its fingers press with value N", l,
+              0, limbs_[l].finger_force_N()};
+    if (!start.limbs[l].gripping() && grips)
+      return {"the plan begins with this gripper in the air, here it is on its hold and bears value N", l, 0,
+              limbs_[l].wrench_W().force_N.norm()};
+  }
+  return {};
 }
 
 Reason ControlCore::off_start(const PlanReference& start) const noexcept {
@@ -269,7 +299,7 @@ void ControlCore::localise(const PlanReference& reference, double dt_s) noexcept
 void ControlCore::control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept {
   const double dt_s = in.dt_s;
   engaged_time_s_ += dt_s;
-  const double engagement = smoothstep(engaged_time_s_ / robot_.control.engage_time_s);
+  const double engagement = this->engagement();
 
   localise(reference, dt_s);
   test_grasps(reference, dt_s);
@@ -281,7 +311,8 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    if (!limbs_[l].follow_contact(limb, body_.body_W(), body_command_W) || plan_->point_feet) continue;
+    const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W);
+    if (!found || plan_->point_feet || !limb.gripping()) continue;
     const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
     localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, limb.finger_axis_W(),
                         limb.finger_axis_W().dot(place_W_m - limb.gripper_position_W_m));

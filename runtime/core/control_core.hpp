@@ -50,7 +50,7 @@ class ControlCore {
 
   /// Takes over a plan prepared elsewhere (prepare_plan); `plan` becomes the one there was before, to be freed outside
   /// the real-time thread. Nothing changes where it is refused: while climbing, and where the robot is controlled and
-  /// the plan begins elsewhere.
+  /// the plan begins elsewhere. A stance that is controlled is controlled on, with the limbs in the air that it has.
   Reason exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
 
   /// One control cycle.
@@ -66,6 +66,11 @@ class ControlCore {
   void supervise(const crux_msgs::control_input_t& in) noexcept;
   void watch_stance(double dt_s) noexcept;
   Reason off_start(const PlanReference& start) const noexcept;
+  /// Where limbs of the plan's beginning grip that are in the air here, or the other way round.
+  Reason off_stance(const PlanReference& start) const noexcept;
+  /// The plan in reference_ takes the stance over from `before`.
+  void hand_over(const PlanReference& before) noexcept;
+  double engagement() const noexcept;
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;

@@ -78,6 +78,8 @@ class FaultMonitor {
   bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
   /// The limb's finger force does not fit its opening and command.
   bool finger_force_distrusted(int limb) const noexcept { return finger_distrusted_[limb]; }
+  /// A plan begins with the limb in the air: what it held is looked for no more.
+  void begin_in_air(int limb) noexcept { lost_[limb] = false; }
   /// An operator has looked: what was lost or distrusted is tried again.
   void forgive() noexcept;
 

@@ -24,7 +24,7 @@ class GraspTest {
 
   // How far a grasp may give way: while the load grows, beyond what play of the joints explains (StanceFit::slid_m), or
   // in all, where too few limbs hold to tell; and under the standing load, which has taken up the play.
-  static constexpr double kMaxSlide_m = 0.008, kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
+  static constexpr double kMaxSlide_m = 0.01, kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
 
   void reset() noexcept { *this = GraspTest(); }
 

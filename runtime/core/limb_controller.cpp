@@ -121,6 +121,14 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   encoders_.restart();
 }
 
+void LimbController::hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept {
+  grip_at(anchor_W_m(before), target_W(before), now);
+  known_ = {};
+  back_ = now.back;
+  held_torque_Nm_ = command_torque_Nm_;
+  held_offset_rad_ *= 1.0 - engagement;
+}
+
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};

@@ -34,6 +34,10 @@ class LimbController {
   /// measured and the first torque the one measured.
   void engage(const LimbReference& reference, const Pose& body_W) noexcept;
 
+  /// Another plan begins where the limb is: its command goes on from where it was for `before`. `engagement`: as at the
+  /// last drive().
+  void hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept;
+
   /// Contact events as the plan's clock wants them.
   LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
 

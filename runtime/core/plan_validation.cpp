@@ -53,8 +53,9 @@ bool all_finite(const double* values, int n) {
 }
 
 std::string identity_defect(const RobotDescription& robot, const plan_t& plan) {
-  if (plan.format != plan_t::FORMAT) {
-    return Sentence() << "plan format is " << plan.format << "; this runtime reads format " << plan_t::FORMAT;
+  if (plan.format != plan_t::FORMAT && plan.format != plan_t::FORMAT_FROM_AIR) {
+    return Sentence() << "plan format is " << plan.format << "; this runtime reads format " << plan_t::FORMAT << " and "
+                      << plan_t::FORMAT_FROM_AIR;
   }
   if (plan.robot_name != robot.name) {
     return Sentence() << "the plan is for robot '" << plan.robot_name << "', this is '" << robot.name << "'";
@@ -188,8 +189,10 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool 
     }
   }
   if (limb.phase == limb_knot_t::STANCE) return stance_defect(robot, plan, walk, k, l);
-  if (k == 0 || k + 1 == plan.knots.size()) return Sentence() << where << "all limbs must grip at both ends of a plan";
-  const bool alone = plan.knots[k - 1].limbs[l].phase == limb_knot_t::STANCE &&
+  if (k == 0 && (plan.format == plan_t::FORMAT || walk))
+    return Sentence() << where << "a walk and a plan of format " << plan_t::FORMAT << " begin with all limbs in stance";
+  if (k + 1 == plan.knots.size()) return Sentence() << where << "all limbs must grip at the end of a plan";
+  const bool alone = (k == 0 || plan.knots[k - 1].limbs[l].phase == limb_knot_t::STANCE) &&
                      plan.knots[k + 1].limbs[l].phase == limb_knot_t::STANCE;
   if (alone) return Sentence() << where << "a swing needs two knots in the air at least";
   for (int i = 0; i < 6; ++i) {

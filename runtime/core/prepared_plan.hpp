@@ -41,8 +41,8 @@ struct PreparedPlan {
 
   int intervals() const { return static_cast<int>(limbs.size()) - 1; }
   double end_s() const { return intervals() * dt_s; }
-  /// Limb l lets go at knot k: the first knot of a swing.
-  bool lets_go(int k, int l) const { return k > 0 && k <= intervals() && limbs[k][l].air && !limbs[k - 1][l].air; }
+  /// Limb l lets go at knot k, or is in the air where the plan begins: the first knot of a swing.
+  bool lets_go(int k, int l) const { return k <= intervals() && limbs[k][l].air && (k == 0 || !limbs[k - 1][l].air); }
   /// Limb l takes hold at knot k: the first knot after a swing.
   bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }
 };

@@ -60,7 +60,7 @@ void play_air(const PreparedPlan& plan, int k, double u, int l, bool back, LimbR
   if (plan.lets_go(k, l)) {
     const LimbPhase forward = u <= kLiftShare ? LimbPhase::kOpen : LimbPhase::kLift;
     const LimbPhase reverse = u < kLiftShare ? LimbPhase::kClose : LimbPhase::kDescend;
-    play_swing_end(plan.limbs[k - 1][l], next, back ? reverse : forward, out);
+    play_swing_end(plan.limbs[std::max(k - 1, 0)][l], next, back ? reverse : forward, out);
     place_gripper(out, here, next, smoothstep((u - kLiftShare) / (1.0 - kLiftShare)));
   } else if (plan.takes_hold(k + 1, l)) {
     const LimbPhase forward = u <= kCloseShare ? LimbPhase::kDescend : LimbPhase::kClose;

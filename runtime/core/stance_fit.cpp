@@ -14,10 +14,9 @@ constexpr int kLeastHolds = 3;  // for one of them to be told from the others
 constexpr double kRelativeDamping = 1e-9;
 constexpr double kAlone = 0.5;  // the others are off each other by less than this share of what the odd limb moved
 constexpr double kPlay = 0.5;
-constexpr double kDoubts = 2.0;    // deviations from where the others have it
-constexpr double kArm_m = 0.25;    // of a joint to its gripper, about: what was seen of play, as an angle
-constexpr double kReach_m = 0.35;  // of a limb: play of a joint turns the gripper, and moves it on this arm at most
-constexpr int kSweeps = 30;        // over the joints, for their play
+constexpr double kDoubts = 2.0;  // deviations from where the others have it
+constexpr double kArm_m = 0.25;  // of a joint to its gripper, about: what was seen of play, as an angle
+constexpr int kSweeps = 30;      // over the joints, for their play
 
 }  // namespace
 
@@ -49,7 +48,7 @@ void StanceFit::look(Standing& limb, const FittedLimb& seen) noexcept {
   for (int j = 0; j < kJoints; ++j) {
     const bool idle =
         std::abs(seen.torque_Nm[j]) < parameters_.idle_torque_Nm || seen.torque_Nm[j] * limb.torque_Nm[j] < 0.0;
-    limb.idle_cycles_ago[j] = idle ? 0 : std::min(limb.idle_cycles_ago[j] + 1, kPast);
+    limb.idle_cycles_ago[j] = idle ? 0 : limb.idle_cycles_ago[j] + 1;
   }
   limb.torque_Nm = seen.torque_Nm;
 }
@@ -193,8 +192,7 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
 }
 
 double StanceFit::slid_m(int limb) const noexcept {
-  const Misfit& off = since_contact_[limb];
-  return std::max(off.shift_G_m.tail<2>().norm() - kReach_m * off.turn_G_rad.norm(), 0.0);
+  return beyond_play(limbs_[limb], since_contact_[limb], limbs_[limb].cycles).shift_G_m.tail<2>().norm();
 }
 
 void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {

@@ -41,7 +41,7 @@ class StanceFit {
 
   /// Against the others since contact; zero where fewer than two others hold.
   const Misfit& since_contact(int limb) const { return since_contact_[limb]; }
-  /// How far of that it is along its faces, beyond what play of joints would have turned it for [m].
+  /// How far of that it is along its faces, beyond what play of its joints explains [m].
   double slid_m(int limb) const noexcept;
   /// The limb without which the others fit best, in the shortest window; -1 where fewer than three hold.
   int odd_limb() const { return moved_[0].limb; }

@@ -153,9 +153,9 @@ void Supervisor::obey(const Observation& seen) noexcept {
   }
 }
 
-void Supervisor::plan_exchanged() noexcept {
+void Supervisor::plan_exchanged(bool stands) noexcept {
   if (state_ != SupervisorState::kFault) {
-    state_ = SupervisorState::kIdle;
+    state_ = stands ? SupervisorState::kReady : SupervisorState::kIdle;
     fault_ = {};
   }
   motion_ = Motion::kForward;

@@ -49,8 +49,9 @@ class Supervisor {
   /// One cycle: fault first, then the operator's command, then the way of the plan.
   void update(const Observation& seen) noexcept;
 
-  /// A new plan has come in: it must be matched with the robot's pose first.
-  void plan_exchanged() noexcept;
+  /// A new plan has come in. `stands`: it begins with the stance that is controlled, which goes on; else it must be
+  /// matched with the robot's pose first.
+  void plan_exchanged(bool stands) noexcept;
 
   SupervisorState state() const { return state_; }
   /// Joints are to be driven in this state.

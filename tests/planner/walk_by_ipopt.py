@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.gait import longest_step
 from crux_planner.model.limb import placed
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
@@ -15,7 +16,6 @@ from crux_planner.physics.bounds import (
     FEET_APART_M,
     foothold_bounds,
     least_load_N,
-    longest_steps,
     rate_steps,
     walk_bounds,
 )
@@ -113,7 +113,8 @@ def _step_lengths(problem: WalkProblem, knots: WalkKnots, holds: Any) -> list[tu
     """Mean speed of a foot over every interval of its steps, as one bound of each step's length."""
     rows = []
     last = list(range(4))
-    for i, (step, longest) in enumerate(zip(knots.gait.steps, longest_steps(problem, knots.gait), strict=True)):
+    for i, step in enumerate(knots.gait.steps):
+        longest = longest_step(problem, step)
         rows.append((ca.sumsqr(holds[:, 4 + i] - holds[:, last[step.limb]]), -np.inf, longest**2))
         last[step.limb] = 4 + i
     return rows
@@ -169,7 +170,7 @@ def _pressed(problem: WalkProblem, x: Any, feet: Any, yaws: Array) -> Any:
     for limb, hand in zip(problem.limb_masses, hands, strict=True):
         axis = to_b @ ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
         gripper, up = to_b @ (hand[:3] - state[:3]), to_b[:, 2]
-        links += placed(limb, *((v[0], v[1], v[2]) for v in (gripper, up, axis))).links
+        links += placed(limb.numbers, *((v[0], v[1], v[2]) for v in (gripper, up, axis))).links
     of_body = problem.mass_kg - sum(mass for _, _, mass in links)
     masses = ca.DM([[mass for _, _, mass in links] + [of_body]])
     inside = [ca.vertcat(*place) for _, place, _ in links] + [ca.DM(problem.body_moment_kg_m / of_body)]

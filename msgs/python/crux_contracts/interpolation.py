@@ -82,8 +82,8 @@ class PlanReference:
         limbs = [[knot.limbs[limb] for limb in range(len(LIMB_NAMES))] for knot in plan.knots]
         self.air = np.array([[limb.phase == limb_knot_t.AIR for limb in knot] for knot in limbs])
         """(N+1, 4)"""
-        self._check_swings()
         self.point_feet = is_walk(plan)
+        self._check_swings(plan.format != plan_t.FORMAT_FROM_AIR or self.point_feet)
         self._position_w_m = np.array([[limb.gripper_position_w_m for limb in knot] for knot in limbs], dtype=float)
         self._yaw_w_rad = np.array([[limb.gripper_yaw_w_rad for limb in knot] for knot in limbs], dtype=float)
         self._opening_m = np.array([[limb.finger_separation_m / 2 for limb in knot] for knot in limbs], dtype=float)
@@ -99,8 +99,8 @@ class PlanReference:
         return float(self.intervals * self.dt_s)
 
     def lets_go(self, k: int, limb: int) -> bool:
-        """Knot k is the first of a swing of this limb (k0 of PLAN.md)."""
-        return bool(0 < k <= self.intervals and self.air[k, limb] and not self.air[k - 1, limb])
+        """Knot k is the first of a swing of this limb (k0 of PLAN.md), in the air at the plan's first knot too."""
+        return bool(k <= self.intervals and self.air[k, limb] and (k == 0 or not self.air[k - 1, limb]))
 
     def takes_hold(self, k: int, limb: int) -> bool:
         """Knot k is the first after a swing of this limb (k1 + 1 of PLAN.md)."""
@@ -163,12 +163,12 @@ class PlanReference:
     def _anyone_lets_go(self, k: int) -> bool:
         return any(self.lets_go(k, limb) for limb in range(len(LIMB_NAMES)))
 
-    def _check_swings(self) -> None:
+    def _check_swings(self, from_stance: bool) -> None:
         for limb, name in enumerate(LIMB_NAMES):
             air = self.air[:, limb]
             for end, knot in (("first", 0), ("last", self.intervals)):
-                if air[knot]:
+                if air[knot] and (knot > 0 or from_stance):
                     raise ValueError(f"{name} is in the air at the {end} knot")
-            for k in range(1, self.intervals):
-                if air[k] and not air[k - 1] and not air[k + 1]:
+            for k in range(self.intervals):
+                if self.lets_go(k, limb) and not air[k + 1]:
                     raise ValueError(f"{name} is in the air at knot {k} alone; a swing needs two knots")

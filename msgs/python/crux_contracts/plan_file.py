@@ -31,6 +31,7 @@ PLAN_TOPIC = BY_NAME[CRUX_PLAN].topic
 KNOT_TOPIC = f"{PLAN_TOPIC}/knot"
 ATTACHMENT = "scenario.yaml"
 LIBRARY = "crux"
+FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
@@ -174,8 +175,8 @@ def _one_line(error: Exception) -> str:
 
 def _check(plan: plan_t, name: str) -> None:
     """Sizes and numbers; whether the plan can be climbed is for checker and runtime to judge."""
-    if plan.format != plan_t.FORMAT:
-        raise PlanFileError(f"{name}: plan format {plan.format}, this crux reads format {plan_t.FORMAT}")
+    if plan.format not in FORMATS:
+        raise PlanFileError(f"{name}: plan format {plan.format}, this crux reads formats {FORMATS[0]} and {FORMATS[1]}")
     for what, count, low, high in (("knots", plan.n_knots, 2, MAX_KNOTS), ("holds", plan.n_holds, 0, MAX_HOLDS)):
         if not low <= count <= high:
             raise PlanFileError(f"{name}: {count} {what}, expected {low}..{high}")

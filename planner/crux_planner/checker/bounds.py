@@ -26,17 +26,16 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Fi
         body_speed, body_rate, yaw_range = robot.body.max_speed_m_s, robot.body.max_rate_rad_s, grasp.gripper_yaw_rad
         limb_speed, yaw_rate = grasp.approach_speed_m_s, grasp.yaw_rate_rad_s
     times, between = plan.time_s, plan.time_s[:-1]
-    length, angle = tolerances.LENGTH_M, tolerances.ANGLE_RAD
     low, high = robot.body.height_m
     height = plan.body_position[:, 2]
-    findings.add_series("body_height", np.maximum(low - height, height - high), times, "m", tolerance=length)
+    findings.add_series("body_height", np.maximum(low - height, height - high), times, "m")
     tilt = np.abs(plan.body_rpy[:, :2]).max(axis=1)
-    findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad", tolerance=angle)
+    findings.add_series("body_tilt", tilt - robot.body.max_tilt_rad, times, "rad")
     heading = rotation_about_z(plan.body_rpy[0, 2])
     speed = np.abs(plan.body_velocity @ heading).max(axis=1)
-    findings.add_series("body_speed", speed - body_speed, times, "m/s", tolerance=tolerances.SPEED_M_S)
+    findings.add_series("body_speed", speed - body_speed, times, "m/s")
     rate = np.abs(plan.body_rate).max(axis=1)
-    findings.add_series("body_rate", rate - body_rate, times, "rad/s", tolerance=tolerances.RATE_RAD_S)
+    findings.add_series("body_rate", rate - body_rate, times, "rad/s")
     above = plan.max_normal_N - robot.gripper.max_finger_force_N
     findings.add("normal_force_bound", above, "N", tolerance=tolerances.MATCH_REL, detail="above the gripper's")
 
@@ -49,19 +48,14 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Fi
             np.where(applies, np.maximum(low - opening, opening - high), -np.inf),
             times,
             "m",
-            tolerance=length,
             limb=limb,
         )
         yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         low, high = yaw_range
-        findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", tolerance=angle, limb=limb)
+        findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", limb=limb)
         height = plan.gripper_position[:, limb, 2] - grasp.max_swing_height_m
-        findings.add_series("swing_height", height, times, "m", tolerance=length, limb=limb)
+        findings.add_series("swing_height", height, times, "m", limb=limb)
         mean_speed = np.linalg.norm(np.diff(plan.gripper_position[:, limb], axis=0), axis=1) / plan.dt_s
-        findings.add_series(
-            "swing_speed", mean_speed - limb_speed, between, "m/s", tolerance=tolerances.SPEED_M_S, limb=limb
-        )
+        findings.add_series("swing_speed", mean_speed - limb_speed, between, "m/s", limb=limb)
         mean_rate = np.abs(np.diff(plan.gripper_yaw[:, limb])) / plan.dt_s
-        findings.add_series(
-            "swing_yaw_rate", mean_rate - yaw_rate, between, "rad/s", tolerance=tolerances.RATE_RAD_S, limb=limb
-        )
+        findings.add_series("swing_yaw_rate", mean_rate - yaw_rate, between, "rad/s", limb=limb)

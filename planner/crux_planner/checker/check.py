@@ -19,13 +19,16 @@ from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
 from crux_planner.checker.load_sharing import check_torques, shared_load
-from crux_planner.checker.momentum import centre_of_mass
+from crux_planner.checker.momentum import centre_of_mass, check_feet_press, net_wrench
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
 from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.checker.scene import Scene, read_scene
 from crux_planner.checker.terminal import check_ends
+
+FOOT_WINDOW = 0.5
+"""Of a knot's interval: over so long a foot has to press in the mean. What is shorter its pads and joints soften."""
 
 
 def check_plan(plan: Any, robot: Robot) -> CheckReport:
@@ -68,6 +71,10 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     centre = centre_of_mass(samples, model, states)
     knots = np.searchsorted(samples.interval, np.arange(plan.n_knots - 1))
     check_dynamics(plan, centre[knots], model.mass_kg, model.inertia(states, 0), findings)
+    if point:
+        window_s = FOOT_WINDOW * plan.dt_s
+        inertial = net_wrench(samples, model, states, plan.gravity_w, window_s)
+        check_feet_press(feet, inertial, window_s, findings)
     net = (feet.force.sum(axis=1), np.zeros_like(centre)) if point else None
     shared, left = shared_load(feet, centre, net, robot.control.twist_length_m)
     check_between_knots(plan, shared, left, loads, scene, findings)

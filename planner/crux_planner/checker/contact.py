@@ -108,19 +108,13 @@ def _check_faces(
                     ("contact_patch", np.maximum(aside, beyond)),
                     ("pad_height", height),
                 ):
-                    findings.add_series(
-                        name, values, times, "m", tolerance=tolerances.LENGTH_M, limb=limb, finger=f + 1
-                    )
+                    findings.add_series(name, values, times, "m", limb=limb, finger=f + 1)
             cosine = np.clip((plan.opening_axis[gripped, limb] * normal[gripped, limb, 0]).sum(axis=1), -1.0, 1.0)
-            findings.add_series(
-                "finger_axis", np.arccos(cosine), times, "rad", tolerance=tolerances.ANGLE_RAD, limb=limb
-            )
+            findings.add_series("finger_axis", np.arccos(cosine), times, "rad", limb=limb)
         on_wall = plan.on_wall[:, limb]
         if on_wall.any():
             height = np.abs(plan.gripper_position[on_wall, limb, 2])
-            findings.add_series(
-                "contact_face", height, plan.time_s[on_wall], "m", tolerance=tolerances.LENGTH_M, limb=limb
-            )
+            findings.add_series("contact_face", height, plan.time_s[on_wall], "m", limb=limb)
 
 
 def _check_rest(plan: PlanArrays, findings: Findings) -> None:
@@ -131,13 +125,7 @@ def _check_rest(plan: PlanArrays, findings: Findings) -> None:
         for f in (0, 1):
             moved = np.abs(np.diff(finger[:, limb, f], axis=0)).max(axis=1)
             findings.add_series(
-                "contact_motion",
-                np.where(resting, moved, -np.inf),
-                plan.time_s[1:],
-                "m",
-                tolerance=tolerances.LENGTH_M,
-                limb=limb,
-                finger=f + 1,
+                "contact_motion", np.where(resting, moved, -np.inf), plan.time_s[1:], "m", limb=limb, finger=f + 1
             )
         changed = plan.stance[:-1, limb] & plan.stance[1:, limb]
         changed &= (np.diff(plan.hold[:, limb]) != 0) | (np.diff(plan.finger1_face[:, limb]) != 0)
@@ -151,12 +139,12 @@ def _check_air(plan: PlanArrays, findings: Findings) -> None:
     for limb in range(4):
         air = ~plan.stance[:, limb]
         for f in (0, 1):
-            for name, values, tolerance, unit in (
-                ("air_force", plan.finger_force[:, limb, f], tolerances.FORCE_N, "N"),
-                ("air_moment", plan.finger_moment[:, limb, f], tolerances.MOMENT_NM, "N m"),
+            for name, values, unit in (
+                ("air_force", plan.finger_force[:, limb, f], "N"),
+                ("air_moment", plan.finger_moment[:, limb, f], "N m"),
             ):
                 size = np.where(air, np.linalg.norm(values, axis=1), -np.inf)
-                findings.add_series(name, size, plan.time_s, unit, tolerance=tolerance, limb=limb, finger=f + 1)
+                findings.add_series(name, size, plan.time_s, unit, limb=limb, finger=f + 1)
 
 
 def _check_swings(plan: PlanArrays, findings: Findings) -> None:

@@ -86,11 +86,9 @@ def check_between_knots(
     samples, force, moment = shared, shared.force, shared.moment
     for limb in range(4):
         stray = np.where(samples.load[:, limb] <= 0.0, np.linalg.norm(force[:, limb], axis=1), -np.inf)
-        findings.add_series(
-            "air_force_between_knots", stray, samples.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb
-        )
+        findings.add_series("air_force_between_knots", stray, samples.time_s, "N", limb=limb)
     point_model = scene.point_model
-    findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m", tolerance=tolerances.MOMENT_NM)
+    findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m")
     for limb in range(4):
         at = samples.interval
         bears = samples.load[:, limb] > 0.0

@@ -42,11 +42,8 @@ def check_kinematics(
     motions, loads = [], []
     for index, (limb, solution) in enumerate(zip(robot.limbs, solutions, strict=True)):
         times, q = samples.time_s, solution.q_rad
-        for name, error, unit, tolerance in (
-            ("inverse_kinematics", solution.position_error_m, "m", tolerances.LENGTH_M),
-            ("inverse_kinematics_orientation", solution.rotation_error_rad, "rad", tolerances.ANGLE_RAD),
-        ):
-            findings.add_series(name, error, times, unit, tolerance=tolerance, limb=index)
+        findings.add_series("inverse_kinematics", solution.position_error_m, times, "m", limb=index)
+        findings.add_series("inverse_kinematics_orientation", solution.rotation_error_rad, times, "rad", limb=index)
         reached = (solution.position_error_m <= tolerances.LENGTH_M) & (
             solution.rotation_error_rad <= tolerances.ANGLE_RAD
         )

@@ -46,15 +46,7 @@ def check_limb_clearance(samples: Samples, limbs: list[list[Part]], body: list[P
             i, j = divmod(int(worst), len(pair.second.parts))
             part = "" if second is None else f"{pair.second.parts[j].kind} of "
             what = f"{pair.first.parts[i].kind} to {part}{whose}"
-        findings.add_series(
-            "clearance_limbs",
-            need,
-            samples.time_s,
-            "m",
-            tolerance=tolerances.LENGTH_M,
-            limb=first,
-            detail=what or f"to {whose}",
-        )
+        findings.add_series("clearance_limbs", need, samples.time_s, "m", limb=first, detail=what or f"to {whose}")
 
 
 @dataclass(frozen=True)

@@ -104,37 +104,24 @@ def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> f
         for finger in (0, 1):
             at = (slice(None), limb, finger)
             normal = loads.normal_N[at]
-            for name, values, tolerance, unit in (
-                ("limit_surface", excess[at], tolerances.FORCE_N, "N"),
-                ("normal_force_min", -normal, tolerances.FORCE_N, "N"),
-                ("normal_force_max", normal - plan.max_normal_N, tolerances.FORCE_N, "N"),
-                ("contact_moment", loads.other_moment_Nm[at], tolerances.MOMENT_NM, "N m"),
+            for name, values, unit in (
+                ("limit_surface", excess[at], "N"),
+                ("normal_force_min", -normal, "N"),
+                ("normal_force_max", normal - plan.max_normal_N, "N"),
+                ("contact_moment", loads.other_moment_Nm[at], "N m"),
             ):
                 findings.add_series(
-                    name,
-                    np.where(touching[at], values, -np.inf),
-                    plan.time_s,
-                    unit,
-                    tolerance=tolerance,
-                    limb=limb,
-                    finger=finger + 1,
+                    name, np.where(touching[at], values, -np.inf), plan.time_s, unit, limb=limb, finger=finger + 1
                 )
         if limb in scene.spines_only:
             finger = scene.spines_only[limb]
             pressing = np.where(touching[:, limb, finger - 1], np.abs(loads.normal_N[:, limb, finger - 1]), -np.inf)
-            findings.add_series(
-                "spines_only", pressing, plan.time_s, "N", tolerance=tolerances.FORCE_N, limb=limb, finger=finger
-            )
+            findings.add_series("spines_only", pressing, plan.time_s, "N", limb=limb, finger=finger)
         pair = plan.gripped[:, limb]
         shear = np.abs(np.diff(loads.shear_N[:, limb], axis=1)[:, 0]).max(axis=-1)
         twist = np.abs(np.diff(loads.twist_Nm[:, limb], axis=1)[:, 0])
-        for name, values, tolerance, unit in (
-            ("equal_shear", shear, tolerances.FORCE_N, "N"),
-            ("equal_twist", twist, tolerances.MOMENT_NM, "N m"),
-        ):
-            findings.add_series(
-                name, np.where(pair, values, -np.inf), plan.time_s, unit, tolerance=tolerance, limb=limb
-            )
+        for name, values, unit in (("equal_shear", shear, "N"), ("equal_twist", twist, "N m")):
+            findings.add_series(name, np.where(pair, values, -np.inf), plan.time_s, unit, limb=limb)
     if not touching.any():
         return None
     return float(-excess[touching].max())

@@ -83,12 +83,7 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
             offset = slide.origin_m + samples.opening[:, index, None] * (slide.rotation @ slide.axis)
             position, rotation = gripper + turned(hand, offset), turned_by(hand, slide.rotation)
         kind = "finger" if finger else "palm"
-        for capsule in link.capsules:
-            start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
-            parts.append(Part(kind, finger, start, end, capsule.radius_m))
-        for box in link.boxes:
-            centre = position + turned_constant(rotation, box.centre_m)
-            parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
+        parts += _shapes(kind, link, position, rotation, finger)
         if finger:
             pad = position + turned_constant(rotation, pad_radius_m * slide.axis)
             following = np.concatenate([pad[1:], pad[-1:]])
@@ -103,24 +98,23 @@ def _link_parts(samples: Samples, link: Link, motion: LimbMotion, *, on_body: bo
     position = samples.body_position + turned(samples.rotation, motion.state.link_position_m[link.name])
     position[~motion.reached] = np.nan  # nowhere: reported as out of reach already
     rotation = np.einsum("nij,njk->ikn", samples.rotation, motion.state.link_rotation[link.name]).transpose(2, 0, 1)
-    parts = []
-    for capsule in link.capsules:
-        start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
-        parts.append(Part("link", None, start, end, capsule.radius_m, on_body=on_body))
-    for box in link.boxes:
-        centre = position + turned_constant(rotation, box.centre_m)
-        parts.append(Part("link", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation), on_body))
-    return parts
+    return _shapes("link", link, position, rotation, on_body=on_body)
 
 
 def body_parts(samples: Samples, body: Link) -> list[Part]:
     """The body's boxes and capsules."""
-    position, rotation = samples.body_position, samples.rotation
+    return _shapes("body", body, samples.body_position, samples.rotation)
+
+
+def _shapes(
+    kind: str, link: Link, position: Array, rotation: Array, finger: int | None = None, *, on_body: bool = False
+) -> list[Part]:
+    """A link's capsules and boxes where the link is."""
     parts = []
-    for box in body.boxes:
-        centre = position + turned_constant(rotation, box.centre_m)
-        parts.append(Part("body", None, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation)))
-    for capsule in body.capsules:
+    for capsule in link.capsules:
         start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
-        parts.append(Part("body", None, start, end, capsule.radius_m))
+        parts.append(Part(kind, finger, start, end, capsule.radius_m, on_body=on_body))
+    for box in link.boxes:
+        centre = position + turned_constant(rotation, box.centre_m)
+        parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation), on_body))
     return parts

@@ -9,6 +9,8 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from numpy.typing import NDArray
 
+from crux_planner.checker import tolerances
+
 UNBOUNDED = 1e9
 """Stands for infinity, which JSON does not have."""
 
@@ -103,13 +105,16 @@ class Findings:
         amount: float,
         unit: str,
         *,
-        tolerance: float = 0.0,
+        tolerance: float | None = None,
         limb: int | None = None,
         finger: int | None = None,
         time_s: float | None = None,
         detail: str = "",
     ) -> None:
-        """Record one residual; NaN counts as violated without bound (as UNBOUNDED)."""
+        """Record one residual; its tolerance is its unit's where none is given. NaN counts as violated without bound
+        (as UNBOUNDED).
+        """
+        tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
         value = UNBOUNDED if np.isnan(amount) else float(np.clip(amount, -UNBOUNDED, UNBOUNDED))
         name = None if limb is None else LIMB_NAMES[limb]
         when = None if time_s is None else float(time_s)
@@ -127,7 +132,7 @@ class Findings:
         times_s: NDArray[np.float64],
         unit: str,
         *,
-        tolerance: float = 0.0,
+        tolerance: float | None = None,
         limb: int | None = None,
         finger: int | None = None,
         detail: str = "",
@@ -137,29 +142,17 @@ class Findings:
         """
         if amounts.size == 0:
             return
-        most = int(np.argmax(amounts))  # of the first NaN, if there is any
-        if amounts[most] <= tolerance:
-            if amounts[most] > -np.inf:
-                amount, when = float(amounts[most]), float(times_s[most])
-                self.add(
-                    constraint, amount, unit, tolerance=tolerance, limb=limb, finger=finger, time_s=when, detail=detail
-                )
+        tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
+        picks = [int(np.argmax(amounts))]  # of the first NaN, if there is any
+        if amounts[picks[0]] == -np.inf:
             return
-        values = np.where(np.isnan(amounts), np.inf, amounts)
-        above = values > tolerance
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], above, [False])).astype(np.int8)))
-        picks = [int(a + np.argmax(values[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        if not amounts[picks[0]] <= tolerance:
+            values = np.where(np.isnan(amounts), np.inf, amounts)
+            edges = np.flatnonzero(np.diff(np.concatenate(([False], values > tolerance, [False])).astype(np.int8)))
+            picks = [int(a + np.argmax(values[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        where: dict[str, Any] = {"tolerance": tolerance, "limb": limb, "finger": finger, "detail": detail}
         for i in picks:
-            self.add(
-                constraint,
-                float(values[i]),
-                unit,
-                tolerance=tolerance,
-                limb=limb,
-                finger=finger,
-                time_s=float(times_s[i]),
-                detail=detail,
-            )
+            self.add(constraint, float(amounts[i]), unit, time_s=float(times_s[i]), **where)
 
     def worst(self) -> list[Violation]:
         """One entry a constraint, the least satisfied (relative to its tolerance) first."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array, rotation_from_rpy, rotation_vector
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
@@ -16,22 +15,20 @@ def check_ends(plan: PlanArrays, ends: Ends, findings: Findings) -> None:
     """The start is met exactly, at rest; the goal within its tolerances (distance and angle of the one rotation)."""
     first, last = plan.time_s[0], plan.time_s[-1]
     off = float(np.linalg.norm(plan.body_position[0] - ends.start_position_m))
-    findings.add("start_position", off, "m", tolerance=tolerances.LENGTH_M, time_s=first)
+    findings.add("start_position", off, "m", time_s=first)
     turned = _angle(plan.body_rpy[0], ends.start_rpy_rad)
-    findings.add("start_orientation", turned, "rad", tolerance=tolerances.ANGLE_RAD, time_s=first)
+    findings.add("start_orientation", turned, "rad", time_s=first)
     moving = float(np.abs(np.concatenate([plan.body_velocity[0], plan.body_rate[0]])).max())
-    findings.add("start_at_rest", moving, "m/s or rad/s", tolerance=tolerances.SPEED_M_S, time_s=first)
+    findings.add("start_at_rest", moving, "m/s or rad/s", time_s=first)
     for limb, xy in ends.start_feet_m.items():
         away = float(np.linalg.norm(plan.gripper_position[0, limb, :2] - xy))
-        findings.add("start_grasp", away, "m", tolerance=tolerances.LENGTH_M, limb=limb, time_s=first)
+        findings.add("start_grasp", away, "m", limb=limb, time_s=first)
     _check_grasps("start_grasp", plan, 0, ends.start_grasps, findings)
 
     off = float(np.linalg.norm(plan.body_position[-1] - ends.goal_position_m))
-    findings.add("goal_position", off - ends.goal_tolerance_m, "m", tolerance=tolerances.LENGTH_M, time_s=last)
+    findings.add("goal_position", off - ends.goal_tolerance_m, "m", time_s=last)
     turned = _angle(plan.body_rpy[-1], ends.goal_rpy_rad)
-    findings.add(
-        "goal_orientation", turned - ends.goal_tolerance_rad, "rad", tolerance=tolerances.ANGLE_RAD, time_s=last
-    )
+    findings.add("goal_orientation", turned - ends.goal_tolerance_rad, "rad", time_s=last)
     _check_grasps("goal_grasp", plan, -1, ends.goal_grasps, findings)
 
 

@@ -21,6 +21,17 @@ SPEED_M_S = 1e-5
 RATE_RAD_S = 1e-5
 """Angular speeds of the body and of grippers, rad/s."""
 
+OF_UNIT = {
+    "m": LENGTH_M,
+    "rad": ANGLE_RAD,
+    "m/s": SPEED_M_S,
+    "rad/s": RATE_RAD_S,
+    "m/s or rad/s": SPEED_M_S,
+    "N": FORCE_N,
+    "N m": MOMENT_NM,
+}
+"""Of every constraint that has none of its own; 0 for other units."""
+
 TORQUE_NM = 1e-2
 """Joint torques."""
 

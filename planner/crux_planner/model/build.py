@@ -22,16 +22,16 @@ from crux_planner.model.contacts import (
     Contact,
     Grip,
     GripperShape,
+    SwingLimits,
     opening_for,
     pad_height,
     yaws_in_range,
 )
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
-from crux_planner.model.limits import SwingLimits
 from crux_planner.model.mass import body_moment, composite_inertia
-from crux_planner.model.poses import body_and_ends, weights_of
+from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, limb_reach
@@ -278,11 +278,4 @@ def _goal_grasps(scenario: Scenario, robot: Robot, unusable: dict[tuple[int, int
 
 def start_inertia(robot: Robot, start: Pose, grasps: list[Contact]) -> Array:
     """Inertia about the centre of mass in the posture of the start."""
-    rotation = rotation_from_rpy(start.rpy_rad)
-    positions: dict[str, float] = {}
-    for limb, grasp in zip(robot.limbs, grasps, strict=True):
-        place = rotation.T @ (grasp.centre_w_m - start.position_m)
-        q, _ = inverse(limb, place, rotation.T @ rotation_z(grasp.yaw_rad))
-        positions.update(zip(limb.joint_names, q, strict=True))
-        positions.update(dict.fromkeys(limb.finger_joints, grasp.separation_m / 2))
-    return composite_inertia(robot, positions)
+    return composite_inertia(robot, posture(robot, start, np.array([grasp.pose for grasp in grasps])))

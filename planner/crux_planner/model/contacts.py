@@ -29,6 +29,18 @@ class GripperShape:
 
 
 @dataclass(frozen=True)
+class SwingLimits:
+    """What bounds a swing."""
+
+    dt_s: float
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    clearance_m: float  # of the middle of a finger to cuboids
+    body_clearance_m: float  # of palms and fingers among grippers and beside tall cuboids
+    max_height_m: float  # of a pad above the wall
+
+
+@dataclass(frozen=True)
 class Contact:
     """One way to grip one hold. Finger 1 sits at +e of the opening axis e."""
 
@@ -68,6 +80,11 @@ class Contact:
     def axis(self) -> Array:
         """Opening axis e, the outward normal of finger 1's face."""
         return np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0])
+
+    @property
+    def pose(self) -> Array:
+        """(5,) x, y, z, yaw and opening of a gripper that holds on."""
+        return np.array([*self.centre_w_m, self.yaw_rad, self.separation_m / 2])
 
     @property
     def tangent(self) -> Array:

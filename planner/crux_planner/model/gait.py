@@ -27,7 +27,7 @@ class Step:
     def shares(self) -> tuple[Array, Array]:
         """Way (0..1) and height (0..1) at the knots lift..land; both begin and end at rest."""
         u = np.linspace(0.0, 1.0, self.land - self.lift + 1)
-        return u * u * (3 - 2 * u), 16 * (u * (1 - u)) ** 2
+        return u * u * (3 - 2 * u), (4 * u * (1 - u)) ** 2.5
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,24 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Limb, Robot
-from crux_contracts.urdf import Link
+
+from crux_planner.model.arrays import Array
 
 Vector = tuple[Any, Any, Any]
 JOINTS = 6
+NUMBERS = 36
+_STRETCHED = 0.999  # of a limb's links end to end
 
 
 @dataclass(frozen=True)
 class LimbMasses:
-    """Links 1..6 in their own frames; gripper and fingers together in the gripper frame."""
+    """A limb, and what `placed` needs of it, (36,) SI units: place of the shoulder; lengths of upper link, lower link
+    and wrist to gripper; cosine and sine of the gripper's turn on the last joint; then centre of mass and mass of
+    links 1..6, each in its own frame, and of the hand (gripper and fingers) in the gripper frame.
+    """
 
     limb: Limb
-    links: tuple[Link, ...]
+    numbers: Array
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class PlacedLimb:
 
     origins: list[Vector]
     axes: list[Vector]
-    links: list[tuple[int, Vector, float]]
+    links: list[tuple[int, Vector, Any]]
 
     def first_moment(self) -> Vector:
         """Sum of mass times place [kg m]."""
@@ -46,37 +52,53 @@ class PlacedLimb:
 
 def limb_masses(robot: Robot, limb: Limb) -> LimbMasses:
     """The masses of a limb from the robot description."""
-    return LimbMasses(limb, tuple(robot.urdf.links[joint.child] for joint in limb.joints))
+    turn = limb.gripper_mount_rad
+    numbers = [*limb.shoulder_b_m, limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m]
+    numbers += [np.cos(turn), np.sin(turn)]
+    for link in (robot.urdf.links[joint.child] for joint in limb.joints):
+        numbers += [*link.com_m, link.mass_kg]
+    return LimbMasses(limb, np.array([*numbers, *limb.hand_com_g_m, limb.hand_mass_kg]))
 
 
-def placed(masses: LimbMasses, gripper: Vector, up: Vector, along: Vector) -> PlacedLimb:
-    """The limb with its gripper's centre at `gripper`, z axis `up` and opening axis `along`, all in the body frame."""
-    limb = masses.limb
-    shoulder = _numbers(limb.shoulder_b_m)
-    wrist = combined((1.0, gripper), (limb.wrist_to_gripper_m, up))
-    elbow, out = _elbow(combined((1.0, wrist), (-1.0, shoulder)), limb.upper_link_m, limb.lower_link_m)
+def in_reach(numbers: Any, gripper: Vector, up: Vector) -> Vector:
+    """The gripper's centre, no farther than a stretched limb has it: motions that programs begin with may ask for more.
+
+    Arguments as those of `placed`.
+    """
+    away = combined((1.0, gripper), (numbers[5], up), (-1.0, _vector(numbers, 0)))
+    beyond = 1.0 - _STRETCHED * (numbers[3] + numbers[4]) / dot(away, away) ** 0.5
+    return combined((1.0, gripper), (-(beyond + abs(beyond)) / 2, away))
+
+
+def placed(numbers: Any, gripper: Vector, up: Vector, along: Vector) -> PlacedLimb:
+    """The limb with its gripper's centre at `gripper`, z axis `up` and opening axis `along`, all in the body frame.
+
+    `numbers` are those of LimbMasses along the first axis: of one limb, of several along further axes, or symbols.
+    """
+    shoulder, upper, lower = _vector(numbers, 0), numbers[3], numbers[4]
+    wrist = combined((1.0, gripper), (numbers[5], up))
+    elbow, out = _elbow(combined((1.0, wrist), (-1.0, shoulder)), upper, lower)
     side = (-out[1], out[0], 0.0)  # y of the yawed limb
     roll = cross(side, up)
     size = dot(roll, roll) ** 0.5
     roll = (roll[0] / size, roll[1] / size, roll[2] / size)
     across = cross(up, along)
-    turn = limb.gripper_mount_rad
-    hand_x = combined((float(np.cos(turn)), along), (-float(np.sin(turn)), across))
+    hand_x = combined((numbers[6], along), (-numbers[7], across))
     joint = combined((1.0, shoulder), (1.0, elbow))
-    forearm = combined((1.0 / limb.lower_link_m, wrist), (-1.0 / limb.lower_link_m, joint))
+    forearm = combined((1.0 / lower, wrist), (-1.0 / lower, joint))
     frames = [
         (shoulder, out, side),
-        (shoulder, combined((1.0 / limb.upper_link_m, elbow)), side),
+        (shoulder, combined((1.0 / upper, elbow)), side),
         (joint, forearm, side),
         (wrist, roll, side),
         (wrist, roll, cross(up, roll)),
         (wrist, hand_x, cross(up, hand_x)),
+        (gripper, along, across),
     ]
     links = [
-        (depth, _at(origin, x, y, _numbers(link.com_m)), link.mass_kg)
-        for depth, ((origin, x, y), link) in enumerate(zip(frames, masses.links, strict=True), start=1)
+        (min(i + 1, JOINTS), _at(*frame, _vector(numbers, 8 + 4 * i)), numbers[11 + 4 * i])
+        for i, frame in enumerate(frames)
     ]
-    links.append((JOINTS, _at(gripper, along, across, _numbers(limb.hand_com_g_m)), limb.hand_mass_kg))
     back = combined((-1.0, side))
     return PlacedLimb(
         [shoulder, shoulder, joint, wrist, wrist, wrist], [(0.0, 0.0, 1.0), back, side, side, roll, up], links
@@ -115,5 +137,5 @@ def _elbow(wrist: Vector, upper: float, lower: float) -> tuple[Vector, Vector]:
     return (along * out[0], along * out[1], share * wrist[2] + height * radius), out
 
 
-def _numbers(values: Any) -> Vector:
-    return float(values[0]), float(values[1]), float(values[2])
+def _vector(numbers: Any, first: int) -> Vector:
+    return numbers[first], numbers[first + 1], numbers[first + 2]

@@ -11,84 +11,51 @@ from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.model.limb import Vector, combined, placed
+from crux_planner.model.limb import NUMBERS, PlacedLimb, Vector, in_reach, placed
 
 if TYPE_CHECKING:
     from crux_planner.model.problem import CentroidalProblem, Problem
 
-_STEP = 1e-30  # of complex differentiation: exact to rounding
-_STRETCHED = 0.999  # of a limb's links end to end
 _GRID = 17  # points along each edge of a box
 _FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
-def centre_in_body(problem: CentroidalProblem, up: Vector, hands: list[tuple[Vector, Vector]]) -> Vector:
-    """Centre of mass of the whole robot with its grippers upright on the wall: their z axis `up`, and the centre and
-    opening axis of each; all in the body frame, of whatever numbers model.limb takes.
-    """
-    x, y, z = problem.body_moment_kg_m.tolist()
-    total: Vector = (x, y, z)
-    for limb, (gripper, along) in zip(problem.limb_masses, hands, strict=True):
-        total = combined((1.0, total), (1.0, placed(limb, gripper, up, along).first_moment()))
-    return combined((1.0 / problem.mass_kg, total))
-
-
 def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
-    """Places (..., 3) in W for body poses (..., 6), complex too, and grippers (..., 4, 4): centre and yaw of each."""
-    to_w, up, held = _in_body(problem, poses, hands)
-    centre = np.stack(centre_in_body(problem, up, held), axis=-1)
-    found: Array = poses[..., :3] + np.einsum("...ij,...j->...i", to_w, centre)
+    """Places (n, 3) in W for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
+    to_w, limbs = _limbs_in_body(problem, poses, hands)
+    moment = problem.body_moment_kg_m + np.stack(limbs.first_moment(), axis=-1).sum(axis=0)
+    found: Array = poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg)
     return found
 
 
-def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array) -> Array:
+def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, dt_s: float) -> Array:
     """Where (K, 2) on z = 0 the ground's force passes with no moment along it, for poses (K, 6) and grippers (K, 4, 4)
-    at knots: every link a point mass with the second difference of its places, at rest at both ends.
+    every `dt_s`: every link a point mass with the second difference of its places, at rest at both ends.
     """
-    to_w, up, held = _in_body(problem, poses, hands)
-    placed_limbs = (
-        placed(limb, gripper, up, along) for limb, (gripper, along) in zip(problem.limb_masses, held, strict=True)
-    )
-    links = [(place, mass) for limb in placed_limbs for _, place, mass in limb.links]
-    of_body = problem.mass_kg - sum(mass for _, mass in links)
-    x, y, z = (np.full(len(poses), each) for each in problem.body_moment_kg_m / of_body)
-    links.append(((x, y, z), of_body))
-    masses = np.array([mass for _, mass in links])
-    places = poses[:, :3] + np.einsum(
-        "kij,ljk->lki", to_w, np.array([np.broadcast_arrays(*place) for place, _ in links])
-    )
+    to_w, limbs = _limbs_in_body(problem, poses, hands)
+    masses = np.concatenate([np.ravel(mass) for _, _, mass in limbs.links])
+    masses = np.append(masses, problem.mass_kg - masses.sum())
+    inside = np.concatenate([np.stack(np.broadcast_arrays(*place), axis=-1) for _, place, _ in limbs.links])
+    of_body = np.broadcast_to(problem.body_moment_kg_m / masses[-1], inside[:1].shape)
+    places = poses[:, :3] + np.einsum("kij,lkj->lki", to_w, np.concatenate([inside, of_body]))
     pull = np.full_like(places, -problem.gravity_w)
-    pull[:, 1:-1] += np.diff(places, 2, axis=1) / problem.dt_s**2
+    pull[:, 1:-1] += np.diff(places, 2, axis=1) / dt_s**2
     moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
     found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
     return found
 
 
-def _in_body(
-    problem: CentroidalProblem, poses: Array, hands: Array
-) -> tuple[Array, Vector, list[tuple[Vector, Vector]]]:
-    """The body's rotations, and in its frame the wall's normal and each gripper's centre and opening axis: no farther
-    than a stretched limb has it, since motions that programs begin with may ask for more.
-    """
-    to_w = rotation_from_rpy(poses[..., 3:])
-    to_b = to_w.swapaxes(-1, -2)
-    places = np.einsum("...ij,...lj->l...i", to_b, hands[..., :3] - poses[..., None, :3])
-    axes = np.stack([np.cos(hands[..., 3]), np.sin(hands[..., 3]), np.zeros_like(hands[..., 3])], axis=-1)
-    axes = np.einsum("...ij,...lj->l...i", to_b, axes)
-    for i, limb in enumerate(problem.limb_masses):
-        away = places[i] + limb.limb.wrist_to_gripper_m * to_b[..., 2] - limb.limb.shoulder_b_m
-        most = _STRETCHED * (limb.limb.upper_link_m + limb.limb.lower_link_m)
-        places[i] -= np.maximum(1.0 - most / np.linalg.norm(away.real, axis=-1, keepdims=True), 0.0) * away
-    held = [(_parts(place), _parts(axis)) for place, axis in zip(places, axes, strict=True)]
-    return to_w, _parts(to_b[..., 2]), held
-
-
-def centres_and_slopes(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, Array]:
-    """`centres_of_mass` (n, 3) of poses (n, 6), and their derivatives (n, 3, 6) by the poses."""
-    moved = poses + 1j * _STEP * np.eye(6)[:, None]
-    found = centres_of_mass(problem, moved, np.broadcast_to(hands, (6, *hands.shape)))
-    return found[0].real, found.imag.transpose(1, 2, 0) / _STEP
+def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
+    """The body's rotations (n, 3, 3) and, in its frame, all limbs as one: a number of it is an array (4, n)."""
+    to_w = rotation_from_rpy(poses[:, 3:])
+    numbers = np.array([limb.numbers for limb in problem.limb_masses]).reshape(-1, NUMBERS).T[..., None]
+    x, y, z, yaw = np.moveaxis(hands, -1, 0).swapaxes(-1, -2)
+    place = np.stack([x, y, z], axis=-1) - poses[:, :3]
+    axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    gripper, along = (_parts(np.einsum("kji,lkj->lki", to_w, v)) for v in (place, axis))
+    up = _parts(to_w[:, 2])
+    return to_w, placed(numbers, in_reach(numbers, gripper, up), up, along)
 
 
 def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
@@ -103,7 +70,9 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
         place = middle[:, None] + problem.boxes.half_m[:, None] * unit
         with np.errstate(invalid="ignore"):
-            moment = np.stack(placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
+            moment = (
+                np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
+            )
         known = ~np.isnan(moment).any(axis=0)
         place, moment = place[:, known], moment[:, known]
         ends.append((place.mean(axis=1), moment.mean(axis=1)))
@@ -139,7 +108,7 @@ def offset_bounds(
         place = start[:, None, None, None] + (end - start)[:, None, None, None] * unit
         # the gripper's axes as a level body at heading 0 has them: what turns it moves the hand's mass alone
         with np.errstate(invalid="ignore"):
-            moment = placed(limb, (place[0], place[1], place[2]), _Z, _X).first_moment()
+            moment = placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment()
         found = np.stack(np.broadcast_arrays(*moment)) - follow * problem.mass_kg * place
         order = 1 if np.isnan(found).any() else 2  # what bends between the points, or all where the reach ends there
         most = [np.nanmax(np.abs(np.diff(found, order, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
-from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BodyBounds, Pose, Problem, Weights
 
 
@@ -43,6 +44,17 @@ def check_body(scenario: Scenario, body: BodyBounds, start: Pose, goal: Pose) ->
             f"goal.body.rpy_deg: the body cannot tilt further than {tilt_deg:.1f} degrees in roll or pitch",
             proven=True,
         )
+
+
+def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:
+    """Joint positions by name with the body at a pose and grippers (4, 5) at x, y, z, yaw and opening, upright."""
+    to_b = rotation_from_rpy(body.rpy_rad).T
+    positions: dict[str, float] = {}
+    for limb, (*place, yaw, opening) in zip(robot.limbs, grippers, strict=True):
+        q, _ = inverse(limb, to_b @ (np.array(place) - body.position_m), to_b @ rotation_z(yaw))
+        positions.update(zip(limb.joint_names, q, strict=True))
+        positions.update(dict.fromkeys(limb.finger_joints, opening))
+    return positions
 
 
 def weights_of(scenario: Scenario, usual: Weights) -> Weights:

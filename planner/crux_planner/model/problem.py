@@ -15,10 +15,9 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.schedule import SpeedLimits
 
 if TYPE_CHECKING:
-    from crux_planner.model.contacts import Contact, GripperShape
+    from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
     from crux_planner.model.cuboids import Cuboids
     from crux_planner.model.limb import LimbMasses
-    from crux_planner.model.limits import SwingLimits
     from crux_planner.model.shapes import LimbShape
     from crux_planner.model.workspace import LimbReach, Reach
 
@@ -152,6 +151,10 @@ class Problem(CentroidalProblem):
     def weight_N(self) -> Array:
         """M g in W."""
         return self.mass_kg * self.gravity_w
+
+    def may_end(self, limb: int, contact: Contact) -> bool:
+        """Whether the goal lets a limb end on a contact: on any, where it names none."""
+        return self.goal.grasps.get(limb) in (None, (contact.hold, contact.pair))
 
     def aimed(self) -> Problem:
         """The same with the body's last pose near the middle of the goal's tolerance."""

@@ -17,6 +17,14 @@ SpeedLimits = Mapping[Contacts, float]
 """Largest body speed [m/s] while exactly these contacts are held."""
 
 
+def stance_after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
+    """The stance in which limbs have gone to other contacts."""
+    changed = list(stance)
+    for limb, end in zip(limbs, ends, strict=True):
+        changed[limb] = end
+    return changed[0], changed[1], changed[2], changed[3]
+
+
 @dataclass(frozen=True)
 class Move:
     """From `before` to `after` the limbs `limbs` go to new contacts; the body lifts off and touches down in balance."""

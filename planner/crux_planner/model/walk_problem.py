@@ -11,14 +11,15 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
+from scipy.interpolate import PchipInterpolator
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
-from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
+from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, centres_of_pressure, composite_inertia
-from crux_planner.model.poses import body_and_ends, weights_of
+from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
 from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box
 
@@ -35,6 +36,9 @@ class MarginProfile:
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
     true_share: float  # the same while three feet stand, for body and limbs as they accelerate at the knots
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
+    between_share: float = (
+        0.01  # as `true_share` between the knots, where motions are less smooth than from knot to knot
+    )
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,15 @@ class WalkProblem(CentroidalProblem):
         """Places (K, 3) for body poses (K, 6), feet (K, 4, 3) and their yaws (K, 4)."""
         return centres_of_mass(self, poses, self._grippers(feet, yaws))
 
-    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array) -> Array:
-        """Places (K, 2) for the same at all knots, as bodies and limbs accelerate there."""
-        return centres_of_pressure(self, poses, self._grippers(feet, yaws))
+    def centres_of_pressure(self, poses: Array, feet: Array, yaws: Array, parts: int = 1) -> Array:
+        """Places (parts N + 1, 2) for the same at all knots, as bodies and limbs accelerate there and, with every
+        interval in `parts`, on the way between them that the plan is read as (msgs/PLAN.md).
+        """
+        hands, last = self._grippers(feet, yaws), len(poses) - 1
+        if parts > 1:
+            at = np.linspace(0.0, last, last * parts + 1)
+            poses, hands = (PchipInterpolator(np.arange(last + 1), each)(at) for each in (poses, hands))
+        return centres_of_pressure(self, poses, hands, self.dt_s / parts)
 
     def _grippers(self, feet: Array, yaws: Array) -> Array:
         return np.concatenate([feet + np.array([0.0, 0.0, self.pad_radius_m]), yaws[..., None]], axis=2)
@@ -126,7 +136,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         dt_s=scenario.horizon.dt_s,
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
         mass_kg=robot.total_mass_kg,
-        inertia_b=composite_inertia(robot, posture(robot, start, feet)),
+        inertia_b=composite_inertia(robot, _on_feet(robot, start, feet)),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         body_moment_kg_m=body_moment(robot),
         friction=(1.0 - scenario.planner.margins.get("friction", FRICTION_MARGIN)) * scenario.wall.friction,
@@ -209,19 +219,13 @@ def _limbs_pull(robot: Robot, start: Pose, feet: Array) -> tuple[float, Array]:
     `neutral_feet_b_m` of WalkProblem.
     """
     upright = Pose(start.position_m, np.zeros(3))
-    here = centre_of_mass(robot, posture(robot, upright, feet))
-    there = centre_of_mass(robot, posture(robot, upright, feet - np.array([_FOOT_MOVE_M, 0.0])))
+    here = centre_of_mass(robot, _on_feet(robot, upright, feet))
+    there = centre_of_mass(robot, _on_feet(robot, upright, feet - np.array([_FOOT_MOVE_M, 0.0])))
     share = float((here - there)[0]) / (4 * _FOOT_MOVE_M)
     return share, feet - start.position_m[:2] - here[:2] / (4 * share)
 
 
-def posture(robot: Robot, start: Pose, feet: Array) -> dict[str, float]:
-    """Joint positions by name with the body at a pose and the feet (4, 2) on the surface."""
-    rotation = rotation_from_rpy(start.rpy_rad)
-    positions: dict[str, float] = {}
-    for limb, foot in zip(robot.limbs, feet, strict=True):
-        gripper = np.array([*foot, robot.gripper.pad_radius_m])
-        q, _ = inverse(limb, rotation.T @ (gripper - start.position_m), rotation.T)
-        positions.update(zip(limb.joint_names, q, strict=True))
-        positions.update(dict.fromkeys(limb.finger_joints, robot.gripper.opening_m[0]))
-    return positions
+def _on_feet(robot: Robot, body: Pose, feet: Array) -> dict[str, float]:
+    """The posture with the feet (4, 2) on the surface."""
+    upright = [robot.gripper.pad_radius_m, 0.0, robot.gripper.opening_m[0]]
+    return posture(robot, body, np.column_stack([feet, np.tile(upright, (len(feet), 1))]))

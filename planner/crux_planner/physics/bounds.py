@@ -128,11 +128,6 @@ def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> 
     return np.column_stack([np.cos(angles), np.sin(angles)]), np.full(_CORNERS, most)
 
 
-def longest_steps(problem: WalkProblem, gait: Gait) -> list[float]:
-    """How long each step may be [m]."""
-    return [longest_step(problem, step) for step in gait.steps]
-
-
 def step_rows(rows: Rows, problem: WalkProblem, gait: Gait, footholds: Array, at_h: int) -> None:
     """Lengths of steps, about `footholds` (4 + S, 2); those of steps are variables from `at_h` on."""
     last = list(range(4))

@@ -6,13 +6,14 @@ grippers; c accelerates as the body's origin does.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.mass import centre_in_body
+from crux_planner.model.limb import NUMBERS, in_reach, placed
 from crux_planner.model.problem import CentroidalProblem
 from crux_planner.model.walk_problem import WalkProblem
 
@@ -54,16 +55,20 @@ def next_pose(x: Any, dt: float) -> Any:
 
 def centre_of_mass(problem: CentroidalProblem, x: Any, hands: list[Any]) -> Any:
     """(3,) in W for a body state and the grippers (x, y, z, yaw) (casadi)."""
-    to_b = rotation(x[3:6]).T
-
-    def parts(v: Any) -> tuple[Any, Any, Any]:
-        return v[0], v[1], v[2]
-
-    placed = []
-    for hand in hands:
+    to_b, moment = rotation(x[3:6]).T, ca.DM(problem.body_moment_kg_m)
+    for limb, hand in zip(problem.limb_masses, hands, strict=True):
         axis = ca.vertcat(ca.cos(hand[3]), ca.sin(hand[3]), 0)
-        placed.append((parts(to_b @ (hand[0:3] - x[0:3])), parts(to_b @ axis)))
-    return x[0:3] + to_b.T @ ca.vertcat(*centre_in_body(problem, parts(to_b[:, 2]), placed))
+        moment += _first_moment()(limb.numbers, to_b @ (hand[0:3] - x[0:3]), to_b[:, 2], to_b @ axis)
+    return x[0:3] + to_b.T @ (moment / problem.mass_kg)
+
+
+@cache
+def _first_moment() -> ca.Function:
+    """(numbers of a limb, its gripper's centre, z axis, opening axis), in the body frame -> first moment (3,)."""
+    numbers, *grip = (ca.SX.sym(*each) for each in (("numbers", NUMBERS), ("g", 3), ("up", 3), ("along", 3)))
+    gripper, up, along = ((v[0], v[1], v[2]) for v in grip)
+    limb = placed(numbers, in_reach(numbers, gripper, up), up, along)
+    return ca.Function("first_moment", [numbers, *grip], [ca.vertcat(*limb.first_moment())])
 
 
 def on_feet(problem: WalkProblem, feet: Any, yaws: Any) -> list[Any]:
@@ -92,8 +97,3 @@ def static_map(centre: Array, normal: Array, tangent: Array) -> Array:
     moment = np.cross(centre, force, axisa=0, axisb=0, axisc=0)
     moment[:, 2] += 2 * normal
     return np.vstack([force, moment])
-
-
-def skew(v: Array) -> Array:
-    """Matrix of the cross product v x."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -14,6 +14,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.schedule import Contacts, SpeedLimits
+from crux_planner.solvers.sparse_blocks import skews
 
 if TYPE_CHECKING:
     from crux_planner.model.contacts import Contact
@@ -36,11 +37,11 @@ def steady_speed(contacts: Sequence[Contact], weight_N: Array, dt_s: float, held
     places = np.stack([g.centre_w_m for g in grips])
     places -= places.mean(axis=0)
     about = (places**2).sum() * np.eye(3) - places.T @ places
-    turn = np.linalg.pinv(about) @ _cross(weight_N)
+    turn = np.linalg.pinv(about) @ skews(weight_N)
     most = 0.0
     for grip, place, slips in zip(grips, places, slippery, strict=True):
         if slips:
-            shear = (np.eye(3) - np.outer(grip.axis, grip.axis)) @ -_cross(place) @ turn / 2  # of one finger, per metre
+            shear = (np.eye(3) - np.outer(grip.axis, grip.axis)) @ -skews(place) @ turn / 2  # of one finger, per metre
             most = max(most, float(np.linalg.norm(shear, 2)))
     return WANTED_N / (most * dt_s) if most > 0.0 else float(np.inf)
 
@@ -51,10 +52,6 @@ def foreseen(
     """The speeds of those `stances` that need to be slow."""
     known = {held: steady_speed(contacts, weight_N, dt_s, held) for held in set(stances)}
     return {held: speed for held, speed in known.items() if np.isfinite(speed)}
-
-
-def _cross(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def speeds(speed_limits: SpeedLimits, contacts: list[list[int | None]], most_m_s: float) -> Array:

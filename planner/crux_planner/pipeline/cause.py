@@ -30,7 +30,7 @@ from crux_planner.search.torque_limits import TorqueLimits
 
 LONGER = 2  # times as long a horizon is tried
 HALVINGS = 3  # of the interval in which the least horizon is
-STANCES = 150  # that a search looks at, at most
+STANCES = (150.0, 0.0)  # that a search looks at, at most
 GREED = 2.0  # the factor by which its sequence may be slower than the quickest
 
 Longer = Callable[[Climb], int | None]

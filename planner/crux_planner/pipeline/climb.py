@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
-from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
@@ -20,14 +17,14 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, SearchReport, goal_contacts, search
+from crux_planner.search.stances import ANY, Oracles, goal_contacts, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
-QUICKEST = 10.0  # stances a second of the time limit are looked at for the quickest sequence of contacts
+QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
 GREED = 2.0  # the factor by which a sequence may be slower after that
 WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
-LEVEL_SHARE = 0.6  # of the time goes at most into plans of a level body with one heading
+LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
@@ -63,7 +60,7 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     work = climb.work
 
     def level(climb: Climb, quick: bool) -> PlanResult:
-        return _plan_level(replace(climb, deadline=climb.share_of_time(LEVEL_SHARE)), quick)
+        return _plan_level(climb, quick, climb.share_of_time(LEVEL_SHARE))
 
     try:
         return level(climb, quick=True)
@@ -104,14 +101,15 @@ def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
 def _steps_with(longer: Climb) -> int | None:
     """The steps of a plan with a longer horizon, None where none is found."""
     try:
-        return _plan_level(farther(longer), quick=True).steps
+        return _plan_level(farther(longer), True, longer.deadline).steps
     except InfeasibleError:
         found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE))
         return None if found is None else found[0].steps
 
 
-def _plan_level(climb: Climb, quick: bool) -> PlanResult:
-    """The body level, with one heading, and grasps in the middle of their faces.
+def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:
+    """The body level, with one heading, and grasps in the middle of their faces; by sequences of contacts that are
+    found until then.
 
     `quick`: only by the quickest sequences of contacts, and only while these are found soon.
     """
@@ -123,16 +121,15 @@ def _plan_level(climb: Climb, quick: bool) -> PlanResult:
 
         def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
             with climb.work.part("contacts", 0.1):
-                moves, seen = _search(climb, at_once, quick)
+                greed, most = (1.0, QUICKEST) if quick else (GREED, ANY)
+                moves, seen = search(climb, at_once=at_once, greed=greed, deadline=until, most=most)
             if moves is not None:
                 return solve_and_check(climb, moves)
             failures.append(explain(climb, seen, at_once))
             return None
 
         climb = _within_torques(climb, climb.problem.friction_share)
-        result, climb = attempts(
-            climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=climb.deadline
-        )
+        result, climb = attempts(climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=until)
         if result is not None:
             result.gap = _proven_gap(climb.work, result.cost)
             return result
@@ -203,9 +200,3 @@ def _proven_gap(work: Work, cost: float) -> float | None:
         return None
     with work.part("bound", 0.95):
         return work.bound.gap(cost)
-
-
-def _search(climb: Climb, at_once: int, quick: bool) -> tuple[list[Move] | None, SearchReport]:
-    """The quickest moves if they are found with so much work, else any that are quick enough."""
-    greed, most = (1.0, QUICKEST * climb.work.limit_s) if quick else (GREED, np.inf)
-    return search(climb, at_once=at_once, greed=greed, deadline=climb.deadline, most=most)

@@ -85,10 +85,9 @@ def level_stance_at_goal(problem: Problem, robot: Robot) -> Stance | None:
         ends = []
         for index, limb in enumerate(robot.limbs):
             q, reached = inverse(limb, place, rotation_z(yaws))
-            held = goal.grasps.get(index)
             ok = reached & (limit_margin(limb, q) >= 0.0)
             ok &= np.isin(np.arange(len(holds)), problem.limb_contacts[index])
-            ok &= np.array([held in (None, (c.hold, c.pair)) for c in problem.contacts])
+            ok &= np.array([problem.may_end(index, c) for c in problem.contacts])
             at = np.flatnonzero(ok)
             ends.append(at[np.unique(holds[at], return_index=True)[1]].tolist())
         for first, second, third, fourth in itertools.product(*ends):
@@ -111,12 +110,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
     for limb, ends in enumerate(goal_contacts(problem, reach)):
         if ends:
             continue
-        wanted = problem.goal.grasps.get(limb)
-        usable = [
-            c
-            for c in problem.limb_contacts[limb]
-            if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted
-        ]
+        usable = [c for c in problem.limb_contacts[limb] if problem.may_end(limb, problem.contacts[c])]
         if not usable:
             return InfeasibleError("reach", f"no hold can be gripped by {LIMB_NAMES[limb]}")
         near, far = reach.around(goal, slack)
@@ -124,7 +118,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
         place = point_text(problem, goal)
-        if wanted is None:
+        if limb not in problem.goal.grasps:
             text = f"no hold within reach of {LIMB_NAMES[limb]} for the goal body at {place}: the nearest, {hold}, is"
         else:
             text = f"goal.grasps.{LIMB_NAMES[limb]}: {hold} is out of reach for the goal body at {place}: it is"

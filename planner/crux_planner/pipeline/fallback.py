@@ -41,7 +41,7 @@ LEVELS = ((False, 0.0, None), (True, TILT_SLACK_M, None), (True, TILT_SLACK_M, P
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 GENTLER = ((1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER))  # of limit surface and speed, one after the other
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
-GOAL_PROOF_S, FIRST_PROOF_S, LAST_PROOF_S = 2.0, 0.5, 6.0  # for the goal's equilibrium, and for disconnected parts
+GOAL_PROOF, FIRST_PROOF, LAST_PROOF = 30, 60, 600  # programs for the goal's equilibrium, and for disconnected parts
 TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
 SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
 
@@ -56,10 +56,10 @@ def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
     """What can be shown about the climb, where nothing quick shows that it has no plan; else raises InfeasibleError."""
     proof = Proof(climb.scenario, climb.robot, climb.problem)
     with climb.work.part("proof", 0.1):
-        impossible = proof.quick() or proof.goal_equilibrium(clock.now() + GOAL_PROOF_S)
+        impossible = proof.quick() or proof.goal_equilibrium(GOAL_PROOF, climb.deadline)
         if impossible is not None:
             raise impossible
-        impossible = proof.disconnected(clock.now() + FIRST_PROOF_S)
+        impossible = proof.disconnected(FIRST_PROOF, climb.deadline)
     if impossible is not None:
         raise _explained(proof.instead_of(none_near), impossible)
     return proof
@@ -93,7 +93,7 @@ def plan_wider(
     if share is not None:
         raise none_level
     with work.part("proof", 0.9):
-        impossible = proof.disconnected(min(deadline, clock.now() + LAST_PROOF_S))
+        impossible = proof.disconnected(LAST_PROOF, deadline)
     raise none_level if impossible is None else _explained(none_level, impossible)
 
 

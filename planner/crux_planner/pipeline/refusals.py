@@ -1,6 +1,8 @@
-"""What the check asks for where it refuses a plan: a slower body on some supports, on a walk a smaller workspace.
+"""What the check asks for where it refuses a plan: a slower body on some supports, less of some joints, on a walk a
+smaller workspace.
 
-Between two knots the wrenches of a climb lag behind a body that moves. On a walk, near the stretched limb, a foot that
+Between two knots the wrenches of a climb lag behind a body that moves; the controller shares the load anew, and so may
+ask joints for more than the plan does. On a walk, near the stretched limb, a foot that
 keeps its speed needs joints without bounds: the planner knows no joints, and learns from the check's joint speeds which
 corner of the limb's box (9a) to leave out.
 """
@@ -16,12 +18,15 @@ from crux_planner.checker import CheckReport
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, SpeedLimits
 from crux_planner.model.walk_problem import Cut, WalkProblem
 from crux_planner.physics.speed_limits import WANTED_N
 from crux_planner.trajectory.solution import WalkSolution
 
 BETWEEN_KNOTS = "limit_surface_between_knots"
+_TORQUES = ("joint_torque", "joint_torque_shared")
+_MORE, _LEAST_EASED = 1.5, 0.02  # of what a joint lacks it is to give less; and at least of its torque
 _LEAST_CUT = 0.8  # of the speed is left at most, so that every cut counts
 _BEGUN, _BLENDED = 0.1, 0.45  # of an interval: its own motion counts from, that of the one before to
 _STILL_M_S = 1e-4  # slower is no motion
@@ -46,7 +51,7 @@ def slowed(
     `contacts` and `speed_m_s` (N + 1,), the largest component of the body's velocity, are those of the plan's knots.
     """
     cut = dict(speed_limits)
-    for violation in report.violations:
+    for violation in (each for each in report.violations if each.constraint not in _TORQUES):
         if violation.constraint != BETWEEN_KNOTS or violation.time_s is None:
             return None
         k = min(int(violation.time_s / dt_s + 1e-9), len(speed_m_s) - 2)
@@ -60,6 +65,25 @@ def slowed(
             held = tuple(contacts[j])
             cut[held] = min(cut.get(held, np.inf), allowed)
     return cut
+
+
+def eased(problem: Problem, report: CheckReport) -> Problem | None:
+    """The climb with less of the joints that are asked for too much between the knots or as the controller shares the
+    load; None where that is not all that is wrong, or a joint has nothing left to give.
+    """
+    limits, last = problem.torque_limits_Nm.copy(), problem.last_torques_Nm.copy()
+    for violation in report.violations:
+        if violation.constraint not in _TORQUES or violation.limb is None:
+            return None
+        limb = LIMB_NAMES.index(violation.limb)
+        peaks = {load.joint: load.peak_torque_Nm for load in report.joints if load.limb == violation.limb}
+        joint = list(peaks).index(violation.detail)
+        planned = min(problem.torque_limits_Nm[limb, joint], peaks[violation.detail])
+        allowed = planned - max(_MORE * violation.amount, _LEAST_EASED * planned)
+        if allowed <= 0.0:
+            return None
+        limits[limb, joint], last[limb, joint] = (min(allowed, each[limb, joint]) for each in (limits, last))
+    return replace(problem, torque_limits_Nm=limits, last_torques_Nm=last)
 
 
 def bent(problem: WalkProblem, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:

@@ -126,8 +126,7 @@ def _contact(problem: Problem, limb: int, hold: int | None, face: int, pose: Arr
     index: int
     for index in (problem.start_contacts[limb], *range(len(problem.contacts))):
         contact = problem.contacts[index]
-        there = np.array([*contact.centre_w_m, contact.yaw_rad, contact.separation_m / 2])
-        if (contact.hold, contact.finger1_face) == (hold, face) and np.abs(there - pose).max() < _SAME:
+        if (contact.hold, contact.finger1_face) == (hold, face) and np.abs(contact.pose - pose).max() < _SAME:
             return index
     return None
 

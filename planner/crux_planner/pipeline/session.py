@@ -30,7 +30,6 @@ class Work:
 
     report: Progress
     log: Callable[[str], None]
-    limit_s: float = TIME_LIMIT_S
     began: float = field(default_factory=time.monotonic)
     seconds: dict[str, float] = field(default_factory=dict)
     bound: ClimbBoundWorker | None = None
@@ -90,5 +89,5 @@ def begin(
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None), limit_s)
+    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), method)

@@ -15,7 +15,7 @@ from crux_planner.physics.cost import plan_cost
 from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.refusals import TooFast, slowed
+from crux_planner.pipeline.refusals import CUTS, TooFast, eased, slowed
 from crux_planner.pipeline.session import Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -147,18 +147,28 @@ def _finish_as_it_is(
     problem, work = climb.problem, climb.work
     if work.bound is not None:
         work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
-    with work.part("nlp", 0.5):
-        solution = solve_within_torques(problem, schedule, start, climb.deadline, functions)
-    if not solution.solved:
-        return unsolved(gait(schedule), solution.status).blaming(longest(problem, schedule.moves))
-    with work.part("message", 0.8):
-        message = plan_message(climb.scenario, climb.robot, problem, schedule, solution, climb.method)
-    with work.part("check", 0.8):
-        report = check_plan(message, climb.robot)
+    functions, refused = functions or StageFunctions(problem), None
+    for _ in range(1 + CUTS):
+        with work.part("nlp", 0.5):
+            solution = solve_within_torques(problem, schedule, start, climb.deadline, functions)
+        if not solution.solved:
+            unfound = refused or unsolved(gait(schedule), solution.status)
+            return unfound.blaming(longest(problem, schedule.moves))
+        with work.part("message", 0.8):
+            message = plan_message(climb.scenario, climb.robot, problem, schedule, solution, climb.method)
+        with work.part("check", 0.8):
+            report = check_plan(message, climb.robot)
+        easier = None if report.ok else eased(problem, report)
+        if easier is None:
+            break
+        refused = refused or _refused(report)
+        work.log(f"{refused}; once more with less of those joints")
+        problem, start = easier, Start(solution.body, solution.wrenches)
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
-        speed_limits = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
-        refused = _refused(report) if speed_limits is None else TooFast(_refused(report), speed_limits)
+        slow = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
+        refused = _refused(report)
+        refused = refused if slow in (None, dict(problem.speed_limits)) else TooFast(refused, slow or {})
         return refused.blaming(_blamed(report, schedule, problem))
     return PlanResult.of(message, report, solution, schedule.gait, work)
 

@@ -26,6 +26,7 @@ from crux_planner.trajectory.walk_qp import WalkKnots
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
 PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
+FIRMER_SHARE = 0.02  # of the weight, by which a foot that would pull is to press harder
 GENTLER = 3  # times
 ATTEMPTS = 3  # gaits of a search that get an exact solution
 _SPEEDS = ("swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
@@ -73,7 +74,7 @@ def _plan(walk: Walk) -> PlanResult:
     failures: list[InfeasibleError] = []
     for profile in (USUAL, BOLD, BOLDEST):
         given = replace(walk, problem=replace(walk.asked, profile=profile))
-        remedies = (_slower_feet, _slower, _less_friction)
+        remedies = (_slower_feet, _slower, _less_friction, _firmer)
         result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.deadline)
         if result is not None:
             return result
@@ -96,6 +97,15 @@ def _slower(walk: Walk, refused: InfeasibleError) -> Walk | None:
 def _less_friction(walk: Walk, refused: InfeasibleError) -> Walk | None:
     slips = refused.constraint in _FRICTION
     return replace(walk, problem=gentler(walk.problem, FRICTION_SHARE, 1.0)) if slips else None
+
+
+def _firmer(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    """Feet that are to press harder between the knots, where one would have to pull."""
+    if refused.constraint != "foot_pull":
+        return None
+    profile = walk.problem.profile
+    firmer = replace(profile, between_share=max(profile.between_share, 0.0) + FIRMER_SHARE)
+    return replace(walk, problem=replace(walk.problem, profile=firmer))
 
 
 def slower(problem: WalkProblem, paces: Sequence[float]) -> WalkProblem:

@@ -9,7 +9,7 @@ axis.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -17,9 +17,10 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array
 from crux_planner.model.mass import linear_centre
 from crux_planner.model.problem import Problem
-from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.dynamics import static_map
 from crux_planner.physics.limit_surface import finger_limits, grip_rows, polytope_directions
 from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import skews
 
 _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
@@ -33,6 +34,21 @@ def clipped(position: Array, low: Array, high: Array) -> Array:
     """The position moved into bounds (m,) as far as these are along x, y and z."""
     near: Array = np.clip(position, low[:3], high[:3])
     return near
+
+
+class Query(NamedTuple):
+    """A body position in [low, high] near `wanted` on the contacts `support`, its grippers on `grippers`."""
+
+    support: tuple[int, ...]
+    low: Array
+    high: Array
+    wanted: Array
+    grippers: tuple[int, ...]
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """The same for queries that are the same but for rounding."""
+        return self.support, self.grippers, np.round(np.concatenate(self[1:4]), 4).tobytes()
 
 
 class StaticEquilibrium:
@@ -71,15 +87,17 @@ class StaticEquilibrium:
         The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.
         """
+        return self._find(Query(tuple(sorted(support)), low, high, wanted, grippers or support))
+
+    def _find(self, query: Query) -> Array | None:
         self.queries += 1
-        support, grippers = tuple(sorted(support)), grippers or support
-        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
-        if key not in self._known:
-            near = clipped(wanted, low, high)
+        if (key := query.key) not in self._known:
+            low, high = query.low, query.high
+            near = clipped(query.wanted, low, high)
             along = self.problem.boxes.directions[3 : len(low)] @ near
             inside = (along >= low[3:]).all() and (along <= high[3:]).all()
-            settled = inside and self._least_norm_fits(support, near, grippers)
-            self._known[key] = near if settled else self._solve(support, low, high, wanted, grippers)
+            settled = inside and self._least_norm_fits(query.support, near, query.grippers)
+            self._known[key] = near if settled else self._solve(query)
         return self._known[key]
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
@@ -96,7 +114,7 @@ class StaticEquilibrium:
 
     def weight(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
         """(6, 3) A and (6,) b: in balance, A @ r and the grippers' forces and moments about the origin sum to b."""
-        (moved, still), turn = self.centre(grippers, to_w), skew(self.problem.weight_N)
+        (moved, still), turn = self.centre(grippers, to_w), skews(self.problem.weight_N)
         return np.vstack([np.zeros((3, 3)), -turn @ moved]), np.append(-self.problem.weight_N, turn @ still)
 
     def right_side(self, position: Array, grippers: Array) -> Array:
@@ -123,7 +141,7 @@ class StaticEquilibrium:
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         low, high = np.concatenate([low[:3], wrench_low]), np.concatenate([high[:3], wrench_high])
         middle = np.mean([self.problem.contacts[c].centre_w_m for c in support], axis=0)
-        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about_middle = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about_middle[3:] /= MOMENT_ARM_M
         matrix, right = self._balance(support, grippers or support)
         weighted, target = about_middle @ matrix, about_middle @ right
@@ -164,16 +182,9 @@ class StaticEquilibrium:
         low[4::WRENCH] = 0.0
         return rows, np.concatenate([b for _, b in parts]), low, high
 
-    def _solve(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...],
-        further: tuple[Array, Array] | None = None,
-    ) -> Array | None:
-        """A body position in balance near `wanted`; `further` are rows (A, b) on (position, wrenches), A x <= b."""
+    def _solve(self, query: Query, further: tuple[Array, Array] | None = None) -> Array | None:
+        """A body position in balance near that wanted; `further` are rows (A, b) on (position, wrenches), A x <= b."""
+        support, low, high, wanted, grippers = query
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)

@@ -23,7 +23,7 @@ from crux_planner.physics.reach import body_positions
 from crux_planner.search.body_path import SPEED_SHARE, within
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM
 from crux_planner.search.stances import Oracles
-from crux_planner.solvers.qp import Entries, SparseQp
+from crux_planner.solvers.qp import Block, SparseQp
 
 _CONE_SHARE = 0.97  # of the polytope that touches the cone (2) from outside: on average as large as the cone
 _LONG = 8  # knots of a stance beyond which the body first moves, then rests, then moves
@@ -32,8 +32,8 @@ _LEVEL = np.eye(3)
 _ABOUT = 1  # node beside what is different that an estimate near another solves again: the body meets its bounds
 _SOLVED = 10
 _SAME = 7  # digits [m] to which places of the body are the same
-_DIFFERENCE = Entries(np.hstack([-np.eye(3), np.eye(3)]))
-_BOTH_WAYS = Entries(np.vstack([np.hstack([-np.eye(3), np.eye(3)]), np.hstack([np.eye(3), -np.eye(3)])]))
+_DIFFERENCE = Block(np.hstack([-np.eye(3), np.eye(3)]))
+_BOTH_WAYS = Block(np.vstack([np.hstack([-np.eye(3), np.eye(3)]), np.hstack([np.eye(3), -np.eye(3)])]))
 _MINUS_PLUS = np.tile([-1.0, 1.0], (3, 1))
 _WRENCH = 6  # QP variables a gripper: s1, s2, m, F = n1 - n2, their mean a, the smaller n
 
@@ -69,9 +69,9 @@ class _Grips:
 
     low: Array
     high: Array
-    limits: Entries
+    limits: Block
     right: Array
-    balance: Entries
+    balance: Block
 
 
 @dataclass(frozen=True)
@@ -321,7 +321,7 @@ class EventCost:
             balance.append(np.pad(equilibrium.maps[contact], ((0, 0), (0, 2))))
         body, _ = equilibrium.weight(np.zeros(3))
         high = np.tile(bound, len(support))
-        limit_rows, balance_rows = Entries(la.block_diag(*limits)), Entries(np.hstack([*balance, body]))
+        limit_rows, balance_rows = Block(la.block_diag(*limits)), Block(np.hstack([*balance, body]))
         return _Grips(np.concatenate(lows), high, limit_rows, np.concatenate(right), balance_rows)
 
     def _move_body(self, qp: SparseQp, knots: list[int], body: list[Indices]) -> None:

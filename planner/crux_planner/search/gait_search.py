@@ -23,23 +23,12 @@ _MORE_ROUNDS = 1  # of steps than the fewest, in those tried last
 _BETTER = 1e-3  # of J, what is worth a change
 
 
-class FlatGaits:
-    """J of gaits."""
-
-    def __init__(self, problem: WalkProblem) -> None:
-        self._problem, self._qp = problem, FlatQp(problem)
-
-    def __call__(self, slots: Slots) -> FlatWalk | None:
-        """J of a gait, nearly; None where it has no solution."""
-        return self._qp.solve(slots.gait(self._problem.steps + 1))
-
-
 class FlatSearch:
     """Gaits of one problem, each solved once; the next one beside it where a worker is free for it."""
 
     def __init__(self, problem: WalkProblem, workers: Sequence[Worker] = ()) -> None:
         self.problem, self.strides = problem, Strides(problem)
-        self._team = Team(workers, FlatGaits, problem)
+        self._team = Team(workers, FlatQp, problem)
         self._solved: dict[Slots, FlatWalk | None] = {}
         self._ahead: dict[Slots, FlatWalk | None] = {}  # solved before they were asked for
 
@@ -61,8 +50,9 @@ class FlatSearch:
         else:
             unknown = then is not None and then not in self._solved and then not in self._ahead
             beside = next(iter(self._team.free()), None) if unknown else None
-            ahead = None if beside is None else self._team.later(beside, then)
-            walk = self._team.call(slots)
+            knots = self.problem.steps + 1
+            ahead = None if beside is None or then is None else self._team.later(beside, then.gait(knots))
+            walk = self._team.call(slots.gait(knots))
             if ahead is not None and then is not None:
                 self._ahead[then] = ahead()
         self._solved[slots] = walk

@@ -74,7 +74,6 @@ def _usable(problem: Problem, yaw: Array) -> Flags:
     low, high = problem.gripper_yaw_rad
     fingers = np.array([c.spines_only for c in problem.contacts])
     may = fingers == fingers[list(problem.start_contacts), None]  # (4, C)
-    for limb, wanted in problem.goal.grasps.items():
-        may[limb] &= np.array([(c.hold, c.pair) == wanted for c in problem.contacts])
+    may &= np.array([[problem.may_end(limb, c) for c in problem.contacts] for limb in range(4)])
     turned = np.array([c.yaw_rad for c in problem.contacts]) - yaw[:, None]
     return np.asarray(may & ((turned >= low) & (turned <= high))[:, None])

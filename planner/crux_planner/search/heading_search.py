@@ -17,7 +17,7 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Contacts, Move, Stance
+from crux_planner.model.schedule import Contacts, Move, Stance, stance_after
 from crux_planner.physics.speed_limits import steady_speed
 from crux_planner.search.equilibrium import clipped
 from crux_planner.search.schedule import TURN_SHARE
@@ -186,8 +186,7 @@ class HeadingSearch:
             fits &= ~np.isin(self.holds, self.holds[list(support)])
             fits[stance[limb]] = False
             for end in map(int, np.flatnonzero(fits)):
-                after = (*stance[:limb], end, *stance[limb + 1 :])
-                step = _Step(state, ((after[0], after[1], after[2], after[3]), heading), limb, body)
+                step = _Step(state, (stance_after(stance, (limb,), (end,)), heading), limb, body)
                 steps.append((step, float(self.least_cost[stance[limb], end])))
         return steps
 

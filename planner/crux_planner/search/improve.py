@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.schedule import Move, Stance
+from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
 from crux_planner.search.stances import goal_contacts
 from crux_planner.solvers import clock
@@ -175,14 +175,11 @@ class _Improvement:
         stance: Stance = self.problem.start_contacts
         moves, nowhere = [], np.zeros(3)
         for limbs, ends in steps:
-            changed = list(stance)
-            for limb, end in zip(limbs, ends, strict=True):
-                if changed[limb] == end:
-                    return None
-                changed[limb] = end
-            after = (changed[0], changed[1], changed[2], changed[3])
+            after = stance_after(stance, limbs, ends)
             move = Move(stance, after, limbs, nowhere, nowhere)
             swings = [(stance[limb], after[limb]) for limb in limbs]
+            if any(start == end for start, end in swings):
+                return None
             if self.reach.of(after) is None or not self.swings.free(swings, move.support):
                 return None
             moves.append(move)

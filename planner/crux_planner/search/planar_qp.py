@@ -91,7 +91,7 @@ class FlatQp:
             values += [np.full(len(knots), 2 * weight), rates[i, j]]
         return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
-    def solve(self, gait: Gait) -> FlatWalk | None:
+    def __call__(self, gait: Gait) -> FlatWalk | None:
         """Minimise J; None where the gait has no solution."""
         problem, n = self.problem, self.problem.steps
         spots = foothold_bounds(problem, gait)

@@ -98,8 +98,7 @@ def _yaws(problem: Problem, moves: list[Move], stances: Array, swing_knots: Arra
 def _stand(
     problem: Problem, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
 ) -> None:
-    grasp = problem.contacts[contact]
-    poses[first:end, limb] = [*grasp.centre_w_m, grasp.yaw_rad, grasp.separation_m / 2]
+    poses[first:end, limb] = problem.contacts[contact].pose
     for k in range(first, end):
         contacts[k][limb] = contact
 

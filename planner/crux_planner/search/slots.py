@@ -69,8 +69,13 @@ class Slots:
 
     def neighbours(self) -> Iterator[tuple[Change, Slots]]:
         """What is one change away, with the name of the change."""
-        yield from self._moved()
-        yield from self._resized()
+        for lift, land, limb, i in self._each():
+            for shift in _SHIFTS:
+                yield ("move", limb, i, shift), self._changed(limb, i, lift + shift, land + shift)
+        for lift, land, limb, i in self._each():
+            for shift in (1, -1):
+                yield ("lift", limb, i, shift), self._changed(limb, i, lift + shift, land)
+                yield ("land", limb, i, -shift), self._changed(limb, i, lift, land - shift)
         yield from self._exchanged()
         yield from self._squeezed()
         for limb, slots in enumerate(self.of_limb):
@@ -88,18 +93,6 @@ class Slots:
         """(lift, land, limb, number) in order of time."""
         steps = [(*slot, limb, i) for limb, slots in enumerate(self.of_limb) for i, slot in enumerate(slots)]
         return sorted(steps)
-
-    def _moved(self) -> Iterator[tuple[Change, Slots]]:
-        for lift, land, limb, i in self._each():
-            for shift in _SHIFTS:
-                yield ("move", limb, i, shift), self._changed(limb, i, lift + shift, land + shift)
-
-    def _resized(self) -> Iterator[tuple[Change, Slots]]:
-        for lift, land, limb, i in self._each():
-            yield ("lift", limb, i, 1), self._changed(limb, i, lift + 1, land)
-            yield ("land", limb, i, -1), self._changed(limb, i, lift, land - 1)
-            yield ("lift", limb, i, -1), self._changed(limb, i, lift - 1, land)
-            yield ("land", limb, i, 1), self._changed(limb, i, lift, land + 1)
 
     def _exchanged(self) -> Iterator[tuple[Change, Slots]]:
         steps = self._each()

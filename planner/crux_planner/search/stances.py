@@ -12,7 +12,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
-from crux_planner.model.schedule import Move, Stance
+from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.physics.reach import body_positions, spread, turned
 from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
@@ -20,6 +20,7 @@ from crux_planner.swing.link_clearance import LinkClearance
 from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
+ANY = (np.inf, 0.0)  # stances, see `search`
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
@@ -96,8 +97,7 @@ def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | No
     low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
     result = []
     for limb, usable in enumerate(problem.limb_contacts):
-        wanted = problem.goal.grasps.get(limb)
-        ends = [c for c in usable if wanted is None or (problem.contacts[c].hold, problem.contacts[c].pair) == wanted]
+        ends = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
         near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
         result.append(near)
     return result
@@ -146,16 +146,17 @@ def search(
     at_once: int,
     greed: float,
     deadline: float,
-    most: float = np.inf,
+    most: tuple[float, float] = ANY,
     known: Mapping[Stance, list[Move]] | None = None,
 ) -> tuple[list[Move] | None, SearchReport]:
     """Moves to the goal, `at_once` limbs (1 or 2) at a time, None where there are none; and what the search saw.
 
     With `greed` 1 these are the quickest; above, they take at most `greed` times as long and are found sooner. From
     the stances in `known` the rest of the way is known: the search ends there. It gives up at `deadline` (of clock.now)
-    and after `most` stances.
+    and after so many stances: `most` on any way, and for each knot that it takes at least.
     """
     tree = _Tree(oracles, at_once, greed)
+    allowed = most[0] + most[1] * tree.estimate(oracles.problem.start_contacts)
     report = tree.report
     while tree.open and not report.timed_out:
         cost, stance, body = tree.next()
@@ -170,7 +171,7 @@ def search(
         if ahead < 1e-9 and _ends_well(oracles, stance):
             return tree.moves_to(stance), report
         report.expanded += 1
-        report.timed_out = report.expanded > most or clock.now() > deadline
+        report.timed_out = report.expanded > allowed or clock.now() > deadline
         tree.grow(cost, stance, body)
     return None, report
 
@@ -227,7 +228,7 @@ class _Tree:
     ) -> None:
         reach, swings = self.reach, self.swings
         for ends in itertools.product(*[map(int, reach.neighbours(limb, stance[limb])) for limb in limbs]):
-            after = _after(stance, limbs, ends)
+            after = stance_after(stance, limbs, ends)
             moves = [(stance[limb], end) for limb, end in zip(limbs, ends, strict=True)]
             landing = reach.of(after)
             if landing is None or self.estimate(after) >= UNREACHABLE or not swings.free(moves, support):
@@ -245,13 +246,6 @@ class _Tree:
     def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
         ahead = cost + greed * self.estimate(stance)
         heapq.heappush(self.open, (ahead, next(self._counter), cost, stance, body))
-
-
-def _after(stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Stance:
-    changed = list(stance)
-    for limb, end in zip(limbs, ends, strict=True):
-        changed[limb] = end
-    return (changed[0], changed[1], changed[2], changed[3])
 
 
 def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:

@@ -9,16 +9,18 @@ with its side to itself is a front limb's where it is ahead of the body.
 from __future__ import annotations
 
 import copy
+from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.limb import JOINTS
+from crux_planner.model.limb import JOINTS, NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
-from crux_planner.search.equilibrium import WRENCH, StaticEquilibrium, clipped
+from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped
+from crux_planner.solvers.mapped import Mapped, mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
@@ -26,7 +28,7 @@ _MOVED_M = 0.005  # torques are taken as exact so near to where they were linear
 
 
 class TorqueLimits(StaticEquilibrium):
-    """Balance queries that count joint torques."""
+    """Balance queries answered by wrenches that no motor is too weak for."""
 
     def __init__(self, problem: Problem, margin: float, limits_Nm: Array | None = None) -> None:
         """`limits_Nm` (4, 6): joint torques allowed, usually those of the problem with some slack."""
@@ -34,7 +36,6 @@ class TorqueLimits(StaticEquilibrium):
         self.limits_Nm = SLACK * problem.torque_limits_Nm if limits_Nm is None else limits_Nm
         self.gravity_w = problem.gravity_w
         self._quadrant = np.sign(problem.boxes.centre_b_m[:, :2])
-        self._functions = [_torque_map(problem, limb) for limb in range(len(problem.limb_masses))]
         self._strong: dict[tuple[Any, ...], Array | None] = {}
 
     def turned(self, problem: Problem) -> TorqueLimits:
@@ -44,43 +45,26 @@ class TorqueLimits(StaticEquilibrium):
         other.gravity_w, other._strong = problem.gravity_w, {}
         return other
 
-    def position(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
-    ) -> Array | None:
-        """As `StaticEquilibrium.position`, by wrenches that no motor is too weak for."""
-        support, grippers = tuple(sorted(support)), grippers or support
-        key = (support, grippers, np.round(np.concatenate([low, high, wanted]), 4).tobytes())
-        if key not in self._strong:
-            self._strong[key] = self._held(support, low, high, wanted, grippers)
+    def by_friction(self, *query: Any) -> Array | None:
+        """As `position`, however strong the motors would have to be: much quicker."""
+        support, low, high, wanted, grippers = query
+        return super()._find(Query(tuple(sorted(support)), low, high, wanted, grippers))
+
+    def _find(self, query: Query) -> Array | None:
+        if (key := query.key) not in self._strong:
+            self._strong[key] = self._held(query)
         return self._strong[key]
 
-    def by_friction(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
-    ) -> Array | None:
-        """As `StaticEquilibrium.position`, however strong the motors would have to be: much quicker."""
-        return super().position(support, low, high, wanted, grippers)
-
-    def _held(
-        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...]
-    ) -> Array | None:
-        place = super().position(support, low, high, wanted, grippers)
+    def _held(self, query: Query) -> Array | None:
+        support, low, high, wanted, grippers = query
+        place = super()._find(query)
         if place is None or self._least_norm_is_light(support, place, grippers):
             return place
         between = self.mean_place(support)  # the weight is shared best there
         for start, near in ((place, wanted), ((low[:3] + high[:3]) / 2, wanted), (between, between)):
             place = clipped(start, low, high)
             for _ in range(_ROUNDS):
-                found = self._solve_within(support, low, high, (near, place), grippers)
+                found = self._solve_within(query._replace(wanted=near), place)
                 if found is None:
                     break
                 moved, place = float(np.abs(found - place).max()), found
@@ -100,46 +84,40 @@ class TorqueLimits(StaticEquilibrium):
 
     def _torques(self, support: tuple[int, ...], place: Array) -> list[tuple[Array, Array, Array]]:
         """(A, b, limit) of every gripper: joint torques A @ (s1, s2, m, F) + b of its limb."""
-        parts = []
+        given, limits = [], []
         contacts = [self.problem.contacts[index] for index in support]
         away = np.array([contact.centre_w_m[:2] - place[:2] for contact in contacts])
         for contact, at in zip(contacts, away, strict=True):
             column = away[away[:, 1] * at[1] >= 0.0, 0]
             side = np.where(at >= [column.mean() if len(column) > 1 else 0.0, 0.0], 1.0, -1.0)
             limb = int(np.argmax((self._quadrant == side).all(axis=1)))
-            rows, still = self._functions[limb](
-                place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w
-            )
-            parts.append((np.array(rows), np.array(still).ravel(), self.limits_Nm[limb]))
-        return parts
+            grip = (place, contact.centre_w_m, contact.axis, contact.tangent, self.gravity_w)
+            given.append(np.concatenate([self.problem.limb_masses[limb].numbers, *grip]))
+            limits.append(self.limits_Nm[limb])
+        return list(zip(*_torque_map()(np.array(given)), limits, strict=True))
 
-    def _solve_within(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted_about: tuple[Array, Array],
-        grippers: tuple[int, ...],
-    ) -> Array | None:
+    def _solve_within(self, query: Query, about: Array) -> Array | None:
         """A body position in balance near that wanted, with torques as they are at another."""
-        wanted, about = wanted_about
+        support = query.support
         rows = np.zeros((2 * JOINTS * len(support), 3 + WRENCH * len(support)))
         right = np.zeros(len(rows))
         for i, (torques, still, limit) in enumerate(self._torques(support, about)):
             at = slice(2 * JOINTS * i, 2 * JOINTS * (i + 1))
             rows[at, 3 + WRENCH * i : 7 + WRENCH * i] = np.vstack([torques, -torques])
             right[at] = np.concatenate([limit - still, limit + still])
-        return self._solve(support, low, high, wanted, grippers, (rows, right))
+        return self._solve(query, (rows, right))
 
 
-def _torque_map(problem: Problem, limb: int) -> ca.Function:
-    """(place, centre, axis, tangent, gravity) -> A (6, 4), b (6,) of the torques A @ (s1, s2, m, F) + b, level body."""
-    names = ("place", "centre", "axis", "tangent", "gravity")
-    place, centre, axis, tangent, gravity = (ca.SX.sym(name, 3) for name in names)
-    w = ca.SX.sym("w", 4)
+@cache
+def _torque_map() -> Mapped:
+    """(numbers of a limb, place, centre, axis, tangent, gravity) in one -> A (6, 4), b (6,) of the torques
+    A @ (s1, s2, m, F) + b, level body.
+    """
+    given, w = ca.SX.sym("given", NUMBERS + 15), ca.SX.sym("w", 4)
+    ends = [0, *range(NUMBERS, NUMBERS + 18, 3)]
+    numbers, place, centre, axis, tangent, gravity = ca.vertsplit(given, ends)
     force = 2 * w[0] * tangent + 2 * w[1] * ca.DM([0, 0, 1]) + w[3] * axis
-    torques = joint_torques(
-        problem.limb_masses[limb], place, ca.DM.zeros(3), centre, axis, force, 2 * w[2] * axis, gravity
-    )
+    pose = ca.vertcat(place, ca.DM.zeros(3))
+    torques = joint_torques()(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
     still = ca.substitute(torques, w, ca.DM.zeros(4))
-    return ca.Function(f"torque_map_{limb}", [place, centre, axis, tangent, gravity], [ca.jacobian(torques, w), still])
+    return mapped("torque_map", [given], [ca.jacobian(torques, w), still])

@@ -10,6 +10,7 @@ import piqp
 import scipy.sparse as sp
 
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.solvers.sparse_blocks import Entries, Rows
 
 _REGULARISATION = 1e-8
 _FREE = 1e29  # no bound
@@ -60,7 +61,7 @@ def _bounded(matrix: Any, least: Array | None, most: Array) -> tuple[Any, Array 
     return (matrix, least, most) if asks.all() else (matrix[asks], None if least is None else least[asks], most[asks])
 
 
-class Entries:
+class Block:
     """What is not zero of rows that are used again."""
 
     def __init__(self, matrix: Array) -> None:
@@ -78,11 +79,8 @@ class SparseQp:
         self._low: list[Array] = []
         self._high: list[Array] = []
         self.size = 0
-        self._cost: list[
-            tuple[Indices, Array, Array]
-        ] = []  # rows of sqrt-weighted squares: columns, coefficients, targets
-        self._equal = _Rows()
-        self._below = _Rows()
+        self._cost: list[tuple[Indices, Array, Array]] = []  # sqrt-weighted squares: columns, coefficients, targets
+        self._equal, self._below = Rows(), Rows()
 
     def variables(self, low: Array, high: Array) -> Indices:
         """Add variables with bounds; returns their numbers."""
@@ -99,13 +97,18 @@ class SparseQp:
             (np.asarray(columns), root * np.asarray(coefficients, dtype=float), root * np.asarray(target))
         )
 
-    def equal(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
+    def equal(self, matrix: Array | Block, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] = right."""
-        self._equal.add(matrix, columns, right)
+        self._add(self._equal, matrix, columns, right)
 
-    def below(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
+    def below(self, matrix: Array | Block, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] <= right."""
-        self._below.add(matrix, columns, right)
+        self._add(self._below, matrix, columns, right)
+
+    def _add(self, rows: Rows, matrix: Array | Block, columns: Indices, right: Array) -> None:
+        block = matrix if isinstance(matrix, Block) else Block(matrix)
+        rows.entries(block.rows, columns[block.columns], block.values)
+        rows.close(-np.inf, right)
 
     def value(self, x: Array) -> float:
         """The weighted squares at x."""
@@ -113,39 +116,16 @@ class SparseQp:
 
     def solve(self) -> Array | None:
         """The solution, or None where the constraints leave none."""
-        diagonal = np.arange(self.size)
-        rows: list[Indices] = [diagonal]
-        columns: list[Indices] = [diagonal]
-        values, linear = [np.full(self.size, _REGULARISATION)], np.zeros(self.size)
+        hessian, linear, diagonal = Entries(), np.zeros(self.size), np.arange(self.size)
+        hessian.entries(diagonal, diagonal, np.full(self.size, _REGULARISATION))
         for cols, coefficients, target in self._cost:
             terms = cols.shape[1]
-            rows.append(np.repeat(cols, terms, axis=1).ravel())
-            columns.append(np.tile(cols, terms).ravel())
-            values.append(2.0 * (coefficients[:, :, None] * coefficients[:, None]).ravel())
+            products = 2.0 * (coefficients[:, :, None] * coefficients[:, None])
+            hessian.entries(np.repeat(cols, terms, axis=1).ravel(), np.tile(cols, terms).ravel(), products.ravel())
             np.add.at(linear, cols, -2.0 * coefficients * target[:, None])
-        where = (np.concatenate(rows), np.concatenate(columns))
-        hessian = sp.csc_matrix((np.concatenate(values), where), (self.size, self.size))
-        (equal, right), (below, most) = self._equal.matrix(self.size), self._below.matrix(self.size)
+        cost = hessian.matrix((self.size, self.size), zeros=True).tocsc()
+        (equal, _, right), (below, _, most) = self._equal.all(self.size), self._below.all(self.size)
         low, high = np.concatenate(self._low), np.concatenate(self._high)
         settings = {"eps_abs": 1e-6, "eps_rel": 1e-7, "max_iter": 80}
-        found = Qp(hessian, linear, (equal, right), (below, None, most), low, high, **settings).solve()
+        found = Qp(cost, linear, (equal, right), (below, None, most), low, high, **settings).solve()
         return found.x if found.solved else None
-
-
-class _Rows:
-    def __init__(self) -> None:
-        self._parts: list[tuple[Indices, Indices, Array]] = []
-        self._right: list[Array] = []
-        self._count = 0
-
-    def add(self, matrix: Array | Entries, columns: Indices, right: Array) -> None:
-        entries = matrix if isinstance(matrix, Entries) else Entries(matrix)
-        self._parts.append((self._count + entries.rows, np.asarray(columns)[entries.columns], entries.values))
-        self._right.append(np.asarray(right, dtype=float))
-        self._count += entries.count
-
-    def matrix(self, size: int) -> tuple[sp.csc_matrix, Array]:
-        if not self._parts:
-            return sp.csc_matrix((0, size)), np.zeros(0)
-        rows, columns, values = (np.concatenate([p[i] for p in self._parts]) for i in range(3))
-        return sp.csc_matrix((values, (rows, columns)), (self._count, size)), np.concatenate(self._right)

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from crux_planner.model.arrays import Array, Indices
 
 _INFINITE = 1e30  # as PIQP has it
+_NOTHING = np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0)
 
 
 class Entries:
@@ -33,11 +34,9 @@ class Entries:
         rows = np.repeat(row + np.arange(a), b)
         self._parts.append((rows, np.tile(columns, a), values.ravel()))
 
-    def matrix(
-        self, shape: tuple[int, int], more: sp.coo_matrix | None = None, *, zeros: bool = False
-    ) -> sp.coo_matrix:
-        """The sum of all entries and `more`; with `zeros`, those that are 0 stay part of its pattern."""
-        parts = [*self._parts, *([] if more is None else [(more.row, more.col, more.data)])]
+    def matrix(self, shape: tuple[int, int], *, zeros: bool = False) -> sp.coo_matrix:
+        """The sum of all entries; with `zeros`, those that are 0 stay part of its pattern."""
+        parts = [_NOTHING, *self._parts]
         rows, columns, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
         solid = np.full(values.shape, True) if zeros else values != 0.0
         return sp.coo_matrix((values[solid], (rows[solid], columns[solid])), shape)
@@ -70,14 +69,15 @@ class Rows(Entries):
 
     def all(self, size: int, *, zeros: bool = False) -> tuple[sp.csc_matrix, Array, Array]:
         """The matrix for x (size,), with its explicit zeros or without, and the bounds as PIQP has them."""
-        low, high = np.concatenate(self._low), np.concatenate(self._high)
+        low, high = (np.concatenate([np.zeros(0), *ends]) for ends in (self._low, self._high))
         matrix = self.matrix((self.count, size), zeros=zeros).tocsc()
         return matrix, np.maximum(low, -_INFINITE), np.minimum(high, _INFINITE)
 
 
 def skews(v: Array) -> Array:
-    """(..., 3, 3) of (..., 3)."""
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return flat.reshape(*v.shape, 3)
+    """The matrices (..., 3, 3) of the cross products v x of vectors (..., 3)."""
+    found: Array = (v @ _CROSS).reshape(*v.shape, 3)
+    return found
+
+
+_CROSS = np.array([[0.0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])

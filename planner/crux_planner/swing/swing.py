@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.contacts import Contact, GripperShape
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.limits import SwingLimits
 
 STEP_SHARE = 0.95  # of the distance a knot's duration allows: space for rounding
 HEIGHT_RESERVE_M = 0.002
@@ -49,7 +48,7 @@ class Swing:
         for _ in range(intervals - self.intervals):  # spare time goes to the leg with the longest steps
             steps = [np.linalg.norm(np.diff(self.stations[i : i + 2, :3], axis=0)) / n for i, n in enumerate(legs)]
             legs[int(np.argmax(steps))] += 1
-        first, last = _closed(self.start), _closed(self.end)
+        first, last = self.start.pose, self.end.pose
         swings = [_line(_open(self.start), self.stations[0], self.rise)]
         swings += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
         swings += [_line(self.stations[-1], _open(self.end), self.fall)]
@@ -184,7 +183,8 @@ def _candidate_ways(
 
     def badness(corners: list[Array]) -> float:
         aside = 0.0 if body_line is None or not corners else max(_beside(corner, body_line) for corner in corners)
-        return _length([a, *corners, b]) + _BODY_SIDE * aside
+        legs = np.diff(np.array([a, *corners, b]), axis=0)
+        return float(np.linalg.norm(legs, axis=1).sum()) + _BODY_SIDE * aside
 
     return sorted(swings, key=badness)
 
@@ -209,12 +209,8 @@ def _dense(way: Array) -> Array:
     return np.vstack(pieces)
 
 
-def _closed(contact: Contact) -> Array:
-    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.separation_m / 2])
-
-
 def _open(contact: Contact) -> Array:
-    return np.array([*contact.centre_w_m, contact.yaw_rad, contact.open_m])
+    return np.append(contact.pose[:4], contact.open_m)
 
 
 def _line(a: Array, b: Array, intervals: int) -> Array:
@@ -226,7 +222,3 @@ def _beside(point: Array, line: Array) -> float:
     along = line[1] - line[0]
     share = np.clip((point - line[0]) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
     return float(np.linalg.norm(point - line[0] - share * along))
-
-
-def _length(points: list[Array]) -> float:
-    return float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())

@@ -43,7 +43,10 @@ def solve_within_torques(
 ) -> Solution:
     """Solve P1 for a schedule; `functions` are those of this problem, if they are there already."""
     functions = functions or StageFunctions(problem)
-    limited = _watched(_start_shares(functions, problem, schedule, start)) if start.near else frozenset()
+    limited: frozenset[Place] = frozenset()
+    if start.near:
+        stages = StageProblem(functions, problem, schedule, limited)
+        limited = _watched(stages.torque_shares(start.body, _columns(stages, start)))
     point: Point | None = None
     for _ in range(_TORQUE_ROUNDS + 1):
         outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
@@ -69,12 +72,6 @@ def solve_within_torques(
 
 def _watched(shares: dict[Place, float]) -> frozenset[Place]:
     return frozenset(place for place, share in shares.items() if share > _TORQUE_WATCH)
-
-
-def _start_shares(functions: StageFunctions, problem: Problem, schedule: Schedule, start: Start) -> dict[Place, float]:
-    """Joint torques over their limits where a solver starts."""
-    stages = StageProblem(functions, problem, schedule, frozenset())
-    return stages.torque_shares(start.body, _columns(stages, start))
 
 
 def _solve_once(

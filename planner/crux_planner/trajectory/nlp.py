@@ -64,11 +64,10 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     if which := np.flatnonzero(rough).tolist():
         slack = f.surface.map(len(which))(u[:, which], stages.fingers[stance][rough].T)
         rows.add(slack, low[3][stance][rough], high[3][stance][rough])
-    for limb, at in enumerate(stages.limited):
-        if len(at):
-            here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k in at]
-            torques = f.torques[limb].map(len(at))(x[:, at.tolist()], u[:WRENCH_INPUTS, here], grasps[:, here])
-            rows.add(torques, low[4 + limb], high[4 + limb])
+    if len(at := stages.limited[0]):
+        here = [int(np.flatnonzero((knots == k) & (limbs == limb))[0]) for k, limb in zip(*stages.limited, strict=True)]
+        given = x[:, at.tolist()], u[:WRENCH_INPUTS, here], grasps[:, here], stages.functions.numbers[limbs[here]].T
+        rows.add(f.torques.map(len(at))(*given), low[4], high[4])
 
     cost = ca.sum2(f.body_cost.map(n + 1)(x)) + ca.sum2(f.column_cost.map(len(knots))(u))
     by_spines = np.flatnonzero(stages.by_spines[stance]).tolist()

@@ -14,14 +14,15 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from crux_planner.model.arrays import Array
-from crux_planner.model.mass import centres_and_slopes
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.torque import interval_torques
+from crux_planner.solvers.mapped import Mapped, mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
 SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
@@ -36,7 +37,7 @@ class Equations(NamedTuple):
     step: ca.Function  # (x, total, hands)
     reach: ca.Function  # (x, grippers)
     surface: ca.Function  # (u, fingers)
-    torques: list[ca.Function]  # (x, q, grasp) of each limb
+    torques: ca.Function  # (x, q, grasp, numbers of the limb)
     body_cost: ca.Function  # (x)
     column_cost: ca.Function  # (u)
 
@@ -49,10 +50,10 @@ class StageFunctions:
 
     def started_elsewhere(self, problem: Problem) -> StageFunctions:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
-        for name in ("_reach", "_surface", "_torques", "_torque_values", "_wrench", "_body_cost", "_column_cost"):
-            getattr(self, name)  # made once, here
         other = StageFunctions(problem)
-        other.__dict__.update({name: kept for name, kept in self.__dict__.items() if name not in ("problem", "_step")})
+        for name, made in vars(StageFunctions).items():
+            if isinstance(made, cached_property) and name != "_step":
+                other.__dict__[name] = getattr(self, name)  # made once, here
         return other
 
     @cached_property
@@ -63,22 +64,19 @@ class StageFunctions:
     @property
     def equations(self) -> Equations:
         """The same for a solver that differentiates by itself."""
-        torques = [mapped.equation for mapped in self._torque_values]
         x, total, hands = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("hands", 16)))
         centre = centre_of_mass(self.problem, x, ca.vertsplit(hands, 4))
         after = euler_step(x, total[0:3], total[3:6], centre, self.problem)
         step = ca.Function("step", [x, total, hands], [after])
-        reach, surface = self._reach.equation, self._surface.equation
-        return Equations(step, reach, surface, torques, self._body_cost.equation, self._column_cost.equation)
+        others = (self._reach, self._surface, self._torque_values, self._body_cost, self._column_cost)
+        return Equations(step, *[each.equation for each in others])
 
     def step(self, x: Array, total: Array, hands: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
         """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
 
         Second derivatives take the centre of mass as linear in the pose.
         """
-        centre, slope = centres_and_slopes(self.problem, x[:, :POSE], hands.reshape(-1, 4, 4))
-        slope = slope.swapaxes(1, 2).reshape(-1, 3 * POSE)  # casadi counts down the columns
-        found: tuple[Array, Array, Array, Array, Array] = self._step(x, total, centre, slope, x[:, :POSE], multiplier)
+        found: tuple[Array, Array, Array, Array, Array] = self._step(x, total, hands, multiplier)
         return found
 
     def reach(self, x: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
@@ -94,15 +92,16 @@ class StageFunctions:
         found: tuple[Array, Array, Array] = self._surface(u, fingers, multiplier)
         return found
 
-    def torque(self, limb: int, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
-        """Joint torques (n, 12) at both ends of intervals and their derivatives (n, 12, 17) by the body state and q."""
-        found: tuple[Array, Array] = self._torques[limb](x, q, grasps)
+    def torque(self, limbs: Indices, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
+        """Joint torques (n, 12) of limbs (n,) at both ends of intervals, and their derivatives (n, 12, 17) by the body
+        state and q.
+        """
+        found: tuple[Array, Array] = self._torques(x, q, grasps, self.numbers[limbs])
         return found
 
-    def torque_values(self, limb: int, x: Array, q: Array, grasps: Array) -> Array:
+    def torque_values(self, limbs: Indices, x: Array, q: Array, grasps: Array) -> Array:
         """Joint torques (n, 12) alone: most climbs never need more."""
-        (found,) = self._torque_values[limb](x, q, grasps)
-        values: Array = found
+        values: Array = self._torque_values(x, q, grasps, self.numbers[limbs])[0]
         return values
 
     def wrench_maps(self, grasps: Array) -> Array:
@@ -126,26 +125,30 @@ class StageFunctions:
         return found
 
     @cached_property
-    def _step(self) -> _Mapped:
+    def _step(self) -> Mapped:
         p = self.problem
-        sizes = {"x": BODY_STATES, "w": 6, "c": 3, "slope": 3 * POSE, "at": POSE, "l": BODY_STATES}
-        x, total, centre, by_pose, at, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-        centre = centre + ca.reshape(by_pose, 3, POSE) @ (x[:POSE] - at)
-        step = euler_step(x, total[0:3], total[3:6], centre, p)
+        sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": 16, "l": BODY_STATES}
+        x, total, hands, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+        at, by_pose, pose = ca.SX.sym("c", 3), ca.SX.sym("slope", 3, POSE), ca.SX.sym("at", POSE)
+        step = euler_step(x, total[0:3], total[3:6], at + by_pose @ (x[:POSE] - pose), p)
         slope = ca.gradient(ca.dot(multiplier, step), x)
         outputs = [step, ca.jacobian(step, x), ca.jacobian(step, total), ca.jacobian(slope, x)]
-        return _function("step", arguments, [*outputs, ca.jacobian(slope, total)])
+        outputs.append(ca.jacobian(slope, total))
+        linear = ca.Function("linear", [x, total, multiplier, at, by_pose, pose], outputs)
+        centre = centre_of_mass(p, x, ca.vertsplit(hands, 4))
+        by_pose = ca.jacobian(centre, x)[:, :POSE]
+        return mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
 
     @cached_property
-    def _reach(self) -> _Mapped:
+    def _reach(self) -> Mapped:
         x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
         offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
         multiplier = ca.SX.sym("z", offsets.size1())
         hessian = ca.hessian(ca.dot(multiplier, offsets), x)[0][:POSE, :POSE]
-        return _function("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
+        return mapped("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
 
     @cached_property
-    def _surface(self) -> _Mapped:
+    def _surface(self) -> Mapped:
         p, scale = self.problem, self.scale
         u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 4)
         loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
@@ -155,81 +158,46 @@ class StageFunctions:
         slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
-        return _function("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
+        return mapped("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
-    def _torque_terms(self) -> tuple[list[Any], Any, list[Any]]:
-        """Arguments, what to differentiate by, and the joint torques of every limb in an interval."""
-        p = self.problem
-        x, q, grasp = ca.SX.sym("x", BODY_STATES), ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
-        torques = [interval_torques(m, x, q * self.scale, grasp, p.gravity_w, p.dt_s) for m in p.limb_masses]
-        return [x, q, grasp], ca.vertcat(x, q), torques
+    def numbers(self) -> Array:
+        """(4, 36) of the limbs."""
+        return np.array([limb.numbers for limb in self.problem.limb_masses])
 
     @cached_property
-    def _torques(self) -> list[_Mapped]:
-        arguments, by, torques = self._torque_terms
-        return [_function(f"torques_{i}", arguments, [t, ca.jacobian(t, by)]) for i, t in enumerate(torques)]
+    def _torque_values(self) -> Mapped:
+        sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
+        x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+        gravity, dt = self.problem.gravity_w, self.problem.dt_s
+        torques = interval_torques(numbers, x, q * self.scale, grasp, gravity, dt)
+        return mapped("torque_values", arguments, [torques])
 
     @cached_property
-    def _torque_values(self) -> list[_Mapped]:
-        arguments, _, torques = self._torque_terms
-        return [_function(f"torque_values_{i}", arguments, [t]) for i, t in enumerate(torques)]
+    def _torques(self) -> Mapped:
+        values = self._torque_values.function
+        x, q, *_ = arguments = values.sx_in()
+        torques = values(*arguments)
+        return mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
 
     @cached_property
-    def _wrench(self) -> _Mapped:
+    def _wrench(self) -> Mapped:
         q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
         force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
-        return _function("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
+        return mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
 
     @cached_property
-    def _body_cost(self) -> _Mapped:
+    def _body_cost(self) -> Mapped:
         x = ca.SX.sym("x", BODY_STATES)
         return _with_derivatives("body_cost", body_cost(x, self.problem), x)
 
     @cached_property
-    def _column_cost(self) -> _Mapped:
+    def _column_cost(self) -> Mapped:
         u = ca.SX.sym("u", COLUMN)
         cost = wrench_cost(u[0:5] * self.scale, self.problem) + SPINE_WEIGHT * ca.sumsqr(u[5:8])
         return _with_derivatives("column_cost", cost, u)
 
 
-def _function(name: str, arguments: list[Any], outputs: list[Any]) -> _Mapped:
-    return _Mapped(ca.Function(name, arguments, [ca.densify(output) for output in outputs], {"cse": True}))
-
-
-def _with_derivatives(name: str, cost: Any, by: Any) -> _Mapped:
+def _with_derivatives(name: str, cost: Any, by: Any) -> Mapped:
     hessian, gradient = ca.hessian(cost, by)
-    return _function(name, [by], [cost, gradient, hessian])
-
-
-class _Mapped:
-    """A casadi function at many places at once; reads and writes numpy's memory without a copy."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
-        self._shapes = [function.size_out(i) for i in range(function.n_out())]
-        self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
-
-    @property
-    def equation(self) -> ca.Function:
-        """The first output, of the arguments that it depends on."""
-        arguments = self.function.sx_in()
-        value = self.function(*arguments)
-        value = value[0] if self.function.n_out() > 1 else value
-        needed = [argument for argument in arguments if ca.depends_on(value, argument)]
-        return ca.Function(self.function.name(), needed, [value])
-
-    def __call__(self, *arguments: Array) -> Any:
-        """At every row of the arguments (n, size): outputs (n, rows), or (n, rows, columns) of a matrix."""
-        n = len(arguments[0])
-        if n not in self._at:
-            self._at[n] = self.function.map(n).buffer()
-        buffer, run = self._at[n]
-        given = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
-        found = [np.empty((n, columns, rows)) for rows, columns in self._shapes]
-        for i, argument in enumerate(given):
-            buffer.set_arg(i, argument.data)
-        for i, values in enumerate(found):
-            buffer.set_res(i, values.data)
-        run()
-        return tuple(v[:, 0] if v.shape[1] == 1 else v.swapaxes(1, 2) for v in found)
+    return mapped(name, [by], [cost, gradient, hessian])

@@ -40,7 +40,7 @@ class Derivatives:
     rows: Array  # (R,)
     reach: Array  # (N, 4 m, 6), knots 1..N
     surface: Array  # (N, 4, m, 8)
-    torques: list[Array]  # per limb (P, 12, 17)
+    torques: Array  # (P, 12, 17) at `limited`
 
 
 class StageProblem:
@@ -68,9 +68,8 @@ class StageProblem:
         self.by_spines = self.stance & ~rough.all(axis=-1)
         self.grippers = schedule.poses[1:, :, :3].reshape(n, 12)
         self.hands = schedule.poses[:-1, :, :4].reshape(n, 16)
-        self.limited: list[Indices] = [
-            np.array(sorted(k for k, other in limited if other == limb), dtype=int) for limb in range(4)
-        ]
+        places = np.array(sorted(limited), dtype=int).reshape(-1, 2).T
+        self.limited: tuple[Indices, Indices] = (places[0], places[1])  # knots and limbs
         self._set_bounds(schedule, contacts)
 
     def _set_bounds(self, schedule: Schedule, contacts: list[list[Contact | None]]) -> None:
@@ -86,15 +85,14 @@ class StageProblem:
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
         surface_low = np.where(self.rough, 0.0, -np.inf)
-        torque = [np.tile(problem.torque_limits_Nm[limb], 2 * len(at)) for limb, at in enumerate(self.limited)]
-        lows = [body_low, reach_low, column_low, surface_low, *[-limit for limit in torque]]
-        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), *torque]
+        torque = np.tile(problem.torque_limits_Nm[self.limited[1]], 2)
+        lows = [body_low, reach_low, column_low, surface_low, -torque]
+        highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque]
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
         self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)
         self.high = np.where(self.bounded[1], self.high + _RELAXED * np.maximum(1.0, np.abs(self.high)), np.inf)
-        sizes = [body_low.size, reach_low.size, column_low.size, surface_low.size, *[limit.size for limit in torque]]
-        self._ends = np.cumsum(sizes)[:-1]
+        self._ends = np.cumsum([part.size for part in lows])[:-1]
 
     def _column_bounds(self, contacts: list[list[Contact | None]]) -> tuple[Array, Array]:
         """Bounds (7) of wrenches and (3) of the spines' shares, (N, 4, 8), scaled."""
@@ -121,7 +119,7 @@ class StageProblem:
             (n, 4 * len(self.problem.boxes.directions)),
             (n, 4, COLUMN),
             (n, 4, self.functions.surface_rows),
-            *[(-1, INTERVAL_TORQUES)] * 4,
+            (-1, INTERVAL_TORQUES),
         ]
         return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
@@ -150,15 +148,10 @@ class StageProblem:
 
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
         """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
-        shares: dict[tuple[int, int], float] = {}
-        for limb in range(4):
-            knots = np.flatnonzero(self.stance[:, limb])
-            torques = self.functions.torque_values(
-                limb, body[knots], columns[knots, limb, :WRENCH_INPUTS], self.grasps[knots, limb]
-            )
-            used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limb], 2)).max(axis=1)
-            shares.update(zip([(int(k), limb) for k in knots], used.tolist(), strict=True))
-        return shares
+        knots, limbs = held = np.nonzero(self.stance)
+        torques = self.functions.torque_values(limbs, body[knots], columns[held][:, :WRENCH_INPUTS], self.grasps[held])
+        used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limbs], 2)).max(axis=1)
+        return dict(zip(zip(knots.tolist(), limbs.tolist(), strict=True), used.tolist(), strict=True))
 
     def rows(self, body: Array, columns: Array) -> Array:
         """(R,) values."""
@@ -168,7 +161,7 @@ class StageProblem:
     def derivatives(self, body: Array, columns: Array, multipliers: Array, duals: Array) -> Derivatives:
         """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows."""
         f, n = self.functions, self.knots
-        _, on_reach, _, on_surface, *_ = self.split(duals)
+        _, on_reach, _, on_surface, _ = self.split(duals)
         q = columns[..., :WRENCH_INPUTS]
         totals = np.einsum("klij,klj->ki", self.maps, q)
         step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
@@ -188,16 +181,11 @@ class StageProblem:
         into[..., :WRENCH_INPUTS] = by_total[:, None] @ self.maps
         cross = np.zeros((n, 4, BODY_STATES, COLUMN))
         cross[..., :WRENCH_INPUTS] = step_cross[:, None] @ self.maps
-        torques, torque_slopes = [], []
-        for limb, at in enumerate(self.limited):
-            if len(at):
-                value, slope = f.torque(limb, body[at], q[at, limb], self.grasps[at, limb])
-            else:
-                value = np.zeros((0, INTERVAL_TORQUES))
-                slope = np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
-            torques.append(value)
-            torque_slopes.append(slope)
-        rows = [body[1:], reach, columns, surface, *torques]
+        limited, limbs = self.limited
+        torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
+        if len(limbs):
+            torques, torque_slopes = f.torque(limbs, body[limited], q[self.limited], self.grasps[self.limited])
+        rows = [body[1:], reach, columns, surface, torques]
         spines = SPINE_WEIGHT * float((columns[self.by_spines][:, :3] ** 2).sum())
         return Derivatives(
             cost=float(body_cost.sum() + column_cost.sum()) + spines,
@@ -229,7 +217,7 @@ class StageProblem:
 
     def condensed(self, at: Derivatives, stiffness: Array, pull: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Hessians of body and columns, the cross terms, and both slopes, with the rows' barrier in them."""
-        on_body, on_reach, on_column, on_surface, *on_torques = self.split(stiffness)
+        on_body, on_reach, on_column, on_surface, on_torques = self.split(stiffness)
         body, columns, cross = at.body_hessian.copy(), at.column_hessian.copy(), at.cross.copy()
         index = np.arange(BODY_STATES)
         body[1:, index, index] += on_body
@@ -237,38 +225,36 @@ class StageProblem:
         index = np.arange(COLUMN)
         columns[..., index, index] += on_column + self.fixed * PINNED
         columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
-        for limb, (knots, slope, weight) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
-            both = slope.swapaxes(-1, -2) @ (weight[..., None] * slope)
-            body[knots] += both[:, :BODY_STATES, :BODY_STATES]
-            columns[knots, limb, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, BODY_STATES:, BODY_STATES:]
-            cross[knots, limb, :, :WRENCH_INPUTS] += both[:, :BODY_STATES, BODY_STATES:]
+        knots, limbs = self.limited
+        both = at.torques.swapaxes(-1, -2) @ (on_torques[..., None] * at.torques)
+        np.add.at(body, knots, both[:, :BODY_STATES, :BODY_STATES])
+        columns[knots, limbs, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, BODY_STATES:, BODY_STATES:]
+        cross[knots, limbs, :, :WRENCH_INPUTS] += both[:, :BODY_STATES, BODY_STATES:]
         body_slope, column_slope = self._pulled(at, -pull)
         return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
 
     def change(self, at: Derivatives, body: Array, columns: Array) -> Array:
         """Of the rows, for a step."""
+        both = np.concatenate([body[self.limited[0]], columns[self.limited][:, :WRENCH_INPUTS]], axis=1)
         parts = [
             body[1:],
             np.einsum("kij,kj->ki", at.reach, body[1:, :POSE]),
             columns,
             np.einsum("klij,klj->kli", at.surface, columns),
+            np.einsum("pij,pj->pi", at.torques, both),
         ]
-        for limb, (knots, slope) in enumerate(zip(self.limited, at.torques, strict=True)):
-            both = np.concatenate([body[knots], columns[knots, limb, :WRENCH_INPUTS]], axis=1)
-            parts.append(np.einsum("pij,pj->pi", slope, both))
         return np.concatenate([part.ravel() for part in parts])
 
     def _pulled(self, at: Derivatives, forces: Array) -> tuple[Array, Array]:
         """Transposed rows times forces: on the body (N + 1, 12) and on columns (N, 4, 8)."""
-        on_body, on_reach, on_column, on_surface, *on_torques = self.split(forces)
+        on_body, on_reach, on_column, on_surface, on_torques = self.split(forces)
         body = np.zeros((self.knots + 1, BODY_STATES))
         body[1:] = on_body
         body[1:, :POSE] += np.einsum("kij,ki->kj", at.reach, on_reach)
         columns = on_column + np.einsum("klij,kli->klj", at.surface, on_surface)
-        for limb, (knots, slope, force) in enumerate(zip(self.limited, at.torques, on_torques, strict=True)):
-            both = np.einsum("pij,pi->pj", slope, force)
-            body[knots] += both[:, :BODY_STATES]
-            columns[knots, limb, :WRENCH_INPUTS] += both[:, BODY_STATES:]
+        both = np.einsum("pij,pi->pj", at.torques, on_torques)
+        np.add.at(body, self.limited[0], both[:, :BODY_STATES])
+        columns[(*self.limited, slice(WRENCH_INPUTS))] += both[:, BODY_STATES:]
         return body, columns
 
 

@@ -73,7 +73,7 @@ def test_no_proof_denies_a_plan_that_presses_its_better_faces(seed: int) -> None
     read, known = wall_and_plan(seed)
     assert check_plan(known, ROBOT).ok
     proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), clock.now() + 20
-    assert (proof.quick() or proof.goal_equilibrium(until) or proof.disconnected(until)) is None
+    assert (proof.quick() or proof.goal_equilibrium(10**6, until) or proof.disconnected(10**6, until)) is None
 
 
 @SEEDS

@@ -96,6 +96,12 @@ def make_plan(slope_deg: float = 45.0) -> plan_t:
     return sign(plan)
 
 
+def balance(plan: plan_t, k: int) -> None:
+    """Balance a knot anew, where limbs have been moved."""
+    now, after = (np.array(plan.knots[at].body_velocity_w_m_s) for at in (k, k + 1))
+    _balance(plan.knots[k], MASS_KG * ((after - now) / plan.dt_s - np.array(plan.gravity_w_m_s2)))
+
+
 def sign(plan: plan_t) -> plan_t:
     """Put the hashes of robot, scenario and the plan itself into it."""
     plan.robot_sha256 = load_robot("scaler").hash

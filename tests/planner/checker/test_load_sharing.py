@@ -1,12 +1,16 @@
 """The torque that the controller will ask for, against the whole robot's statics by pinocchio."""
 
+import copy
+import hashlib
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from crux_contracts.interpolation import PlanReference
-from crux_contracts.robot import load_robot
+from crux_contracts.robot import Robot, load_robot
 from crux_planner.checker import check_plan
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
@@ -90,3 +94,32 @@ def test_feet_share_what_acts_along_the_wall_by_how_hard_they_press() -> None:
     shared = along_plane(feet, given)
     np.testing.assert_allclose(shared.sum(axis=1), given.sum(axis=1), atol=1e-9)
     np.testing.assert_allclose(np.cross(feet, shared).sum(axis=1), np.cross(feet, given).sum(axis=1), atol=1e-9)
+
+
+def _all_but_lf_joint3(effort_Nm: float, name: str, full_Nm: float) -> float:
+    return effort_Nm if name == "LF_joint3" else full_Nm
+
+
+def test_a_joint_too_weak_for_the_load_as_it_is_shared(
+    weak_robot: Callable[[Callable[[str, float], float]], Robot],
+) -> None:
+    """LF_joint3 needs 2.21 N m for the plan's own wrenches, and more as the controller shares the load: with what is
+    between, exactly that is violated; with as much as it needs, nothing.
+    """
+    plan = copy.deepcopy(VALID)
+    amounts = []
+    for effort_Nm in (2.3, 2.35, 2.45):
+        robot = weak_robot(partial(_all_but_lf_joint3, effort_Nm))
+        plan.robot_sha256, plan.plan_id = robot.hash, ""
+        plan.plan_id = hashlib.sha256(plan.encode()).hexdigest()
+        report = check_plan(plan, robot)
+        assert {(v.constraint, v.limb, v.detail) for v in report.violations} <= {
+            ("joint_torque_shared", "LF", "LF_joint3")
+        }
+        amounts.append(max((v.amount for v in report.violations), default=0.0))
+        assert report.largest_torque is not None
+        if amounts[-1] > 0.0:
+            assert report.largest_torque.torque_Nm == pytest.approx(effort_Nm + amounts[-1])
+    assert amounts[0] > 0.1
+    assert amounts[1] == pytest.approx(amounts[0] - 0.05)
+    assert amounts[2] == 0.0

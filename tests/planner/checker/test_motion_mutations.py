@@ -2,6 +2,8 @@
 hand, is reported with its name, limb, finger, time and amount.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -236,6 +238,29 @@ def test_gripper_through_another_limb() -> None:
     assert all("RR" in v.detail for v in found)
 
 
+def test_limb_against_the_body() -> None:
+    """RF swings in past its own side of the body, its link ever nearer: all else is as it must be."""
+
+    def inward(by_m: float) -> Callable[[plan_t], None]:
+        def change(plan: plan_t) -> None:
+            for k, share in ((4, 0.45), (5, 1.0), (6, 0.45)):
+                move(plan, RF, slice(k, k + 1), np.array([0.0, share * by_m, 0.0]))
+            for k in range(3, 7):  # the limb's mass moves too
+                synthetic.balance(plan, k)
+
+        return change
+
+    amounts = []
+    for by_m in (0.123, 0.126):
+        report = broken(inward(by_m))
+        (found,) = report.violations
+        assert (found.constraint, found.limb, found.detail) == ("clearance_limbs", "RF", "link to the body")
+        assert found.time_s == pytest.approx(5 * DT)
+        amounts.append(found.amount)
+    assert 0.0005 < amounts[1] - amounts[0] < 0.003  # no part moves further than the gripper
+    assert broken(inward(0.115)).ok
+
+
 # ---- start and goal
 
 
@@ -353,7 +378,7 @@ def test_hashes() -> None:
 
 def test_wrong_format_and_sizes() -> None:
     plan = synthetic.make_plan()
-    plan.format = 2
+    plan.format = 3
     assert "plan_format" in [v.constraint for v in check_plan(plan, ROBOT).violations]
     plan = synthetic.make_plan()
     plan.n_knots += 1

@@ -1,10 +1,20 @@
 """Feet on the surface itself: friction cone of the wall, no pairs, no holds."""
 
+import copy
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import pinocchio as pin
 import pytest
+from crux_contracts.interpolation import PlanReference
 from crux_contracts.robot import load_robot
+from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_knot_t, plan_t
+from crux_planner import plan as planned
 from crux_planner.checker import CheckReport, check_plan
+from crux_planner.checker.inverse_kinematics import solve
+from crux_planner.checker.limb_model import load_model
 
 from . import synthetic
 
@@ -94,3 +104,62 @@ def test_a_foot_elsewhere_than_the_scenario_starts() -> None:
     plan.scenario_yaml = plan.scenario_yaml.replace("LR: [-0.14, 0.36]", "LR: [-0.14, 0.35]")
     found = [v for v in checked(plan).violations if v.constraint == "start_grasp"]
     assert {v.limb: v.amount for v in found} == pytest.approx({"LR": 0.01})
+
+
+def _posture(model: Any, plan: plan_t, time_s: float) -> Any:
+    """Pinocchio's configuration along a plan on feet."""
+    reference = PlanReference(plan)
+    k, u = reference.at(time_s)
+    position, rpy = reference.body(time_s)
+    body, q = pin.rpy.rpyToMatrix(rpy), pin.neutral(model)
+    q[:3], q[3:7] = position, pin.Quaternion(body).coeffs()
+    for i, limb in enumerate(load_model(ROBOT).limbs):
+        foot = reference.limb(i, k, u)
+        gripper = foot.position_w_m + np.array([0.0, 0.0, ROBOT.gripper.pad_radius_m])
+        turn = body.T @ pin.rpy.rpyToMatrix(0.0, 0.0, float(foot.yaw_w_rad))
+        (found,) = solve([limb], [(body.T @ (gripper - position))[None]], [turn[None]])
+        names = [joint.name for joint in limb.joints] + [joint.name for joint in limb.fingers]
+        for name, value in zip(names, [*found.q_rad[0], *[float(foot.opening_m)] * 2], strict=True):
+            q[model.joints[model.getJointId(name)].idx_q] = value
+    return q
+
+
+def _momentum(model: Any, plan: plan_t, time_s: float) -> np.ndarray:
+    """Momentum, and angular momentum about W's origin, (6,)."""
+    data, step_s = model.createData(), 1e-3
+    ends = [_posture(model, plan, time_s + late) for late in (-step_s, step_s)]
+    velocity, middle = pin.difference(model, *ends) / (2 * step_s), _posture(model, plan, time_s)
+    found = pin.computeCentroidalMomentum(model, data, middle, velocity)
+    return np.concatenate([found.linear, found.angular + np.cross(data.com[0], found.linear)])
+
+
+def test_a_foot_that_has_to_pull_while_a_leg_is_thrown_up() -> None:
+    """RR's step is 12 mm higher just after it has lifted off: LF, across from it, would have to pull. By how much says
+    pinocchio, in the mean over 40 ms.
+    """
+    scene = Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-flat.yaml"
+    plan = planned(load_scenario(scene), ROBOT).plan
+    assert check_plan(plan, ROBOT).ok
+    plan = copy.deepcopy(plan)
+    air = [k for k, knot in enumerate(plan.knots) if knot.limbs[3].phase != limb_knot_t.STANCE]
+    foot = plan.knots[air[1]].limbs[3]
+    foot.gripper_position_w_m = np.add(foot.gripper_position_w_m, [0.0, 0.0, 0.012]).tolist()
+    report = checked(plan)
+    assert {v.constraint for v in report.violations} == {"foot_pull", "moment_balance"}  # for the leg's mass is higher
+    (pull,) = [v for v in report.violations if v.constraint == "foot_pull"]
+    assert pull.limb == "LF"
+    assert pull.time_s is not None
+    assert air[0] * plan.dt_s < pull.time_s < air[1] * plan.dt_s
+
+    model: Any = pin.buildModelFromUrdf(str(ROBOT.urdf_path), pin.JointModelFreeFlyer())
+    rate = np.zeros(6)
+    for sign in (-1, 1):
+        rate += sign * _momentum(model, plan, pull.time_s + sign * plan.dt_s / 4) / (plan.dt_s / 2)
+    weight = 9.6 * np.array(plan.gravity_w_m_s2)
+    centre = pin.centerOfMass(model, model.createData(), _posture(model, plan, pull.time_s))
+    force, moment = rate[:3] - weight, rate[3:] - np.cross(centre, weight)
+    reference = PlanReference(plan)
+    feet = np.array([reference.limb(i, *reference.at(pull.time_s)).position_w_m for i in range(3)])
+    sums = np.vstack([np.ones(3), feet[:, 0], feet[:, 1]])
+    loads = np.linalg.solve(sums, [force[2], -moment[1], moment[0]])
+    assert -loads[0] == pytest.approx(pull.amount, abs=1.0)  # the checker's velocities are means over up to 7 ms

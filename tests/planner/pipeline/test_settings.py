@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError, load_scenario
+from crux_planner.checker import CheckReport, JointLoad, Violation
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.walk_problem import build_walk
 from crux_planner.pipeline import climb
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.refusals import eased
 from crux_planner.solvers import clock
 from walls import scenario, two_rows
 
@@ -86,6 +89,36 @@ def test_the_torque_margin_holds_between_the_knots_too(robot: Robot) -> None:
     result = planned(robot, margins={"torque": 0.55})
     shares = [joint.peak_torque_Nm / joint.effort_limit_Nm for joint in result.check.joints]
     assert 0.43 < max(shares) < 0.4545  # it binds, and between the knots a load may be a hundredth above them
+
+
+def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
+    weak_robot: Callable[[Callable[[str, float], float]], Robot],
+) -> None:
+    """Without a margin, motors of 60 % are asked for more between the knots and as the controller shares the load."""
+    lines: list[str] = []
+    content = two_rows(slope_deg=70.0, all_limbs=False) | {"planner": {"margins": {"torque": 0.0}}}
+    result = plan(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
+    assert result.check.ok
+    (mended,) = [line for line in lines if "fails the check" in line]  # and its own next attempt passes
+    assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.0\d+ N m \w\w_joint\d; once more with less", mended)
+
+
+def test_only_the_joints_that_lack_torque_are_eased_and_none_that_has_nothing_to_give(robot: Robot) -> None:
+    problem = build_problem(scenario(two_rows()), robot)
+    full = problem.torque_limits_Nm
+    loads = [JointLoad("RF", f"RF_joint{j}", 5.0, 1.0, 6.0, 1.0, 0.0, 1.0) for j in range(1, 7)]
+
+    def lacking(amount: float, constraint: str = "joint_torque_shared") -> CheckReport:
+        said = Violation(constraint, "RF", None, 4.0, amount, "N m", "RF_joint2")
+        return CheckReport(violations=[said], joints=loads)
+
+    less = eased(problem, lacking(0.4))
+    assert less is not None
+    for limits, before in ((less.torque_limits_Nm, full), (less.last_torques_Nm, problem.last_torques_Nm)):
+        assert before[1, 1] > limits[1, 1] == pytest.approx(5.0 - 1.5 * 0.4)
+        assert (limits == before).sum() == limits.size - 1
+    assert eased(problem, lacking(4.0)) is None
+    assert eased(problem, lacking(0.4, "clearance_link")) is None
 
 
 def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from crux_planner.model.contacts import Contact, GripperShape
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
-from crux_planner.model.limits import SwingLimits
 from crux_planner.swing.swing import Swing, footprint, gripper_gap, palm_gap, plan_swing
 from scipy.spatial import cKDTree
 

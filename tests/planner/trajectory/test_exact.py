@@ -6,12 +6,12 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.model.build import build_problem
-from crux_planner.model.mass import centres_and_slopes
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
@@ -104,16 +104,16 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
     ahead += np.einsum("klij,klj->ki", at.into_state, step_columns)
     np.testing.assert_allclose((above.next_states - below.next_states) / (2 * h), ahead, atol=1e-6)
 
-    poses, hands = point.body[:-1, :6], stages.hands.reshape(-1, 4, 4)
-    centre, slopes = centres_and_slopes(stages.problem, poses, hands)  # its curvature is left out of the Hessian, too
+    follows = ca.DM(np.hstack([0.4 * np.eye(3), 0.1 * random.standard_normal((3, 3))]))  # without curvature: it is left
 
-    def straight(_problem: Problem, moved: np.ndarray, _hands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return centre + np.einsum("kij,kj->ki", slopes, moved - poses), slopes
+    def straight(_problem: Problem, x: Any, hands: Any) -> Any:  # out of the Hessian, too
+        return follows @ x[:6] + 0.15 * sum(hand[:3] for hand in hands)
 
-    monkeypatch.setattr(stage_functions, "centres_and_slopes", straight)
-    above, below = (
+    monkeypatch.setattr(stage_functions, "centre_of_mass", straight)
+    stages, _ = stages_at_random(3)
+    at, above, below = (
         stages.derivatives(point.body + s * step_body, point.columns + s * step_columns, point.multipliers, duals)
-        for s in (h, -h)
+        for s in (0.0, h, -h)
     )
 
     def lagrangian_slope(d: Any) -> tuple[np.ndarray, np.ndarray]:

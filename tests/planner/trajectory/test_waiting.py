@@ -61,6 +61,7 @@ def test_the_wall_of_the_readme_does_not_stand_still(wall: PlanResult) -> None:
 
 def test_the_gap_is_about_plans_of_as_many_steps(wall: PlanResult, robot: Robot) -> None:
     assert wall.gap is not None
+    assert wall.gap < 0.4  # 0.56 where what faces are gripped does not count
     problem = replace(build_problem(readme_wall(), robot), steps=wall.steps)
     bound = lower_bound(problem, 0.95 * wall.cost, 300.0, effort=EFFORT)
     assert bound is not None

@@ -53,9 +53,9 @@ TEST(GraspTest, AGraspThatCreepsUnderItsLoadFails) {
 }
 
 TEST(GraspTest, AGraspThatSlidesAsItIsLoadedFailsThoughItStandsAgain) {
-  const GraspTest test = pulled([](double share) { return share > 0.3 ? 0.009 : 0.0; }, 1.0);
+  const GraspTest test = pulled([](double share) { return share > 0.3 ? 1.1 * GraspTest::kMaxSlide_m : 0.0; }, 1.0);
   EXPECT_EQ(test.result(2), GraspTest::Result::kFailed);
-  EXPECT_EQ(test.gave_way_m(), 0.009);
+  EXPECT_EQ(test.gave_way_m(), 1.1 * GraspTest::kMaxSlide_m);
   EXPECT_EQ(test.limit_m(), GraspTest::kMaxSlide_m);
 }
 

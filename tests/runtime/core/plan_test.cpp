@@ -1,4 +1,5 @@
 // A plan read between its knots against the golden vectors, its clock, and what makes the runtime refuse one.
+#include <algorithm>
 #include <functional>
 #include <limits>
 
@@ -352,7 +353,17 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"moves_in_stance", [](plan_t& p) { p.knots[1].limbs[1].gripper_position_w_m[0] += 0.01; },
                "moves in stance"},
         Defect{"force_in_air", [](plan_t& p) { p.knots[4].limbs[0].finger_force_w_n[1] = 1.0; }, "force in the air"},
-        Defect{"air_at_end", [](plan_t& p) { p.knots.back().limbs[1].phase = limb_knot_t::AIR; }, "both ends"},
+        Defect{"air_at_end", [](plan_t& p) { p.knots.back().limbs[1].phase = limb_knot_t::AIR; }, "at the end"},
+        Defect{"air_at_start", [](plan_t& p) { p.knots.front().limbs[1].phase = limb_knot_t::AIR; },
+               "knot 0, limb RF: a walk and a plan of format 1"},
+        Defect{"short_swing_at_start",
+               [](plan_t& p) {
+                 p.format = plan_t::FORMAT_FROM_AIR;
+                 limb_knot_t& limb = p.knots.front().limbs[1];
+                 limb.phase = limb_knot_t::AIR;
+                 std::fill_n(limb.finger_force_w_n, 6, 0.0);
+               },
+               "two knots"},
         Defect{"short_swing", [](plan_t& p) { p.knots[1].limbs[1].phase = limb_knot_t::AIR; }, "two knots"},
         Defect{"out_of_reach", [](plan_t& p) { p.knots[4].limbs[0].gripper_position_w_m[0] += 0.3; },
                "limb LF: the gripper is out of reach"}),

@@ -16,7 +16,7 @@ from crux_planner.certificates.bound.timeline import Forward, Timeline
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 
-_LARGE = 60_000  # states, about, beyond which faces are merged
+_LARGE = 250_000  # states, about, beyond which faces are merged: it costs a third of the bound
 
 Stage = Callable[[int], Array]
 

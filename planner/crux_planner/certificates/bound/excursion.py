@@ -11,7 +11,7 @@ import numpy as np
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.places import Orientations
 from crux_planner.model.arrays import Array
-from crux_planner.model.problem import Goal, Problem
+from crux_planner.model.problem import Problem
 
 
 def farthest(spare: float, weight: float, step: float, start: float) -> float:
@@ -79,7 +79,9 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
     away -= goal.tolerance_m
     total = np.zeros(len(away))
     for axis in range(2):
-        total += weights.position * _others(away[:, axis], step, _distance(start.position_m, goal, axis))
+        total += weights.position * _others(
+            away[:, axis], step, float(abs(start.position_m[axis] - goal.body.position_m[axis]))
+        )
     turned = float(start.rpy_rad[2] - goal.body.rpy_rad[2])
     yaw = float(goal.body.rpy_rad[2])
     beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.tolerance_rad
@@ -92,7 +94,3 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
 def _others(far: Array, step: float, start: float) -> Array:
     """An excursion less the knot at which it is farthest."""
     return np.asarray(excursion(far, step, start) - np.maximum(far, 0.0) ** 2)
-
-
-def _distance(start: Array, goal: Goal, axis: int) -> float:
-    return float(abs(start[axis] - goal.body.position_m[axis]))

@@ -6,9 +6,9 @@ import numpy as np
 
 from crux_planner.certificates.bound.multipliers import FOLLOW, Multipliers
 from crux_planner.model.arrays import Array
-from crux_planner.physics.dynamics import skew
 from crux_planner.physics.limit_surface import polytope_directions
 from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import skews
 
 _BODY = 9  # r, roll, pitch, yaw, centre of mass off where r and the grasps have it
 _GRIP = 5  # s1, s2, m / k, n1, n2
@@ -43,7 +43,7 @@ class KnotQp:
         high = np.concatenate([box[1], [tilt, tilt, 1.0], rest[1], np.full(n - _BODY, _FORCE_N)])
         equal = np.zeros((6, n))
         equal[:, -6:] = np.eye(6)
-        turn, places = skew(problem.weight_N), [problem.contacts[c].centre_w_m for c in held.values()]
+        turn, places = skews(problem.weight_N), [problem.contacts[c].centre_w_m for c in held.values()]
         equal[3:, :3], equal[3:, 6:9] = (FOLLOW * many - 1.0) * turn, -turn
         right = np.concatenate([-problem.weight_N, FOLLOW * turn @ np.sum(places, axis=0)])
         rows, bounds = [], []
@@ -60,7 +60,7 @@ class KnotQp:
             rows.append(cone)
             bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
             a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
-            seen = np.hstack([np.eye(3), -skew(a), np.zeros((3, n - 6))])  # r + theta x a
+            seen = np.hstack([np.eye(3), -skews(a), np.zeros((3, n - 6))])  # r + theta x a
             place = problem.contacts[c].centre_w_m - a
             rows += [seen, -seen]
             bounds += [place + half, half - place]

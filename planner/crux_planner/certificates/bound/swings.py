@@ -50,9 +50,7 @@ def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
 
 def ends(problem: Problem, limb: int, contacts: Indices) -> Indices:
     """Which of the contacts a limb may end on."""
-    wanted = problem.goal.grasps.get(limb)
-    pairs = [(problem.contacts[c].hold, problem.contacts[c].pair) for c in contacts]
-    return np.array([i for i, pair in enumerate(pairs) if wanted is None or pair == wanted], dtype=int)
+    return np.flatnonzero([problem.may_end(limb, problem.contacts[c]) for c in contacts])
 
 
 def knot_floor(problem: Problem) -> tuple[float, float]:

@@ -17,12 +17,14 @@ ones; the first also for the accelerations that the walk's margins allow.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from crux_planner.certificates.bound.centre_of_pressure import heading_share
 from crux_planner.certificates.bound.equilibrium_dual import crawl_bound
 from crux_planner.model.arrays import Array
-from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE, Step
+from crux_planner.model.gait import LEAST_AIR, Step, longest_step
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.solvers.qp import Qp
@@ -42,7 +44,10 @@ def _forces_and_steps(problem: WalkProblem) -> float:
     swings = np.abs(problem.goal_feet_w_m - problem.start_feet_w_m) - FINAL_FOOT_M
     lengths = np.linalg.norm(np.maximum(swings, 0.0), axis=1)
     air = np.arange(LEAST_AIR, n)
-    longest, height = np.array([_longest(problem, int(k)) for k in air]), np.array([_height(int(k)) for k in air])
+    by_air = [Step(0, 0, int(k)) for k in air]
+    quickest = replace(problem, paces=(1.0, 1.0, 1.0, 1.0))
+    longest = np.array([longest_step(quickest, one) for one in by_air])
+    height = np.array([one.shares()[1].sum() for one in by_air])
     best = -np.inf
     for aloft in range(2 * n):
         slope = whole / (4 * n - aloft) ** 2
@@ -59,18 +64,6 @@ def _cheapest(length: float, step: Array, longest: Array) -> float:
     both = step[:, None] + step
     two = both[longest[:, None] + longest >= length]
     return float(min(one.min(initial=np.inf), two.min(initial=np.inf), 3 * step.min(initial=np.inf)))
-
-
-def _longest(problem: WalkProblem, air: int) -> float:
-    """How far a step of so many knots may lead, by the foot's mean speed over every interval."""
-    way, lift = (np.abs(np.diff(shares)) for shares in Step(0, 0, air).shares())
-    slack = (SPEED_SHARE * problem.foot_speed_m_s * problem.dt_s) ** 2 - (problem.step_height_m * lift) ** 2
-    return float(np.sqrt((np.maximum(slack, 0.0) / way**2).min()))
-
-
-def _height(air: int) -> float:
-    """Sum of a step's heights over its knots, as a share of the step height."""
-    return float(Step(0, 0, air).shares()[1].sum())
 
 
 def _body(problem: WalkProblem) -> float:

@@ -20,9 +20,14 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.solvers import clock
 
 AIR = -1
+MOST_GOALS = 1000  # stances at the goal from which the graph is searched back, too
 WINDOW_RAD = 0.2  # headings whose body positions are asked for balance at once
 Grips = tuple[int, ...]
 """A grip for every limb, or AIR."""
+
+
+class _NotShownError(Exception):
+    """The work or the time for the proof is over."""
 
 
 @dataclass
@@ -66,26 +71,43 @@ class Connection:
     def __init__(self, reach: RelaxedReach, equilibrium: RelaxedBalance, apart: Flags, step_m: float) -> None:
         self.reach, self.equilibrium, self.apart, self.step_m = reach, equilibrium, apart, step_m
         self._supports: dict[Grips, _Support] = {}
+        self._programs, self._deadline = 0, np.inf
         self._window = max(1, round(WINDOW_RAD / reach.bin_rad))
 
-    def separated(self, start: Grips, goals: list[Grips], deadline: float) -> Part | None:
-        """The part, from the start or from the goals back, that has no way out; None: they meet, or time is up."""
+    def separated(self, start: Grips, goals: list[Grips], programs: int, deadline: float) -> Part | None:
+        """The part, from the start or from the goals back, that has no way out; None: they meet, or so many programs
+        for balance or the time (clock.now) until `deadline` do not show it.
+        """
+        self._programs, self._deadline = programs, deadline
+        try:
+            return self._separated(start, goals)
+        except _NotShownError:
+            return None
+
+    def _separated(self, start: Grips, goals: list[Grips]) -> Part | None:
         yaws = np.abs(self.reach.all.yaw_rad)
-        forward, backward = Part(True), Part(False)
+        forward, backward, ends = Part(True), Part(False), set(goals)
+        if start in ends:
+            return None
         forward.add(start, self._spread(start, yaws <= yaws.min() + self.reach.bin_rad))
-        for goal in goals:
+        both = len(goals) <= MOST_GOALS
+        for goal in goals if both else []:
             backward.add(goal, self._spread(goal, self.reach.at_goal_yaw))
         while True:
-            here, there = sorted((forward, backward), key=lambda part: len(part.queue))
+            here = backward if both and len(backward.queue) < len(forward.queue) else forward
+            there = forward if here is backward else backward
             if not here.queue:
                 return here
-            if clock.now() > deadline:
-                return None
+            self._look_at_the_time()
             for node, reached in self._neighbours(here, here.take()):
                 meeting = there.headings.get(node)
-                if meeting is not None and (meeting & reached).any():
+                if (meeting is not None and (meeting & reached).any()) or (not both and node in ends):
                     return None
                 here.add(node, reached)
+
+    def _look_at_the_time(self) -> None:
+        if self._programs <= 0 or clock.now() > self._deadline:
+            raise _NotShownError
 
     def _spread(self, node: Grips, seeds: Flags) -> Flags:
         """The headings that are had from `seeds` by turning on the spot."""
@@ -142,6 +164,8 @@ class Connection:
             return True
         if any((box[0] <= low).all() and (high <= box[1]).all() for box in known.lacking):
             return False
+        self._look_at_the_time()
+        self._programs -= 1
         place = self.equilibrium.place(support, low, high)
         if place is None:
             known.lacking.append((low, high))

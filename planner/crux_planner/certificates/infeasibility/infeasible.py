@@ -67,7 +67,7 @@ class Proof:
             stances = stances[self.apart[stances[:, a], stances[:, b]]]
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
-        near: list[Grips] = [tuple(map(int, stance)) for stance in stances]
+        near: list[Grips] = list(map(tuple, stances.tolist()))
         self.goals = self.goal_poses.possible(near, self.grips)
         if not self.goals:
             text = (
@@ -78,16 +78,19 @@ class Proof:
             return InfeasibleError("reach", text, proven=True)
         return None
 
-    def goal_equilibrium(self, deadline: float) -> InfeasibleError | None:
+    def goal_equilibrium(self, programs: int, deadline: float) -> InfeasibleError | None:
         """No stance at the goal in equilibrium, with all limbs or some in the air the knot before."""
         goal, least, nearest = self.problem.goal.body.position_m, np.inf, self.goals[0]
         slack = self.problem.goal.tolerance_m + self.step_m  # the last forces are those of the knot before
         borne = (held for stance in self.goals for held in itertools.product(*[(grip, AIR) for grip in stance]))
-        for held in dict.fromkeys(borne):
-            if clock.now() > deadline:
-                return None
-            if held.count(AIR) == len(held):
+        seen: set[Grips] = set()
+        for held in borne:
+            if held in seen or held.count(AIR) == len(held):
                 continue
+            seen.add(held)
+            programs -= 1
+            if programs < 0 or clock.now() > deadline:
+                return None
             lacking = self.equilibrium.missing_at_goal(held, goal - slack, goal + slack)
             if lacking <= 0.0:
                 return None
@@ -96,9 +99,9 @@ class Proof:
         text = f"no equilibrium at the goal, best on {self._text(nearest)}: short by {least:.1f} N"
         return InfeasibleError("equilibrium", text, proven=True)
 
-    def disconnected(self, deadline: float) -> InfeasibleError | None:
-        """The start's part of the graph lacks the goal, or the goal's the start; None: they meet, or time is up."""
-        part = self.connection.separated(self.start, self.goals, deadline)
+    def disconnected(self, programs: int, deadline: float) -> InfeasibleError | None:
+        """The start's part of the graph lacks the goal, or the goal's the start; None: `Connection.separated`."""
+        part = self.connection.separated(self.start, self.goals, programs, deadline)
         return None if part is None else self._closed(set(part.headings), part.forward)
 
     def instead_of(self, reason: InfeasibleError) -> InfeasibleError:

@@ -18,10 +18,11 @@ from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.mass import bounds_in_body, gripper_spans, offset_bounds
 from crux_planner.model.problem import Problem
-from crux_planner.physics.dynamics import skew, static_map
+from crux_planner.physics.dynamics import static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
 from crux_planner.search.equilibrium import FORCE_BOUND_N, MOMENT_ARM_M, TWIST_BOUND_NM, StaticEquilibrium
 from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import skews
 
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
@@ -109,9 +110,10 @@ class RelaxedReach:
         limbs = np.arange(4)
         possible = np.zeros(len(stances), dtype=bool)
         for i in range(len(self.goal.yaw_rad)):
-            low = np.maximum(self.goal.low[i, limbs, stances].max(axis=1), self._goal_low[i])
-            high = np.minimum(self.goal.high[i, limbs, stances].min(axis=1), self._goal_high[i])
-            possible |= (low <= high).all(axis=1)
+            rest = np.flatnonzero(~possible)
+            low = np.maximum(self.goal.low[i, limbs, stances[rest]].max(axis=1), self._goal_low[i])
+            high = np.minimum(self.goal.high[i, limbs, stances[rest]].min(axis=1), self._goal_high[i])
+            possible[rest] = (low <= high).all(axis=1)
         return possible
 
     def beyond_goal(self, limb: int) -> Array:
@@ -214,12 +216,12 @@ class RelaxedBalance:
     def _least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array]:
         """`missing_force` with the centre of mass in [low, high], and where it is least."""
         middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
-        about = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(middle), np.eye(3)]])
+        about = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about[3:] /= MOMENT_ARM_M
         places = [(i, centre) for i, g in enumerate(support) for centre in self._places(self.grips[g])]
         n = 3 + 6 * len(places)  # of each place: s1, s2, m, F, n and its share of the grip
         matrix = np.zeros((6, n))
-        matrix[3:, :3] = -skew(self.problem.weight_N)
+        matrix[3:, :3] = -skews(self.problem.weight_N)
         shares = np.zeros((len(support), n))
         most, blocks = np.full(2, self.problem.patch.max_normal_N), []
         for j, (i, centre) in enumerate(places):

@@ -1,0 +1,48 @@
+"""casadi's functions at many places at once, between numpy's arrays without a copy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from crux_planner.model.arrays import Array
+
+
+def mapped(name: str, arguments: list[Any], outputs: Any) -> Mapped:
+    """The function of casadi's symbols, its common parts worked out once."""
+    return Mapped(ca.Function(name, arguments, [ca.densify(output) for output in outputs], {"cse": True}))
+
+
+class Mapped:
+    """A casadi function at many places at once; reads and writes numpy's memory."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self.function = function
+        self._shapes = [function.size_out(i) for i in range(function.n_out())]
+        self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
+
+    @property
+    def equation(self) -> ca.Function:
+        """The first output, of the arguments that it depends on."""
+        arguments = self.function.sx_in()
+        value = self.function(*arguments)
+        value = value[0] if self.function.n_out() > 1 else value
+        needed = [argument for argument in arguments if ca.depends_on(value, argument)]
+        return ca.Function(self.function.name(), needed, [value])
+
+    def __call__(self, *arguments: Array) -> Any:
+        """At every row of the arguments (n, size): outputs (n, rows), or (n, rows, columns) of a matrix."""
+        n = len(arguments[0])
+        if n not in self._at:
+            self._at[n] = self.function.map(n).buffer()
+        buffer, run = self._at[n]
+        given = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+        found = [np.empty((n, columns, rows)) for rows, columns in self._shapes]
+        for i, argument in enumerate(given):
+            buffer.set_arg(i, argument.data)
+        for i, values in enumerate(found):
+            buffer.set_res(i, values.data)
+        run()
+        return tuple(v[:, 0] if v.shape[1] == 1 else v.swapaxes(1, 2) for v in found)
