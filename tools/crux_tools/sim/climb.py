@@ -69,6 +69,8 @@ class ClimbOptions:
     """what the physics has otherwise than plan and robot description say"""
     guide: bool = False
     """plans again where the robot holds for a cause that planning can mend"""
+    note: str = ""
+    """the user's own words, for the log"""
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,7 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
     from crux_commit import COMMIT
 
     tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags |= {"note": options.note} if options.note else {}
     world = options.world
     if world is not None:
         tags |= {"world": world.name, "world_sha256": world.source_sha256, "world_seed": str(world.seed)}
