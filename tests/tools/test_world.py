@@ -126,6 +126,21 @@ def test_a_hold_that_is_gone_touches_nothing(change: str, lost_s: float | None) 
         assert max(lost_s, 0.5) <= gone_s <= max(lost_s, 0.5) + 1.0
 
 
+def test_a_hold_that_gives_moves_by_its_load_over_its_stiffness() -> None:
+    plant = in_world("holds: {h0: {stiffness_N_m: 20000}, h2: {stiffness_N_m: 4000}}\n")
+    HoldingController(plant).run(SETTLED_S)
+    rotation = plant.data.site_xmat[plant.robot.gripper_sites].reshape(4, 3, 3)
+    hand_N = plant.model.body_subtreemass[plant.robot.gripper_bodies][:, None] * plant.model.opt.gravity
+    load_N = hand_N - np.einsum("lij,lj->li", rotation, plant.ft_true.reshape(4, 6)[:, :3])
+    for limb, stiffness in ((0, 20000.0), (2, 4000.0)):
+        hold = plant.model.body(f"hold{limb}")
+        moved_m = plant.data.xpos[hold.id] - hold.pos
+        assert np.linalg.norm(moved_m) > 1e-4
+        np.testing.assert_allclose(moved_m, load_N[limb] / stiffness, atol=0.02 * np.linalg.norm(moved_m))
+    assert plant.limbs_on_holds().all()
+    assert not plant.model.body("hold1").jntnum
+
+
 def test_a_hold_bears_the_net_force_of_its_contacts_and_not_the_squeeze() -> None:
     """20 N a finger and 3 N of load: a hold that breaks at 40 N stays, though its contacts have 40 N and more."""
     plant = in_world("holds: {all: {breaks_at_N: 39}}\n")

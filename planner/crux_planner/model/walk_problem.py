@@ -36,9 +36,7 @@ class MarginProfile:
     least_share: float  # of the weight on a foot in stance: keeps the body off the edge of its support
     true_share: float  # the same while three feet stand, for body and limbs as they accelerate at the knots
     acceleration: tuple[float, float]  # of the body [m/s^2], [rad/s^2]: it is to move smoothly between the knots
-    between_share: float = (
-        0.01  # as `true_share` between the knots, where motions are less smooth than from knot to knot
-    )
+    between_share: float  # as `true_share` between the knots, where motions are less smooth than from knot to knot
 
 
 @dataclass(frozen=True)
@@ -50,9 +48,9 @@ class Cut:
     most: float
 
 
-USUAL = MarginProfile(0.1275, 0.07, (1.0, 0.35))
-BOLD = MarginProfile(0.1275, 0.07, (2.0, 0.7))  # where strides are too long for the usual
-BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7))  # where they are too long for that
+USUAL = MarginProfile(0.1275, 0.07, (1.0, 0.35), 0.01)
+BOLD = MarginProfile(0.1275, 0.07, (2.0, 0.7), 0.0)  # where strides are too long for the usual
+BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7), 0.0)  # where they are too long for that
 WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 

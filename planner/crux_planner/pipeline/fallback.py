@@ -41,7 +41,7 @@ LEVELS = ((False, 0.0, None), (True, TILT_SLACK_M, None), (True, TILT_SLACK_M, P
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 GENTLER = ((1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER))  # of limit surface and speed, one after the other
 PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
-GOAL_PROOF, FIRST_PROOF, LAST_PROOF = 30, 60, 600  # programs for the goal's equilibrium, and for disconnected parts
+GOAL_PROOF, FIRST_PROOF, LAST_PROOF = 300, 250, 3000  # programs for the goal's equilibrium, and for disconnected parts
 TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
 SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
 

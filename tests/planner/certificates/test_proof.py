@@ -95,7 +95,7 @@ def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balance
     for _ in range(10):
         place = problem.goal.body.position_m + random.uniform(-0.01, 0.01, 3)
         turned = random.uniform(-1, 1, 3) * [*2 * [problem.body.max_tilt_rad], problem.goal.tolerance_rad]
-        mass = centres_of_mass(problem, np.append(place, turned), hands)
+        mass = centres_of_mass(problem, np.append(place, turned)[None], hands[None])[0]
         held = balanced(point, (0, 1, 2, 3), mass, 1.0)
         if held:
             assert proof.equilibrium.missing_at_goal(stance, place, place + 1e-4) <= 0.0

@@ -6,7 +6,10 @@ import argparse
 from typing import Any
 
 from crux_tools.arguments import taught
+from crux_tools.log.edit_commands import add_edits
 from crux_tools.log.export_command import add_export
+from crux_tools.log.lcm_command import add_lcm
+from crux_tools.log.ls_command import add_ls
 
 
 def add_parser(subparsers: Any) -> None:
@@ -15,13 +18,18 @@ def add_parser(subparsers: Any) -> None:
         "log",
         help="logs: for other tools, listed, cut, merged, recovered, played",
         **taught(
-            "Logs of climbs, from the robot or from crux climb: written for other tools.",
+            "Logs of climbs, of the robot or of crux climb: listed, looked into, cut, merged, recovered, "
+            "played on LCM, and written for other tools.",
+            "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
             "crux log ACTION --help",
         ),
     )
     actions = parser.add_subparsers(dest="log_action", metavar="ACTION", required=True)
+    add_ls(actions)
+    add_edits(actions)
     add_export(actions)
+    add_lcm(actions)
 
 
 def run(options: argparse.Namespace) -> int:

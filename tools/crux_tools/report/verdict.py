@@ -24,6 +24,7 @@ FACTS = (
     ("crux", ("version", "commit")),
     ("seed", ("seed",)),
     ("command", ("command_line",)),
+    ("note", ("note",)),
     ("robot", ("robot", "robot_sha256")),
 )
 

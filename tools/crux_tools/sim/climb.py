@@ -16,6 +16,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_msgs import command_t, plan_t, truth_verdict_t
+from mujoco import MjSpec
 
 from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
@@ -38,7 +39,7 @@ from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
 from crux_tools.sim.truth_log import log_truth
 from crux_tools.sim.world_file import World
-from crux_tools.sim.world_model import change_robot, plant_world, true_wall
+from crux_tools.sim.world_model import change_robot, loosen_holds, plant_world, true_wall
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
 from crux_tools.telemetry.wording import fault_line
@@ -68,6 +69,8 @@ class ClimbOptions:
     """what the physics has otherwise than plan and robot description say"""
     guide: bool = False
     """plans again where the robot holds for a cause that planning can mend"""
+    note: str = ""
+    """the user's own words, for the log"""
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,7 @@ def _tags(options: ClimbOptions) -> dict[str, str]:
     from crux_commit import COMMIT
 
     tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags |= {"note": options.note} if options.note else {}
     world = options.world
     if world is not None:
         tags |= {"world": world.name, "world_sha256": world.source_sha256, "world_seed": str(world.seed)}
@@ -175,7 +179,12 @@ def plant_of(plan: plan_t, robot: Robot, options: ClimbOptions) -> Plant:
     if world is None:
         return Plant(build_model(robot, plan), plan, options.seed)
     wall = true_wall(plan, world)
-    model = build_model(robot, wall, lambda spec: change_robot(spec, robot, world))
+
+    def change(spec: MjSpec) -> None:
+        change_robot(spec, robot, world)
+        loosen_holds(spec, plan, world)
+
+    model = build_model(robot, wall, change)
     return Plant(model, wall, options.seed, plant_world(world, model, [hold.name for hold in plan.holds]))
 
 

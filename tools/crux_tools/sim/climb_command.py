@@ -102,6 +102,7 @@ def add_parser(subparsers: Any) -> None:
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
         "(a tool for tests; needs make build)",
     )
+    parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
     parser.set_defaults(func=run)
@@ -183,7 +184,9 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--bus memory: one process has no clock to keep; --pace realtime needs --bus udp or socketcan")
     if options.guide and bus != "memory":
         raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
-    wanted = ClimbOptions(options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide)
+    wanted = ClimbOptions(
+        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.note
+    )
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

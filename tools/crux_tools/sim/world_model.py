@@ -35,6 +35,8 @@ PLAY_SOLREF = (0.004, 1.0)  # the stiffest that steps of 2 ms bear
 PLAY_SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)  # stops that give 0.2 mrad at 5 Nm; stiffer ones let loaded pads creep
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # friction that holds instead of creeping
 SPRING_DAMPING_RATIO = 0.1  # against the motor's inertia
+HOLD_MASS_KG = 1.0  # of a hold that gives: enough that steps of 2 ms bear the stiffest
+HOLD_DAMPING_RATIO = 1.0
 
 
 def _turned(yaw_rad: float, xy: Any) -> Any:
@@ -93,6 +95,22 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
             spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF
+
+
+def loosen_holds(spec: mujoco.MjSpec, plan: plan_t, world: World) -> None:
+    """Puts the holds that give on springs, along each axis of their own frames; without weight."""
+    for index, hold in enumerate(plan.holds):
+        stiffness = world.holds.get(hold.name, HoldChange()).stiffness_N_m
+        if math.isinf(stiffness):
+            continue
+        body = spec.body(f"hold{index}")
+        body.mass, body.inertia, body.explicitinertial = HOLD_MASS_KG, [1e-3] * 3, True
+        body.gravcomp = 1.0
+        damping = 2 * HOLD_DAMPING_RATIO * math.sqrt(stiffness * HOLD_MASS_KG)
+        for axis in np.eye(3):
+            body.add_joint(
+                type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=[stiffness, 0, 0], damping=[damping, 0, 0]
+            )
 
 
 def _change_joint(joint: Any, change: JointChange) -> None:

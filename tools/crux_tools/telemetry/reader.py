@@ -49,7 +49,7 @@ EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
 PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_READ_ERRORS = (McapError, struct.error, ValueError, RuntimeError, EOFError, KeyError, OverflowError)
+READ_ERRORS = (McapError, struct.error, ValueError, RuntimeError, EOFError, KeyError, OverflowError)
 
 
 class LogError(Exception):
@@ -157,7 +157,7 @@ def _chunk_bytes(chunk: Chunk, notes: list[str]) -> bytes:
     try:
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
         whole: bytes = stream.read(length)
-    except _READ_ERRORS:
+    except READ_ERRORS:
         notes.append("a damaged chunk was left out")
         return b""
     return whole
@@ -190,7 +190,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                     raw.end = dict(record.metadata)
                 elif isinstance(record, Header) and record.profile != "ros2":
                     raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
-        except _READ_ERRORS:
+        except READ_ERRORS:
             raw.end = None  # the file is cut off
     return raw
 

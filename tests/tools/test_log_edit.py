@@ -1,0 +1,181 @@
+"""`crux log info`, `cut`, `merge`, `recover`: against mcap's own reader, on whole, cut-off and damaged logs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_tools.cli import main
+from crux_tools.telemetry import read_log
+from made_up_climb import Story, write_log
+from mcap.reader import make_reader
+from test_log_ls import judge
+
+Messages = Counter[tuple[str, int, bytes]]
+METADATA = {"started_utc": "2026-11-22T10:00:00Z", "host": "wall-pc"}
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("edit") / "climb.mcap"
+    write_log(path, Story(faults=((200, 7, 1),), metadata=METADATA))
+    judge(path, True, 0, "")
+    return path
+
+
+def messages(path: Path) -> Messages:
+    with path.open("rb") as file:
+        return Counter((channel.topic, m.log_time, m.data) for _, channel, m in make_reader(file).iter_messages())
+
+
+def said(path: Path) -> dict[str, dict[str, str]]:
+    with path.open("rb") as file:
+        return {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+
+
+def files(path: Path) -> dict[str, bytes]:
+    with path.open("rb") as file:
+        return {record.name: record.data for record in make_reader(file).iter_attachments()}
+
+
+def test_a_cut_has_what_lies_in_it_and_the_plan(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "cut.mcap"
+    assert main(["log", "cut", str(log), "-o", str(out), "--from", "1.5", "--to", "2", "--json"]) == 0
+    whole, part = messages(log), messages(out)
+    inside = {key: n for key, n in whole.items() if 1_500_000_000 <= key[1] <= 2_000_000_000}
+    plan = {key: n for key, n in whole.items() if key[0] == "/plan"}
+    assert part == Counter(inside | plan)
+    assert json.loads(capsys.readouterr().out)["messages"] == sum(part.values())
+    assert files(out) == files(log)
+    assert said(out) == said(log) | {"crux_cut": {"of": "climb.mcap", "from_s": "1.5", "to_s": "2"}}
+    cut, log_read = read_log(out), read_log(log)
+    rows = slice(150, 201)
+    np.testing.assert_array_equal(cut.state, log_read.state[rows])
+    np.testing.assert_array_equal(cut.limbs, log_read.limbs[rows])
+    assert cut.plan.plan_id == log_read.plan.plan_id
+    assert len(cut.faults) == 1
+
+
+def test_parts_make_the_whole_again(log: Path, tmp_path: Path) -> None:
+    a, b, whole = (tmp_path / name for name in ("a.mcap", "b.mcap", "whole.mcap"))
+    assert main(["log", "cut", str(log), "-o", str(a), "--to", "2"]) == 0
+    assert main(["log", "cut", str(log), "-o", str(b), "--from", "1.4"]) == 0  # both have 0.6 s of it
+    assert main(["log", "merge", str(b), str(a), "-o", str(whole)]) == 0
+    assert messages(whole) == messages(log)
+    assert files(whole) == files(log)
+    again, before = read_log(whole), read_log(log)
+    np.testing.assert_array_equal(again.inputs, before.inputs)
+    assert again.end == before.end
+    assert again.notes == before.notes
+    assert again.verdict is not None
+
+
+def test_logs_of_two_runs_are_not_merged(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other, out = tmp_path / "other.mcap", tmp_path / "out.mcap"
+    write_log(other, Story(ready_cycles=3, wait_cycles=0, metadata=METADATA | {"started_utc": "2026-11-23T10:00:00Z"}))
+    assert main(["log", "merge", str(log), str(other), "-o", str(out)]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "its started_utc is 2026-11-23T10:00:00Z, not 2026-11-22T10:00:00Z" in lines[0]
+    assert not out.exists()
+
+
+def test_a_log_that_was_cut_off_is_whole_again(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data, whole = log.read_bytes(), messages(log)
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    found = []
+    for share in (0.3, 0.6, 0.9):
+        broken.write_bytes(data[: int(share * len(data))])
+        assert main(["log", "recover", str(broken), "-o", str(out), "--json"]) == 0
+        answer = json.loads(capsys.readouterr().out)
+        assert "cut off" in answer["lost"][0]
+        kept = messages(out)  # by the index: it has one
+        assert kept == kept & whole
+        found.append(sum(kept.values()))
+        np.testing.assert_array_equal(read_log(out).inputs, read_log(broken).inputs)
+        assert files(out) == files(log)
+    assert found == sorted(found)
+    assert found[0] > 0
+    assert main(["log", "merge", str(broken), str(log), "-o", str(tmp_path / "m.mcap")]) == 2
+    assert "recover it first" in capsys.readouterr().err
+
+
+def test_a_damaged_chunk_is_left_out_and_said(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[1]
+    data = bytearray(log.read_bytes())
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data)
+    assert main(["log", "recover", str(broken), "-o", str(out)]) == 0
+    assert "1 damaged chunks are left out" in capsys.readouterr().err
+    whole, kept = messages(log), messages(out)
+    assert 0 < sum((whole - kept).values()) < sum(whole.values()) / 2
+    assert not kept - whole
+    assert main(["log", "info", str(broken), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["damage"] == ["1 damaged chunks are left out"]
+
+
+def test_info_counts_what_another_reader_counts(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["log", "info", str(log), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    whole = messages(log)
+    for channel in told["channels"]:
+        mine = [(time, data) for (topic, time, data), n in whole.items() for _ in range(n) if topic == channel["topic"]]
+        assert channel["messages"] == len(mine)
+        assert channel["bytes"] == sum(len(data) for _, data in mine)
+        if mine:
+            assert round(channel["from_s"] * 1e9) == min(time for time, _ in mine)
+            assert round(channel["to_s"] * 1e9) == max(time for time, _ in mine)
+    assert {channel["topic"] for channel in told["channels"]} == {topic for topic, *_ in whole}
+    assert told["climb"]["verdict"] == "climbed"
+    assert dict(told["metadata"])["crux"]["host"] == "wall-pc"
+    assert set(told["attachments"]) == set(files(log))
+    assert main(["log", "info", str(log)]) == 0
+    text = capsys.readouterr().out
+    assert "started_utc: 2026-11-22T10:00:00Z" in text
+    assert "crux_msgs/msg/RobotState" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["cut", "LOG", "-o", "LOG", "--to", "1"], "is the input"),
+        (["cut", "LOG", "-o", "OUT"], "--from and --to: give one of them at least"),
+        (["cut", "LOG", "-o", "OUT", "--from", "3", "--to", "2"], "the second not before the first"),
+        (["cut", "LOG", "-o", "OUT", "--from", "90"], "nothing in it from 90 to"),
+        (["recover", "LOG", "-o", "LOG"], "is the input"),
+        (["recover", "DIR", "-o", "OUT"], "is a folder"),
+        (["recover", "MISSING", "-o", "OUT"], "no such file"),
+        (["recover", "TEXT", "-o", "OUT"], "not an MCAP file"),
+        (["merge", "LOG", "-o", "OUT"], "give two logs or more"),
+        (["merge", "LOG", "LOG", "-o", "LOG"], "is the input"),
+        (["info", "TEXT"], "not an MCAP file"),
+        (["export", "TEXT", "-o", "OUT", "--csv"], "not an MCAP file"),
+    ],
+)
+def test_wrong_input_is_one_line_and_costs_nothing(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], named: str
+) -> None:
+    text = tmp_path / "text.mcap"
+    text.write_text("no log")
+    places = {
+        "LOG": log,
+        "OUT": tmp_path / "out.mcap",
+        "DIR": tmp_path,
+        "TEXT": text,
+        "MISSING": tmp_path / "none.mcap",
+    }
+    before = log.read_bytes()
+    assert main(["log", *(str(places.get(word, word)) for word in words)]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert named in lines[0]
+    assert log.read_bytes() == before
+    assert not places["OUT"].is_file()
+    assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]

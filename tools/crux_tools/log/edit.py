@@ -1,0 +1,236 @@
+"""Logs cut, merged and recovered, record by record: what is in a message is not looked at.
+
+Every result is a whole MCAP file with an index, whatever its source lacked.
+"""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+
+from crux_tools.errors import UsageError
+from crux_tools.log.mcap_export import LATCHED
+from crux_tools.telemetry import LogError
+from crux_tools.telemetry.reader import MAGIC, READ_ERRORS
+
+LIBRARY = "crux log"
+NS = 10**9
+SAME_RUN = ("started_utc", "host", "robot_sha256", "commit", "command_line")  # of metadata "crux"
+
+
+@dataclass
+class Damage:
+    """What a file lost."""
+
+    bytes: int = 0  # behind the last whole record
+    chunks: int = 0
+
+    def words(self) -> list[str]:
+        """A sentence each."""
+        return [
+            *([f"cut off: its last {self.bytes} bytes are no whole record"] if self.bytes else []),
+            *([f"{self.chunks} damaged chunks are left out"] if self.chunks else []),
+        ]
+
+
+def records(path: Path, damage: Damage) -> Iterator[Any]:
+    """All records in the order written, chunks taken apart, as far as the file goes. Raises LogError, OSError."""
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise LogError(f"{path}: not an MCAP file, expected a log of the runtime")
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        stream = StreamReader(file, emit_chunks=True, record_size_limit=size).records
+        whole = len(MAGIC)
+        while True:
+            try:
+                record = next(stream)
+            except StopIteration:
+                return
+            except READ_ERRORS:
+                damage.bytes = size - whole
+                return
+            whole = file.tell()
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                inside = breakup_chunk(record, validate_crc=True)
+            except READ_ERRORS:
+                damage.chunks += 1
+                continue
+            yield from inside
+
+
+class Copy:
+    """A file that records of others are put into; what is there already is not put in again."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, compression=CompressionType.LZ4)
+        self._writer.start(profile="ros2", library=LIBRARY)
+        self._channels: dict[tuple[str, str, bytes], int] = {}
+        self._sequences: dict[int, int] = {}
+        self._said: set[tuple[str, Any]] = set()
+        self.messages = 0
+
+    def message(self, channel: Channel, schema: Schema, message: Message) -> None:
+        """Puts a message in."""
+        key = (channel.topic, schema.name, schema.data)
+        if key not in self._channels:
+            number = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, number, dict(channel.metadata)
+            )
+        at = self._channels[key]
+        sequence = self._sequences.get(at, 0)
+        self._sequences[at] = sequence + 1
+        self._writer.add_message(at, message.log_time, message.data, message.publish_time, sequence)
+        self.messages += 1
+
+    def other(self, record: Any) -> None:
+        """Puts in what is metadata or an attachment, and nothing else."""
+        if isinstance(record, Metadata):
+            self.metadata(record.name, record.metadata)
+        elif isinstance(record, Attachment) and ("attachment", record.name) not in self._said:
+            self._said.add(("attachment", record.name))
+            self._writer.add_attachment(
+                record.create_time, record.log_time, record.name, record.media_type, record.data
+            )
+
+    def metadata(self, name: str, said: dict[str, str]) -> None:
+        """Puts metadata in."""
+        key = (name, tuple(sorted(said.items())))
+        if key not in self._said:
+            self._said.add(key)
+            self._writer.add_metadata(name, dict(said))
+
+    def close(self) -> None:
+        """Ends the file."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+
+@dataclass
+class _Definitions:
+    """Schemas and channels of a file, gathered on the way."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def take(self, record: Any, path: Path) -> tuple[Channel, Schema] | None:
+        """Remembers a definition; of a message gives its own, None where they are lost."""
+        if isinstance(record, Header) and record.profile != "ros2":
+            raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Message) and record.channel_id in self.channels:
+            channel = self.channels[record.channel_id]
+            schema = self.schemas.get(channel.schema_id)
+            return None if schema is None else (channel, schema)
+        return None
+
+
+def cut(log: Path, out: Path, from_s: float, to_s: float) -> tuple[int, Damage]:
+    """The messages of log times from_s .. to_s, with the plan that stood at from_s; their number.
+
+    Raises UsageError where there are none, LogError, OSError.
+    """
+    damage, definitions, copy = Damage(), _Definitions(), Copy(out)
+    first_ns, last_ns = round(from_s * NS), round(to_s * NS)
+    standing: dict[str, tuple[Channel, Schema, Message]] = {}
+    least, most, inside = None, None, 0
+    for record in records(log, damage):
+        known = definitions.take(record, log)
+        if known is None:
+            copy.other(record)
+            continue
+        least = record.log_time if least is None else min(least, record.log_time)
+        most = record.log_time if most is None else max(most, record.log_time)
+        if first_ns <= record.log_time <= last_ns:
+            for each in standing.values():
+                copy.message(*each)
+            standing.clear()
+            copy.message(*known, record)
+            inside += 1
+        elif record.log_time < first_ns and known[0].topic in LATCHED and not inside:
+            standing[known[0].topic] = (*known, record)
+    copy.metadata("crux_cut", {"of": log.name, "from_s": f"{from_s:g}", "to_s": f"{to_s:g}"})
+    copy.close()
+    if not inside:
+        there = "holds no message" if least is None or most is None else f"goes from {least / NS:g} to {most / NS:g} s"
+        raise UsageError(f"{log}: nothing in it from {from_s:g} to {to_s:g} s; it {there}")
+    return copy.messages, damage
+
+
+def recover(log: Path, out: Path) -> tuple[int, Damage]:
+    """All that can be read; the number of messages. Raises UsageError where there is none, LogError, OSError."""
+    damage, definitions, copy = Damage(), _Definitions(), Copy(out)
+    for record in records(log, damage):
+        known = definitions.take(record, log)
+        if known is None:
+            copy.other(record)
+        else:
+            copy.message(*known, record)
+    copy.metadata("crux_recovered", {"of": log.name, **{k: str(v) for k, v in vars(damage).items()}})
+    copy.close()
+    if not copy.messages:
+        raise UsageError(f"{log}: not one whole message in it: nothing to recover")
+    return copy.messages, damage
+
+
+def merge(logs: list[Path], out: Path) -> int:
+    """Parts of one run in the order of time, what several of them have once; the number of messages.
+
+    Raises UsageError where they are not of one run, LogError where one is not a whole file, OSError.
+    """
+    copy = Copy(out)
+    runs = [_others(log, copy) for log in logs]
+    for log, run in zip(logs[1:], runs[1:], strict=True):
+        for key in SAME_RUN:
+            if run.get(key) != runs[0].get(key):
+                raise UsageError(
+                    f"{log}: of another run than {logs[0]}: its {key} is {run.get(key, 'not recorded')}, not "
+                    f"{runs[0].get(key, 'not recorded')}; right are parts of one log"
+                )
+    at, there = None, set[tuple[str, bytes]]()
+    parts = [_in_time(log) for log in logs]
+    for _, schema, channel, message in heapq.merge(*parts, key=lambda part: part[0]):
+        if message.log_time != at:
+            at, there = message.log_time, set()
+        if (channel.topic, message.data) not in there:
+            there.add((channel.topic, message.data))
+            copy.message(channel, schema, message)
+    copy.metadata("crux_merged", {str(number): log.name for number, log in enumerate(logs, 1)})
+    copy.close()
+    return copy.messages
+
+
+def _others(log: Path, copy: Copy) -> dict[str, str]:
+    """Copies metadata and attachments; returns what the log says of its run."""
+    damage, run = Damage(), dict[str, str]()
+    for record in records(log, damage):
+        copy.other(record)
+        if isinstance(record, Metadata) and record.name == "crux":
+            run = dict(record.metadata)
+    if damage.words():
+        raise LogError(f"{log}: {'; '.join(damage.words())}: recover it first (crux log recover)")
+    return run
+
+
+def _in_time(log: Path) -> Iterator[tuple[int, Schema, Channel, Message]]:
+    with log.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=True):
+            if schema is not None:
+                yield message.log_time, schema, channel, message

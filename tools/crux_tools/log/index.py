@@ -1,0 +1,173 @@
+"""What a folder's logs tell, one entry a log, kept in a file of this user so that each log is read once.
+
+The file ($XDG_CACHE_HOME/crux/logs.sqlite3) holds nothing that the logs do not: it may be deleted at any time. An entry
+stands as long as its log has the size and the time of change it had.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FORM = 1  # of the entries: another one makes all be read again
+_TABLE = """create table if not exists logs
+(path text primary key, form integer, bytes integer, changed_ns integer, entry text) without rowid"""
+CLIMBED, FAILED, UNJUDGED = "climbed", "failed", "unjudged"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A log in a line. None: not in the log."""
+
+    path: str
+    bytes: int
+    started_utc: str | None
+    host: str | None
+    commit: str | None
+    robot: str | None
+    wall: str | None  # name of the scenario
+    world: str | None
+    seed: str | None
+    duration_s: float
+    verdict: str  # climbed or failed, by the judge; unjudged: a log without ground truth
+    reason: str  # why it failed; of an unjudged one how far the plan came
+    slips: int | None
+    largest_slip_m: float | None
+    goal_error_m: float | None
+    least_margin_N: float | None
+    faults: list[str]
+    closed: bool
+    note: str | None
+
+
+def entry_of(path: Path) -> Entry | None:
+    """Reads a log; None where the file is none (a plan). Raises LogError."""
+    from crux_tools.report.margins import measured_margin_n
+    from crux_tools.telemetry import is_log, read_channels, telemetry_of
+    from crux_tools.telemetry.description import robot_of
+    from crux_tools.telemetry.summary import summarise
+
+    channels = read_channels(path)
+    if not is_log(channels):
+        return None
+    log = telemetry_of(path, channels)
+    summary, said = summarise(log), log.metadata
+    margin = np.empty(0)
+    if log.plan is not None:
+        with robot_of(log.plan.robot_name, log.robot_files) as robot:
+            margin = measured_margin_n(log, robot.control.force_filter_s)
+    judged = log.verdict
+    place = f"at plan time {summary.plan_time_s:.1f} of {summary.plan_end_s:.1f} s"
+    state = "plan completed" if summary.plan_complete else f"{summary.final_state} {place}" if log.plan else "no plan"
+    return Entry(
+        path=str(path),
+        bytes=path.stat().st_size,
+        started_utc=said.get("started_utc"),
+        host=said.get("host"),
+        commit=said.get("commit"),
+        robot=summary.robot or said.get("robot"),
+        wall=summary.scenario,
+        world=(judged.world if judged else said.get("world")) or None,
+        seed=said.get("seed"),
+        duration_s=summary.duration_s,
+        verdict=UNJUDGED if judged is None else CLIMBED if judged.ok else FAILED,
+        reason=state if judged is None else judged.reason,
+        slips=judged.slips if judged else None,
+        largest_slip_m=judged.largest_slip_m if judged else None,
+        goal_error_m=judged.goal_error_m if judged else None,
+        least_margin_N=float(np.nanmin(margin)) if np.isfinite(margin).any() else None,
+        faults=[f"{fault.code} {fault.name}{f' {fault.limb}' if fault.limb else ''}" for fault in summary.faults],
+        closed=log.end is not None,
+        note=said.get("note"),
+    )
+
+
+def index_path() -> Path:
+    """Where the index of this user is."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "crux" / "logs.sqlite3"
+
+
+def _opened() -> sqlite3.Connection:
+    """The index; a new one where it is damaged, one in memory where none can be written."""
+    path = index_path()
+    for again in (True, False):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(path, timeout=30)
+            connection.execute(_TABLE)
+            connection.execute("select path, form, bytes, changed_ns, entry from logs limit 1")
+            connection.execute("pragma synchronous = off")
+        except (OSError, sqlite3.OperationalError):
+            break
+        except sqlite3.DatabaseError:
+            path.unlink(missing_ok=True)
+            if again:
+                continue
+        else:
+            return connection
+    connection = sqlite3.connect(":memory:")
+    connection.execute(_TABLE)
+    return connection
+
+
+def found_logs(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
+    """All *.mcap below a folder, with what the file system says of them."""
+    waiting = [str(folder)]
+    while waiting:
+        with os.scandir(waiting.pop()) as inside:
+            for each in inside:
+                if each.is_dir(follow_symlinks=False):
+                    waiting.append(each.path)
+                elif each.name.endswith(".mcap") and not each.name.startswith(".") and each.is_file():
+                    yield each.path, each.stat()
+
+
+def entries(folder: Path, note: Callable[[str], None], at: Callable[[int, int], None]) -> list[Entry]:
+    """All logs below a folder (plans are left out). `note` is told of files that cannot be read, `at` of how many of
+    how many new ones have been. What has been read stays in the index when this is interrupted. Raises OSError.
+    """
+    from crux_contracts.yaml_document import DocumentError
+
+    from crux_tools.telemetry import LogError
+
+    folder = folder.resolve()
+    files = sorted(found_logs(folder))
+    with closing(_opened()) as index:
+        known = _known(index, folder)
+        new = [file for file in files if known.get(file[0], ((),))[0] != (file[1].st_size, file[1].st_mtime_ns)]
+        for done, (path, stat) in enumerate(new):
+            at(done, len(new))
+            try:
+                found = entry_of(Path(path))
+                text = json.dumps(asdict(found)) if found else ""
+            except (LogError, DocumentError, OSError) as error:
+                text = json.dumps({"error": str(error)})
+            key = (stat.st_size, stat.st_mtime_ns)
+            index.execute("insert or replace into logs values (?, ?, ?, ?, ?)", (path, FORM, *key, text))
+            index.commit()
+            known[path] = (key, text)
+        gone = set(known) - {path for path, _ in files}
+        index.executemany("delete from logs where path = ?", [(path,) for path in gone])
+        index.commit()
+    told = [json.loads(known[path][1]) for path, _ in files if known[path][1]]
+    for unreadable in (each["error"] for each in told if "error" in each):
+        note(unreadable)
+    return [Entry(**each) for each in told if "error" not in each]
+
+
+def _known(index: sqlite3.Connection, folder: Path) -> dict[str, tuple[Any, str]]:
+    """Sizes and times of change with the entries of the logs below a folder."""
+    below = f"{folder}{os.sep}".replace(f"{os.sep}{os.sep}", os.sep)
+    rows = index.execute(
+        "select path, bytes, changed_ns, entry from logs where form = ? and path >= ? and path < ?",
+        (FORM, below, below[:-1] + chr(ord(os.sep) + 1)),
+    )
+    return {path: ((size, changed_ns), text) for path, size, changed_ns, text in rows}
