@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from crux_contracts.plan_file import plan_id
+from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t
 from crux_planner import plan as make_plan
+from crux_tools.cli import main
 from crux_tools.guide.guide import Attended, Guide
 from crux_tools.replay.recompute import recompute
 from crux_tools.sim.climb import ClimbOptions, ClimbResult, climb
@@ -97,3 +99,14 @@ def test_without_the_guide_in_mid_plan_the_plan_is_finished(
     result, _ = guided(plan, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
     assert looks[-1] is Attended.STARTED
     assert result.ok, result.reason
+
+
+def test_no_runtime_and_no_terminal_are_told(
+    plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_plan(tmp_path / "plan.mcap", plan)
+    assert main(["guide", str(tmp_path / "plan.mcap"), "--lcm", "memq://"]) == 1
+    assert "no runtime answers on memq://" in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    assert main(["guide", str(tmp_path / "plan.mcap"), "--lcm", "memq://", "--ask"]) == 2
+    assert "--ask: standard input is no terminal" in capsys.readouterr().err
