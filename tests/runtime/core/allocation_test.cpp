@@ -25,7 +25,7 @@ int main() {
   using namespace crux_test;
   Climber run(sample_plan());
   std::vector<double> microseconds;
-  bool seen_climbing = false;
+  bool seen_climbing = false, taken_over = false;
   for (int i = 0; i < 12000; ++i) {
     crux_msgs::control_input_t& in = run.plant.input();
     using crux_msgs::command_t;
@@ -33,6 +33,16 @@ int main() {
                           : i == 9000 ? command_t::HOLD
                           : i == 9001 ? command_t::REVERSE
                                       : command_t::NONE;
+    if (i == 1000) {  // so is taking another plan over
+      crux_msgs::plan_t other = sample_plan();
+      other.cost = 1.0;
+      sign(other);
+      auto prepared = prepare_plan(robot(), other);
+      counting = true;
+      const bool refused = static_cast<bool>(run.core.exchange_plan(prepared.value()));
+      counting = false;
+      taken_over = !refused && run.core.state() == SupervisorState::kReady;
+    }
     if (i == 11000) in.joint_fresh[3] = 0;  // the way into a fault is real-time too
     counting = true;
     const auto begin = std::chrono::steady_clock::now();
@@ -53,5 +63,5 @@ int main() {
     return microseconds[static_cast<std::size_t>(share * (microseconds.size() - 1))];
   };
   std::printf("step: median %.1f us, p99 %.1f us, max %.1f us; allocations %ld\n", at(0.5), at(0.99), at(1.0), control);
-  return seen_climbing && control == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+  return seen_climbing && taken_over && control == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -32,6 +32,7 @@ MENDED = (
 )
 """Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
 SETTLED_S = 0.3  # of standing, before what is measured counts
+RETURNED_S = 7.0  # where a limb may be on its way back to its hold: longer than the runtime waits for it
 PLANNING_S = 8.0  # of computing, for the way to one goal
 TRIES = 5
 SAFE_STANCES = 3  # behind the robot, to which a way is looked for
@@ -62,6 +63,7 @@ class Guide:
     """the last plan leads to a safe stance, not to the goal"""
     tried: int = field(default=0, init=False)
     _still: tuple[float, float] | None = field(default=None, init=False)  # plan time at which it stands, and since when
+    _reason: str = field(default="", init=False)  # why the last plan was made
     _gave_up: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
@@ -95,9 +97,14 @@ class Guide:
         state = status.state
         if self._still is None or self._still[0] != state.plan_time_s:
             self._still = (state.plan_time_s, state.time_s)
-        return bool(state.time_s - self._still[1] >= SETTLED_S)
+        settled_s = RETURNED_S if state.motion == robot_state_t.REVERSE else SETTLED_S
+        return bool(state.time_s - self._still[1] >= settled_s)
 
     def _lead_on(self, situation: Situation) -> Attended:
+        no_further = situation.status.state.plan_time_s < situation.plan.dt_s and not situation.useless()
+        if no_further and situation.reason == self._reason:
+            return self._give_up("the last plan came no further than its beginning, for the same reason")
+        self._reason = situation.reason
         if self.tried == self.tries:
             return self._give_up(f"{self.tries} plans have not led on")
         self.tried += 1
