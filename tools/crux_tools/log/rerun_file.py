@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 from crux_contracts import LIMB_NAMES
-from rerun.urdf import UrdfTree
 
 from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, margin_colours
-from crux_tools.log.seen import NS, WORLD, Seen
+from crux_tools.log.seen import ERROR, INFO, NS, WARN, WORLD, Seen
 from crux_tools.telemetry.summary import STATE_NAMES, name_of
+
+if TYPE_CHECKING:  # rerun-sdk is imported where it is asked for: nobody else needs it
+    import rerun as rr
+    import rerun.blueprint as rrb
 
 APPLICATION = "crux"
 TIMELINE = "log time"
 UTC_TIMELINE = "utc"
-LEVELS = {20: rr.TextLogLevel.INFO, 30: rr.TextLogLevel.WARN, 40: rr.TextLogLevel.ERROR}
+LEVELS = {INFO: "INFO", WARN: "WARN", ERROR: "ERROR"}  # of rerun.TextLogLevel
 JOINT_QUANTITIES = ("position", "velocity", "effort")
 XYZ = ("x", "y", "z")
 
 
 def blueprint() -> rrb.Blueprint:
     """The 3-D view, states and events, and under tabs margins, forces and joints, of the paths written below."""
+    import rerun.blueprint as rrb
+
     forces = [rrb.TimeSeriesView(origin=f"/forces/{limb}", name=f"force {limb}") for limb in LIMB_NAMES]
     joints = [
         rrb.TimeSeriesView(origin=f"/joints/{quantity}/{limb}", name=f"{quantity} {limb}")
@@ -53,6 +57,9 @@ def blueprint() -> rrb.Blueprint:
 
 def write_rerun(path: Path, seen: Seen, utc: bool) -> None:
     """Writes the recording with its blueprint. Times are seconds of the log, with `utc` the date, too."""
+    import rerun as rr
+    from rerun.urdf import UrdfTree
+
     with rr.RecordingStream(APPLICATION, recording_id=seen.log.metadata.get("started_utc")) as recording:
         recording.save(path, default_blueprint=blueprint())
         UrdfTree.from_file_path(seen.robot.urdf_path, entity_path_prefix="robot").log_urdf_to_recording(recording)
@@ -62,11 +69,15 @@ def write_rerun(path: Path, seen: Seen, utc: bool) -> None:
 
 
 def _times(log_ns: np.ndarray, clock_ns: np.ndarray, utc: bool) -> list[rr.TimeColumn]:
+    import rerun as rr
+
     found = [rr.TimeColumn(TIMELINE, duration=log_ns.astype("m8[ns]"))]
     return [*found, rr.TimeColumn(UTC_TIMELINE, timestamp=clock_ns.astype("M8[ns]"))] if utc else found
 
 
 def _wall(recording: rr.RecordingStream, seen: Seen) -> None:
+    import rerun as rr
+
     for (parent, child), at in zip(seen.fixed, seen.fixed_at, strict=True):
         moved = rr.Transform3D(
             translation=at[:3], quaternion=rr.Quaternion(xyzw=at[3:]), parent_frame=parent, child_frame=child
@@ -93,6 +104,8 @@ def _wall(recording: rr.RecordingStream, seen: Seen) -> None:
 
 
 def _moments(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
+    import rerun as rr
+
     n = len(seen.rows)
     times = _times(np.round(seen.log.time_s[seen.rows] * NS).astype(np.int64), seen.times_ns, utc)
 
@@ -135,6 +148,8 @@ def _moments(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
 
 
 def _events(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
+    import rerun as rr
+
     if not seen.events:
         return
     log_ns, clock_ns = (np.array([getattr(e, name) for e in seen.events]) for name in ("log_ns", "time_ns"))
