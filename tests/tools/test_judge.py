@@ -79,7 +79,7 @@ def verdict_on(truth: Truth, plan: plan_t = PLAN, complete: bool = True) -> Verd
 
 
 def tracked(truth: Truth, log: Any = None) -> Tracking:
-    return track(truth, log or make_log(), PLAN, MODEL)
+    return track(truth, log or make_log(), 0, PLAN, MODEL)
 
 
 def test_a_perfect_run() -> None:

@@ -30,11 +30,14 @@ FACTS = (
 
 
 def facts(log: Telemetry) -> list[tuple[str, str]]:
-    """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing."""
+    """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing, a note
+    that nobody gave is not.
+    """
     # crux climb's own command stands before that of the runtime it starts.
     told = {key: value[:SHOWN] if key.endswith("sha256") else value for key, value in log.metadata.items()}
     told["command_line"] = told.get("crux_command_line", told.get("command_line", ""))
-    return [(what, " ".join(told.get(key, "") for key in keys).strip() or NOT_RECORDED) for what, keys in FACTS]
+    rows = [(what, " ".join(told.get(key, "") for key in keys).strip()) for what, keys in FACTS]
+    return [(what, text or NOT_RECORDED) for what, text in rows if text or what != "note"]
 
 
 def _faults(faults: list[FaultNote]) -> str:
