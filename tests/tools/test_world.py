@@ -136,7 +136,7 @@ def test_a_hold_that_gives_moves_by_its_load_over_its_stiffness() -> None:
         hold = plant.model.body(f"hold{limb}")
         moved_m = plant.data.xpos[hold.id] - hold.pos
         assert np.linalg.norm(moved_m) > 1e-4
-        np.testing.assert_allclose(moved_m, load_N[limb] / stiffness, atol=0.02 * np.linalg.norm(moved_m))
+        np.testing.assert_allclose(moved_m, load_N[limb] / stiffness, atol=float(0.02 * np.linalg.norm(moved_m)))
     assert plant.limbs_on_holds().all()
     assert not plant.model.body("hold1").jntnum
 

@@ -30,8 +30,8 @@ FACTS = (
 
 
 def facts(log: Telemetry) -> list[tuple[str, str]]:
-    """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing, a note
-    that nobody gave is not.
+    """When, where and with what, as rows of a table; what an earlier runtime did not write is said to be missing, a
+    note that nobody gave is not.
     """
     # crux climb's own command stands before that of the runtime it starts.
     told = {key: value[:SHOWN] if key.endswith("sha256") else value for key, value in log.metadata.items()}
