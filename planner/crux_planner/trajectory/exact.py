@@ -31,7 +31,7 @@ from crux_planner.trajectory.stage_problem import StageProblem
 
 _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
 _TORQUE_ROUNDS = 5
-FALLBACK_SHARE, FALLBACK_S = 0.25, 1.0  # of the time left ipopt gets, and at least: other attempts may follow
+LEAST_LEFT_S = 1.0  # of the time is left to ipopt at least
 
 
 def solve_within_torques(
@@ -56,7 +56,7 @@ def solve_within_torques(
         if outcome is None and start.near:  # other ways follow that promise more than ipopt
             return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, np.inf, np.inf, {})
         if outcome is None:
-            left = max(FALLBACK_SHARE * (deadline - clock.now()), FALLBACK_S)
+            left = max(deadline - clock.now(), LEAST_LEFT_S)
             solution, point = solve_by_ipopt(functions, problem, schedule, start, limited, left), None
         else:
             solution, point = outcome

@@ -20,6 +20,8 @@ from crux_planner.solvers.ipopt import ONCE, Nlp
 from crux_planner.trajectory.stage_functions import COLUMN, SPINE_WEIGHT
 from crux_planner.trajectory.stage_problem import StageProblem
 
+ITERATIONS = 80  # after which other sequences of contacts promise more; a count, so that plans depend on no clock
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -80,7 +82,8 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     ]
     nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
     row_bounds = np.concatenate(rows.low), np.concatenate(rows.high)
-    solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, {**ONCE, "ipopt.max_cpu_time": time_limit_s})
+    options = {**ONCE, "ipopt.max_iter": ITERATIONS, "ipopt.max_cpu_time": time_limit_s}
+    solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, options)
     found = solver.solve(np.concatenate([body.ravel(), columns[stance].ravel()]))
     columns = stages.empty_columns()
     columns[stance] = found.x[body.size :].reshape(-1, COLUMN)
