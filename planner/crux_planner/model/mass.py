@@ -145,6 +145,8 @@ def offset_bounds(
         most = [np.nanmax(np.abs(np.diff(found, order, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)]
         rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
         rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
+        leaning = limb.limb.wrist_to_gripper_m * np.sin(problem.body.max_tilt_rad)  # of the wrist above the gripper
+        rest += (limb.limb.hand_mass_kg + follow * problem.mass_kg) * leaning
         total += [np.nanmin(found, axis=(1, 2, 3)) - rest, np.nanmax(found, axis=(1, 2, 3)) + rest]
     low, high = total / problem.mass_kg
     return turned_bounds(low, high, problem.body.max_tilt_rad, yaw_rad)
