@@ -34,7 +34,7 @@ from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
-from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, limb_reach
+from crux_planner.model.workspace import LimbReach, Reach, WorkspaceError, WorkspaceRange, limb_reach, tilt_for
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
@@ -66,7 +66,8 @@ def build_problem(
     torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
-    shape, reach = _gripper_shape(robot), reach or reach_of(robot)
+    tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)
+    shape, reach = _gripper_shape(robot), reach or reach_of(robot, tilt_rad)
     limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
@@ -114,19 +115,24 @@ def _gripper_shape(robot: Robot) -> GripperShape:
     )
 
 
-def reach_of(robot: Robot) -> LimbReach:
-    """(9a) for every tilt and gripper yaw, from the pads' least height on a hold to the highest swing."""
-    return limb_reach(
-        robot.limbs,
-        WorkspaceRange(
-            robot.body.height_m,
-            robot.grasp.pad_height_m,
-            robot.grasp.pad_height_m[1] + robot.gripper.pad_radius_m + robot.grasp.swing_clearance_m,
-            robot.grasp.max_swing_height_m,
-            robot.body.max_tilt_rad,
-            robot.grasp.gripper_yaw_rad,
-        ),
+def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
+    """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
+    swing; the outer set for all tilts. Raises InfeasibleError where limbs do not reach so with the body that tilted.
+    """
+    grasp = robot.grasp
+    wanted = WorkspaceRange(
+        robot.body.height_m,
+        grasp.pad_height_m,
+        grasp.pad_height_m[1] + robot.gripper.pad_radius_m + grasp.swing_clearance_m,
+        grasp.max_swing_height_m,
+        tilt_rad,
+        grasp.gripper_yaw_rad,
+        robot.body.max_tilt_rad,
     )
+    try:
+        return limb_reach(robot.limbs, wanted)
+    except WorkspaceError as none:
+        raise InfeasibleError("reach", f"a body tilted by {np.degrees(tilt_rad):.1f} degrees: {none}") from None
 
 
 def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float) -> SwingLimits:

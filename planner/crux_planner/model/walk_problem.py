@@ -21,7 +21,7 @@ from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, centres_of_pressure, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
-from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box
+from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box, tilt_for
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
 _UPRIGHT_SHARE = 1e-3  # of gravity along the surface: pressed on it no more than that, nothing stands
@@ -123,7 +123,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
             "goal bounds", f"goal.body.rpy_deg: the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
         )
     feet = np.array([scenario.start.feet[limb] for limb in LIMB_NAMES]) @ rotation_z(-heading)[:2, :2].T
-    boxes = _boxes(robot)
+    boxes = _boxes(robot, tilt_for([start.rpy_rad, goal.rpy_rad], body.max_tilt_rad))
     share, neutral = _limbs_pull(robot, start, feet)
     goal_yaw = float(goal.rpy_rad[2])
     goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T
@@ -165,8 +165,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     return problem
 
 
-def _boxes(robot: Robot) -> Reach:
-    """(9a) of the feet, whose centres are their pads' radius above the surface."""
+def _boxes(robot: Robot, tilt_rad: float) -> Reach:
+    """(9a) of the feet, whose centres are their pads' radius above the surface, for tilts up to `tilt_rad`."""
     pad, walking = robot.gripper.pad_radius_m, robot.walking
     boxes = acceptance_boxes(
         robot.limbs,
@@ -175,11 +175,12 @@ def _boxes(robot: Robot) -> Reach:
             (pad, pad),
             pad + walking.step_height_m,
             pad + walking.step_height_m,
-            robot.body.max_tilt_rad,
+            tilt_rad,
             walking.foot_yaw_rad,
+            robot.body.max_tilt_rad,
         ),
     )
-    return box(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m)
+    return box(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m, tilt_rad)
 
 
 def _check_start(scenario: Scenario, problem: WalkProblem) -> None:

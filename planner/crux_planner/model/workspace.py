@@ -2,11 +2,12 @@
 
 A gripper stands upright on the wall (its z along W's z) while the body tilts and the gripper turns about W's z. A grid
 of positions is kept where inverse kinematics exists, with a margin to every joint limit, for every corner of the range
-of tilt and yaw. The acceptance box holds every height a gripper needs to grasp and to lift over the faces it held; in
-plan view it is the largest rectangle inside that set, and it then grows upwards as far as it fits. The inner polytope
-has the same heights and in plan view contains that rectangle and as much of the set as a convex polygon with edges in
-six directions can. Plans keep to one of these two. The outer polytope contains every place of a gripper that grips,
-whatever its yaw, up to the joint limits themselves: proofs and bounds are about it.
+of tilt and yaw. The tilt is what start and goal need: the further a body may tilt, the less its limbs reach at all
+tilts. The acceptance box holds every height a gripper needs to grasp and to lift over the faces it held; in plan view
+it is the largest rectangle inside that set, and it then grows upwards as far as it fits. The inner polytope has the
+same heights and in plan view contains that rectangle and as much of the set as a convex polygon with edges in six
+directions can. Plans keep to one of these two. The outer polytope contains every place of a gripper that grips,
+whatever its yaw and the body's tilt, up to the joint limits themselves: proofs and bounds are about it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
 _FINE_RAD = 0.005  # between joint angles that the outer set is computed from
 _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
 _DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
-_KINDS, _PARTS = ("box", "inner", "outer"), ("directions", "middle_m", "extent_m")  # in the file that keeps them
+_KINDS = ("box", "inner", "outer", "outer_near")  # in the file that keeps them
+_PARTS = ("directions", "middle_m", "extent_m")
+LEVEL_RAD = 0.06  # how far a body tilts on its way between poses that are level
+_TILT_STEP_RAD = 0.02  # between the tilts that sets are computed for
 
 
 class WorkspaceError(ValueError):
@@ -50,6 +54,7 @@ class WorkspaceRange:
     max_swing_height_m: float
     max_tilt_rad: float
     gripper_yaw_rad: tuple[float, float]  # relative to the body
+    widest_tilt_rad: float  # that a body may have at all, for the outer set
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class Reach:
     directions: Array  # D (m, 3)
     middle_m: Array  # (4, m)
     extent_m: Array  # (4, m)
+    max_tilt_rad: float  # roll and pitch of the body for which this holds
 
     @property
     def centre_b_m(self) -> Array:
@@ -80,18 +86,19 @@ class Reach:
         return beyond
 
 
-def box(centre_b_m: Array, half_m: Array) -> Reach:
+def box(centre_b_m: Array, half_m: Array, max_tilt_rad: float) -> Reach:
     """A box a limb, (4, 3) and (3,)."""
-    return Reach(np.eye(3), centre_b_m, np.tile(half_m, (len(centre_b_m), 1)))
+    return Reach(np.eye(3), centre_b_m, np.tile(half_m, (len(centre_b_m), 1)), max_tilt_rad)
 
 
 @dataclass(frozen=True)
 class LimbReach:
-    """What the limbs of one robot reach: the acceptance box, the inner and the outer polytope."""
+    """What the limbs of one robot reach: the acceptance box, the inner polytope and the outer ones."""
 
     box: Reach
     inner: Reach
     outer: Reach
+    outer_near: Reach  # for the tilts of `box` and `inner` alone
 
 
 def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
@@ -104,14 +111,26 @@ def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
     kept = cache_folder() / f"{key}.npz"
     try:
         with np.load(kept) as known:
-            found = [Reach(*(known[f"{kind}_{part}"] for part in _PARTS)) for kind in _KINDS]
+            near, widest = wanted.max_tilt_rad, wanted.widest_tilt_rad
+            found = [
+                Reach(*(known[f"{kind}_{part}"] for part in _PARTS), tilt)
+                for kind, tilt in zip(_KINDS, (near, near, widest, near), strict=True)
+            ]
             return LimbReach(*found)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         pass
     boxes = acceptance_boxes(limbs, wanted)
-    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted))
+    outer = (_outer(limbs, wanted, tilt) for tilt in (wanted.widest_tilt_rad, wanted.max_tilt_rad))
+    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), *outer)
     _keep(kept, {f"{kind}_{part}": getattr(getattr(reach, kind), part) for kind in _KINDS for part in _PARTS})
     return reach
+
+
+def tilt_for(poses_rpy_rad: Sequence[Array], widest_rad: float) -> float:
+    """The tilt [rad] that sets must hold for where the body has these poses (3,) of roll, pitch and yaw."""
+    needed = float(np.abs([rpy[:2] for rpy in poses_rpy_rad]).max())
+    steps = np.ceil(needed / _TILT_STEP_RAD - 1e-6)
+    return min(max(LEVEL_RAD, _TILT_STEP_RAD * steps), widest_rad)
 
 
 def cache_folder() -> Path:
@@ -134,7 +153,7 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     """The acceptance boxes of all limbs, mirror images of one another."""
     low, high = _largest_box(limbs[0], wanted)
     centre, half = (low + high) / 2, (high - low) / 2
-    boxes = box(centre * _mirror(limbs), half)
+    boxes = box(centre * _mirror(limbs), half, wanted.max_tilt_rad)
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
         if not reachable(limb, _corners(middle, half), wanted).all():
             raise WorkspaceError(
@@ -170,7 +189,7 @@ def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach
         along = (corners * mirror[:2]) @ plan.T
         bounds.append((along.min(axis=0), along.max(axis=0)))
     lows, highs = (np.insert(np.array([b[i] for b in bounds]), 2, z[end], axis=1) for i, end in ((0, 0), (1, -1)))
-    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2)
+    return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, wanted.max_tilt_rad)
 
 
 def _polygon(points: Array, ok: Flags, normals: Array, within: Array) -> Array:
@@ -205,9 +224,10 @@ def _vertices(normals: Array, most: Array) -> Array:
     return found
 
 
-def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
-    """All places of grippers that grip: any yaw, tilts, and angles within the joint limits, the wrist's left out."""
-    tilt = wanted.max_tilt_rad
+def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, tilt: float) -> Reach:
+    """All places of grippers that grip: any yaw, tilts up to `tilt`, angles within the joint limits, the wrist's left
+    out.
+    """
     lows, highs = [], []
     for limb in limbs:
         l1, l2, hand = limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m
@@ -236,7 +256,7 @@ def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
         low[2], high[2] = max(bottom, height.min() - rounding), min(top, height.max() + raised + rounding)
         lows.append(low)
         highs.append(high)
-    return Reach(_DIRECTIONS, (np.array(lows) + highs) / 2, (np.array(highs) - lows) / 2)
+    return Reach(_DIRECTIONS, (np.array(lows) + highs) / 2, (np.array(highs) - lows) / 2, tilt)
 
 
 def _largest_cos(angles: Array) -> Array:

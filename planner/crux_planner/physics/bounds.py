@@ -47,7 +47,7 @@ def _state_bounds(
 ) -> tuple[Array, Array]:
     """For limbs at `yaws` (N + 1, 4), each within a range of the body's, and a last pose `near` (6,) the goal."""
     body, n = problem.body, problem.steps
-    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * body.max_tilt_rad
+    speed, rate, tilt = _SHARE * body.max_speed_m_s, _SHARE * body.max_rate_rad_s, _SHARE * problem.boxes.max_tilt_rad
     high = np.tile([np.inf, np.inf, body.height_m[1], tilt, tilt, np.inf, *[speed] * 3, *[rate] * 3], (n + 1, 1))
     low = -high
     low[:, 2] = body.height_m[0]

@@ -31,7 +31,7 @@ def test_body_too_high() -> None:
 
 
 def test_body_tilted_too_far() -> None:
-    found = the(broken(lambda p: add(p.knots[4], "body_rpy_rad", 1, -0.08)), "body_tilt", None, None, 4)
+    found = the(broken(lambda p: add(p.knots[4], "body_rpy_rad", 1, -0.22)), "body_tilt", None, None, 4)
     assert found.amount == pytest.approx(0.02)
 
 

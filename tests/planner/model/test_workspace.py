@@ -13,6 +13,7 @@ from crux_planner.model import workspace
 from crux_planner.model.build import reach_of
 from crux_planner.model.kinematics import forward, inverse, limit_margin, rotation_from_rpy, rotation_z
 from crux_planner.model.workspace import (
+    LEVEL_RAD,
     LimbReach,
     WorkspaceError,
     WorkspaceRange,
@@ -31,8 +32,9 @@ def wanted(robot: Robot) -> WorkspaceRange:
         grasp.pad_height_m,
         0.086,
         grasp.max_swing_height_m,
-        robot.body.max_tilt_rad,
+        LEVEL_RAD,
         grasp.gripper_yaw_rad,
+        robot.body.max_tilt_rad,
     )
 
 
@@ -83,16 +85,16 @@ def test_largest_rectangle_is_what_trying_all_finds(rows: int, columns: int, see
         assert (i1 - i0) * (j1 - j0) == best
 
 
-@pytest.fixture(scope="module")
-def reach(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> LimbReach:
+@pytest.fixture(scope="module", params=[LEVEL_RAD, 0.2])
+def reach(request: pytest.FixtureRequest, robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> LimbReach:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        return reach_of(robot)
+        return reach_of(robot, request.param)
 
 
 def test_the_checkers_kinematics_reaches_every_place_of_the_inner_set(robot: Robot, reach: LimbReach) -> None:
-    """Places at its very edges too, at any tilt and yaw, by the numeric inverse kinematics of the check."""
-    random, n, tilt = np.random.default_rng(1), 1500, robot.body.max_tilt_rad
+    """Places at its very edges too, at any tilt it is for and any yaw, by the check's numeric inverse kinematics."""
+    random, n, tilt = np.random.default_rng(1), 1500, reach.inner.max_tilt_rad
     for i, limb in enumerate(load_model(robot).limbs):
         corners = reach.inner.centre_b_m[i] + 1.3 * random.uniform(-1, 1, (4 * n, 3)) * reach.inner.half_m
         share = np.linspace(0.0, 1.0, 40)[:, None, None]
@@ -142,11 +144,11 @@ def test_what_a_robot_reaches_is_computed_once(
     robot: Robot, reach: LimbReach, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    reach_of(robot)
+    reach_of(robot, reach.inner.max_tilt_rad)
     (kept,) = workspace.cache_folder().iterdir()
     monkeypatch.setattr(workspace, "acceptance_boxes", lambda *_: pytest.fail("computed again"))
-    np.testing.assert_array_equal(reach_of(robot).inner.extent_m, reach.inner.extent_m)
+    np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kept.write_bytes(kept.read_bytes()[:100])
-    np.testing.assert_array_equal(reach_of(robot).inner.extent_m, reach.inner.extent_m)
+    np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)

@@ -16,7 +16,7 @@ from crux_contracts.scenario import Scenario
 from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips
 from crux_planner.certificates.infeasibility.palms import clashes, largest_gap
 from crux_planner.certificates.infeasibility.poses import GoalPoses
-from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach
+from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import all_grips
@@ -37,7 +37,7 @@ class Proof:
         grips = all_grips(scenario, robot, problem.heading_rad)
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]
-        self.goal_poses = GoalPoses(problem)
+        self.goal_poses = GoalPoses(near_goal(problem))
         self.reach, self.equilibrium = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)

@@ -27,7 +27,7 @@ from crux_planner.solvers.sparse_blocks import skews
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
 _ROUNDS, _CUT_N = 8, 0.1  # of adding tangents of the limit surface, where wrenches are so far beyond it
-_EULER_SHARE = 1.07  # yaw rates exceed the body's rates by no more, at the largest tilt
+_EULER_SHARE = 1.07  # a turn changes the yaw by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 
 
@@ -53,6 +53,15 @@ class Headings:
         return (low <= high).all(axis=1), low, high
 
 
+def near_goal(problem: Problem, before_rad: float = 0.0) -> Problem:
+    """The same with no more tilt than within the goal's tolerance, and `before_rad`, and what limbs reach with that."""
+    tilt = float(np.abs(problem.goal.body.rpy_rad[:2]).max()) + _EULER_SHARE * problem.goal.tolerance_rad + before_rad
+    tilt = min(tilt + 1e-3, problem.body.max_tilt_rad)
+    near = problem.limb_reach.outer_near
+    boxes = near if tilt <= near.max_tilt_rad else problem.boxes
+    return replace(problem, boxes=boxes, body=replace(problem.body, max_tilt_rad=tilt))
+
+
 class RelaxedReach:
     """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal."""
 
@@ -65,11 +74,11 @@ class RelaxedReach:
         self._over_m = np.array([body.height_m[0] - TOLERANCE_M, body.height_m[1] + TOLERANCE_M]) - self._middle_m
         self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * self._over_m.max())
         yaw = float(goal.body.rpy_rad[2])
-        most = (abs(yaw) + goal.tolerance_rad + _EULER_SHARE * body.max_rate_rad_s * problem.steps * problem.dt_s) / 2
-        self.all = self._headings(-most, most, BIN_RAD)
-        self.hop = int(np.ceil(_EULER_SHARE * body.max_rate_rad_s * problem.dt_s / self.bin_rad)) + 1
+        most = (abs(yaw) + goal.tolerance_rad + body.fastest_yaw_rad_s * problem.steps * problem.dt_s) / 2
+        self.all = self._headings(problem, -most, most, BIN_RAD)
+        self.hop = int(np.ceil(body.fastest_yaw_rad_s * problem.dt_s / self.bin_rad)) + 1
         slack = _EULER_SHARE * goal.tolerance_rad + 1e-3
-        self.goal = self._headings(yaw - slack, yaw + slack, GOAL_BIN_RAD)
+        self.goal = self._headings(near_goal(problem), yaw - slack, yaw + slack, GOAL_BIN_RAD)
         self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= slack + self.bin_rad
         self._goal_low, self._goal_high = self._goal_soles(slack)
 
@@ -79,10 +88,11 @@ class RelaxedReach:
         yaws = self.all.yaw_rad
         return float(yaws[1] - yaws[0]) if len(yaws) > 1 else BIN_RAD
 
-    def _headings(self, first: float, last: float, width: float) -> Headings:
+    def _headings(self, problem: Problem, first: float, last: float, width: float) -> Headings:
         yaws, half = _bins(first, last, width)
-        boxes, tilt = self.problem.boxes, self.problem.body.max_tilt_rad + 1e-3
-        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m + 0.02
+        boxes, tilt = problem.boxes, problem.body.max_tilt_rad + 1e-3
+        arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m  # |u|, and of q:
+        arm = (arm + self.shift_m + tilt**2 * arm.max()) / np.cos(tilt)
         second = tilt**2 * np.array([arm[0] / 2, arm[1] / 2 + arm[0]]) + tilt * self._spread_m
         slack = second + half * arm[[1, 0]] + half**2 / 2 * arm[:2] + TOLERANCE_M
         to_w = rotation_z(yaws)
@@ -98,8 +108,9 @@ class RelaxedReach:
         """Bounds (B, 2) of the sole at the goal's bins of yaw."""
         goal, most = self.problem.goal, self.problem.body.max_tilt_rad + 1e-3
         tilt = np.clip(goal.body.rpy_rad[:2, None] + [-slack_rad, slack_rad], -most, most)  # (2, 2)
-        roll, pitch = (np.sort(np.outer(np.sin(t), self._over_m).ravel())[[0, -1]] for t in tilt)
-        # q moves by (sin pitch, -sin roll) h against the boxes: the sole goes the other way
+        over = np.outer([1.0, np.cos(most)], self._over_m)
+        roll, pitch = (np.sort(np.outer(np.sin(t), over).ravel())[[0, -1]] for t in tilt)
+        # q moves by (sin pitch, -sin roll cos pitch) h against the boxes: the sole goes the other way
         low, high = np.array([-pitch[1], roll[0]]), np.array([-pitch[0], roll[1]])
         place = np.einsum("bji,j->bi", self.goal.to_w, goal.body.position_m)[:, :2]
         within = goal.tolerance_m + TOLERANCE_M
@@ -168,7 +179,7 @@ class RelaxedBalance:
         self.directions, _ = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
-        yaw += _EULER_SHARE * problem.body.max_rate_rad_s * problem.steps * problem.dt_s / 2
+        yaw += problem.body.fastest_yaw_rad_s * problem.steps * problem.dt_s / 2
         self.spans = gripper_spans(problem)
         self.offset = offset_bounds(problem, self.spans, yaw)  # of the centre of mass from the body's origin
         self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
@@ -178,8 +189,9 @@ class RelaxedBalance:
 
         What they hold says where their mass is.
         """
-        problem, goal = self.problem, self.problem.goal
-        slack = _EULER_SHARE * (goal.tolerance_rad + problem.body.max_rate_rad_s * problem.dt_s) + 1e-3
+        problem = near_goal(self.problem, self.problem.body.fastest_yaw_rad_s * self.problem.dt_s)
+        goal = problem.goal
+        slack = _EULER_SHARE * goal.tolerance_rad + problem.body.fastest_yaw_rad_s * problem.dt_s + 1e-3
         yaw, tilt = float(goal.body.rpy_rad[2]), problem.body.max_tilt_rad + 1e-3
         lowest, highest = problem.body.height_m
         low = np.append(low[:2], max(low[2], lowest - TOLERANCE_M))
