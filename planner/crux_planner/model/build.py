@@ -34,7 +34,15 @@ from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
-from crux_planner.model.workspace import LimbReach, Reach, WorkspaceError, WorkspaceRange, limb_reach, tilt_for
+from crux_planner.model.workspace import (
+    LimbReach,
+    Reach,
+    WorkspaceError,
+    WorkspaceRange,
+    leaning_m,
+    limb_reach,
+    tilt_for,
+)
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
@@ -137,7 +145,8 @@ def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
 
 def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float) -> SwingLimits:
     """No swing is higher than what every limb reaches under the highest body."""
-    top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - LIFT_RESERVE_M
+    lean = max(leaning_m(limb, boxes.max_tilt_rad) for limb in robot.limbs)
+    top_m = robot.body.height_m[1] + float((boxes.centre_b_m[:, 2] + boxes.half_m[2]).min()) - lean - LIFT_RESERVE_M
     return SwingLimits(
         scenario.horizon.dt_s,
         robot.grasp.approach_speed_m_s,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -102,6 +102,11 @@ class Grip:
     contact: Contact
     aside_m: float
     height_m: tuple[float, float]
+
+    def raised(self, by_m: float) -> Grip:
+        """The same place so much further off the wall."""
+        contact = replace(self.contact, centre_w_m=self.contact.centre_w_m + np.array([0.0, 0.0, by_m]))
+        return replace(self, contact=contact, height_m=(self.height_m[0] + by_m, self.height_m[1] + by_m))
 
 
 def pad_height(

@@ -11,12 +11,13 @@ from crux_contracts.urdf import Joint, Link
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
-from crux_planner.model.limb import NUMBERS, PlacedLimb, Vector, in_reach, placed
+from crux_planner.model.limb import NUMBERS, LimbMasses, PlacedLimb, Vector, in_reach, placed
 
 if TYPE_CHECKING:
     from crux_planner.model.problem import CentroidalProblem, Problem
+    from crux_planner.model.workspace import Reach
 
-_GRID = 17  # points along each edge of a box
+_GRID, _TILTS = 13, 5  # points along each edge of a box, and of tilts about each axis
 _FIT = 5  # the same, where a straight line is laid through them
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -85,66 +86,85 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:
-    """Bounds (4, 3), (4, 3) in the body frame of grippers within `boxes`, and of those that swing above them."""
-    reach, top = problem.boxes, problem.limb_reach.box
-    high = reach.centre_b_m + reach.half_m
-    high[:, 2] = np.maximum(high[:, 2], top.centre_b_m[:, 2] + top.half_m[2])
-    return reach.centre_b_m - reach.half_m, high
+    """Bounds (4, 3), (4, 3) in the axes of the body's heading of grippers within `boxes`, and of those that swing above
+    them, off the body's origin.
+    """
+    return level_spans(problem.boxes, problem.gripper_height_m, problem.body.max_tilt_rad)
+
+
+def level_spans(reach: Reach, height_m: tuple[float, float], tilt_rad: float) -> tuple[Array, Array]:
+    """Bounds (4, 3), (4, 3) in the axes of the body's heading of grippers within a reach, off the body's origin, with
+    heights off it within `height_m`, for any tilt.
+
+    With u in the body's axes and q in these, q_x = (u_x + sin(pitch) q_z) / cos(pitch) and
+    q_y = (u_y - sin(roll) (sin(pitch) q_x + cos(pitch) q_z)) / cos(roll).
+    """
+    s, c = np.sin(tilt_rad), np.cos(tilt_rad)
+    far = np.abs(reach.centre_b_m) + reach.half_m
+    up = np.abs(np.array(height_m) + reach.above_m).max()
+    x = ((1.0 - c) * far[:, 0] + s * up) / c
+    y = ((1.0 - c) * far[:, 1] + s * (s * (far[:, 0] + x) + up)) / c
+    flat = reach.half_m[:2] + np.column_stack([x, y])
+    low, high = (
+        np.insert(reach.centre_b_m[:, :2] + sign * flat, 2, z, axis=1)
+        for sign, z in zip((-1, 1), height_m, strict=True)
+    )
+    return low, high
 
 
 def offset_bounds(
     problem: CentroidalProblem, spans: tuple[Array, Array], yaw_rad: float, follow: float = 0.0
 ) -> tuple[Array, Array]:
     """Bounds (3,), (3,) along W's axes of the centre of mass off the body's origin, less `follow` times where the
-    grippers are off it: for grippers within `spans` as far as limbs reach, any tilt, headings of up to `yaw_rad` to
-    either side.
+    grippers are off it: for grippers within `spans` (`gripper_spans`) as far as limbs reach, any tilt, headings of up
+    to `yaw_rad` to either side.
+    """
+    tilt, moment = problem.body.max_tilt_rad, problem.body_moment_kg_m
+    leaning = 2 * tilt * np.linalg.norm(moment)
+    total = np.array([moment - leaning, moment + leaning])
+    for limb, low, high in zip(problem.limb_masses, *spans, strict=True):
+        total += moment_bounds(limb, low, high, tilt, follow * problem.mass_kg)
+    low, high = total / problem.mass_kg
+    return yawed_bounds(low, high, yaw_rad)
+
+
+def moment_bounds(limb: LimbMasses, low: Array, high: Array, tilt_rad: float, follow_kg: float = 0.0) -> Array:
+    """Bounds (2, 3) in the axes of the body's heading of a limb's first moment, less `follow_kg` times its gripper's
+    place, for grippers within [low, high] as far as it reaches, and tilts up to `tilt_rad`.
 
     The extremes over a grid, each wider by what lies between its points.
     """
-    steps = np.linspace(0.0, 1.0, _GRID)
-    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"))
-    total = np.array([problem.body_moment_kg_m, problem.body_moment_kg_m])
-    for limb, start, end in zip(problem.limb_masses, *spans, strict=True):
-        place = start[:, None, None, None] + (end - start)[:, None, None, None] * unit
-        # the gripper's axes as a level body at heading 0 has them: what turns it moves the hand's mass alone
-        with np.errstate(invalid="ignore"):
-            moment = placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment()
-        found = np.stack(np.broadcast_arrays(*moment)) - follow * problem.mass_kg * place
-        order = 1 if np.isnan(found).any() else 2  # what bends between the points, or all where the reach ends there
-        most = [np.nanmax(np.abs(np.diff(found, order, axis=1 + i)), axis=(1, 2, 3)) for i in range(3)]
-        rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
-        rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
-        leaning = limb.limb.wrist_to_gripper_m * np.sin(problem.body.max_tilt_rad)  # of the wrist above the gripper
-        rest += (limb.limb.hand_mass_kg + follow * problem.mass_kg) * leaning
-        total += [np.nanmin(found, axis=(1, 2, 3)) - rest, np.nanmax(found, axis=(1, 2, 3)) + rest]
-    low, high = total / problem.mass_kg
-    return turned_bounds(low, high, problem.body.max_tilt_rad, yaw_rad)
+    edges = [np.linspace(*ends, _GRID) for ends in zip(low, high, strict=True)]
+    tilts = np.linspace(-tilt_rad, tilt_rad, _TILTS)
+    x, y, z, roll, pitch = np.meshgrid(*edges, tilts, tilts, indexing="ij", sparse=True)
+    (cr, sr), (cp, sp) = ((np.cos(angle), np.sin(angle)) for angle in (roll, pitch))
+
+    def in_body(v: Vector) -> Vector:
+        along, up = cp * v[0] - sp * v[2], sp * v[0] + cp * v[2]
+        return along, cr * v[1] + sr * up, cr * up - sr * v[1]
+
+    # the opening axis is that of a gripper at heading 0: what turns it moves the hand's mass alone
+    with np.errstate(invalid="ignore"):
+        along, side, up = placed(limb.numbers, in_body((x, y, z)), in_body(_Z), in_body(_X)).first_moment()
+    up, side = sr * side + cr * up, cr * side - sr * up
+    level = cp * along + sp * up, side, cp * up - sp * along
+    found = np.stack(np.broadcast_arrays(*level)) - follow_kg * np.stack(np.broadcast_arrays(x, y, z, roll, pitch)[:3])
+    order = 1 if np.isnan(found).any() else 2  # what bends between the points, or all where the reach ends there
+    every = tuple(range(1, 6))
+    most = [np.nanmax(np.abs(np.diff(found, order, axis=axis)), axis=every) for axis in every]
+    rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
+    rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
+    return np.array([np.nanmin(found, axis=every) - rest, np.nanmax(found, axis=every) + rest])
 
 
-def turned_bounds(low: Array, high: Array, tilt_rad: float, yaw_rad: float) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) along W's axes of a vector within bounds along the body's, for any tilt and heading up to
-    these.
-    """
-    return _yawed_bounds(*_tilted_bounds(low, high, tilt_rad), yaw_rad)
-
-
-def bounds_in_body(low: Array, high: Array, tilt_rad: float, yaw_rad: tuple[float, float]) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) along the body's axes of a vector within bounds along W's, for any tilt up to `tilt_rad` and
-    headings within `yaw_rad`.
-    """
+def in_heading(low: Array, high: Array, yaw_rad: tuple[float, float]) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) along the axes of a heading within `yaw_rad` of a vector within bounds along W's."""
     back = rotation_z(-(yaw_rad[0] + yaw_rad[1]) / 2)
     middle, half = back @ (low + high) / 2, np.abs(back) @ (high - low) / 2
-    return _tilted_bounds(*_yawed_bounds(middle - half, middle + half, (yaw_rad[1] - yaw_rad[0]) / 2), tilt_rad)
+    return yawed_bounds(middle - half, middle + half, (yaw_rad[1] - yaw_rad[0]) / 2)
 
 
-def _tilted_bounds(low: Array, high: Array, tilt_rad: float) -> tuple[Array, Array]:
-    """Of a vector turned by roll and pitch of up to `tilt_rad`, either one first."""
-    reach, tilt = np.maximum(np.abs(low), np.abs(high)), np.sin(tilt_rad)
-    more = tilt * (np.array([reach[2], reach[2], reach[0] + reach[1]]) + tilt * reach.sum())
-    return low - more, high + more
-
-
-def _yawed_bounds(low: Array, high: Array, yaw_rad: float) -> tuple[Array, Array]:
+def yawed_bounds(low: Array, high: Array, yaw_rad: float) -> tuple[Array, Array]:
     """Of a vector turned about z by up to `yaw_rad` to either side."""
     reach = np.maximum(np.abs(low), np.abs(high))
     reach[2], flat = 0.0, np.array([*2 * [np.hypot(reach[0], reach[1])], np.inf])

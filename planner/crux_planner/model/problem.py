@@ -152,6 +152,12 @@ class Problem(CentroidalProblem):
         """M g in W."""
         return self.mass_kg * self.gravity_w
 
+    @property
+    def gripper_height_m(self) -> tuple[float, float]:
+        """Bounds of grippers that grip or swing, off the body's origin along W's z."""
+        least, most = self.limb_reach.grip_height_m
+        return least, max(most, self.swing.max_height_m - self.body.height_m[0])
+
     def may_move(self, stance: Stance) -> list[int]:
         """The limbs that may go on from a stance: those in the air first, while any is."""
         return [limb for limb, c in enumerate(stance) if not self.contacts[c].bears] or list(range(len(stance)))

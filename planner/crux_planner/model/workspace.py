@@ -6,8 +6,9 @@ of tilt and yaw. The tilt is what start and goal need: the further a body may ti
 tilts. The acceptance box holds every height a gripper needs to grasp and to lift over the faces it held; in plan view
 it is the largest rectangle inside that set, and it then grows upwards as far as it fits. The inner polytope has the
 same heights and in plan view contains that rectangle and as much of the set as a convex polygon with edges in six
-directions can. Plans keep to one of these two. The outer polytope contains every place of a gripper that grips,
-whatever its yaw and the body's tilt, up to the joint limits themselves: proofs and bounds are about it.
+directions can. Plans keep to one of these two. The outer polytope contains every place of the wrist above a gripper
+that grips, whatever its yaw and the body's tilt, up to the joint limits themselves: proofs and bounds are about it. The
+wrist is at about the body's own height, so a tilt hardly moves it along the wall.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
 _FINE_RAD = 0.005  # between joint angles that the outer set is computed from
 _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
 _DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
-_KINDS = ("box", "inner", "outer", "outer_near")  # in the file that keeps them
-_PARTS = ("directions", "middle_m", "extent_m")
+_KINDS = ("box", "inner", "outer")  # in the file that keeps them, with
+_PARTS = ("directions", "middle_m", "extent_m", "max_tilt_rad", "above_m")
 LEVEL_RAD = 0.06  # how far a body tilts on its way between poses that are level
 _TILT_STEP_RAD = 0.02  # between the tilts that sets are computed for
 
@@ -59,15 +60,17 @@ class WorkspaceRange:
 
 @dataclass(frozen=True)
 class Reach:
-    """|D R(theta)^T (c_l - r) - middle_l| <= extent_l of (9a), limbs LF, RF, LR, RR.
+    """|D R(theta)^T (c_l + above - r) - middle_l| <= extent_l of (9a), limbs LF, RF, LR, RR.
 
-    D are unit vectors, of which the first three are x, y and z: with these alone it is a box.
+    D are unit vectors, of which the first three are x, y and z: with these alone it is a box. It is about a point that
+    is `above_m` from the gripper along W's z.
     """
 
     directions: Array  # D (m, 3)
     middle_m: Array  # (4, m)
     extent_m: Array  # (4, m)
     max_tilt_rad: float  # roll and pitch of the body for which this holds
+    above_m: float = 0.0
 
     @property
     def centre_b_m(self) -> Array:
@@ -93,12 +96,12 @@ def box(centre_b_m: Array, half_m: Array, max_tilt_rad: float) -> Reach:
 
 @dataclass(frozen=True)
 class LimbReach:
-    """What the limbs of one robot reach: the acceptance box, the inner polytope and the outer ones."""
+    """What the limbs of one robot reach: the acceptance box, the inner and the outer polytope."""
 
     box: Reach
     inner: Reach
     outer: Reach
-    outer_near: Reach  # for the tilts of `box` and `inner` alone
+    grip_height_m: tuple[float, float]  # of grippers that grip, above the body's origin along W's z
 
 
 def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
@@ -109,19 +112,16 @@ def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
     with np.printoptions(floatmode="unique"):
         key = hashlib.sha256(source + repr((shape, limits, wanted)).encode()).hexdigest()
     kept = cache_folder() / f"{key}.npz"
+    height, pads = wanted.body_height_m, wanted.pad_height_m
+    grip_height_m = pads[0] - height[1], pads[1] - height[0]
     try:
         with np.load(kept) as known:
-            near, widest = wanted.max_tilt_rad, wanted.widest_tilt_rad
-            found = [
-                Reach(*(known[f"{kind}_{part}"] for part in _PARTS), tilt)
-                for kind, tilt in zip(_KINDS, (near, near, widest, near), strict=True)
-            ]
-            return LimbReach(*found)
+            boxes, inner, outer = (Reach(*(known[f"{kind}_{part}"][()] for part in _PARTS)) for kind in _KINDS)
+            return LimbReach(boxes, inner, outer, grip_height_m)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         pass
     boxes = acceptance_boxes(limbs, wanted)
-    outer = (_outer(limbs, wanted, tilt) for tilt in (wanted.widest_tilt_rad, wanted.max_tilt_rad))
-    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), *outer)
+    reach = LimbReach(boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted, grip_height_m), grip_height_m)
     _keep(kept, {f"{kind}_{part}": getattr(getattr(reach, kind), part) for kind in _KINDS for part in _PARTS})
     return reach
 
@@ -136,6 +136,14 @@ def tilt_for(poses_rpy_rad: Sequence[Array], widest_rad: float) -> float:
 def cache_folder() -> Path:
     """~/.cache/crux/reach, or below $XDG_CACHE_HOME."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "crux" / "reach"
+
+
+def leaning_m(limb: Limb, tilt_rad: float) -> float:
+    """How much higher or lower in its frame a tilted body has grippers half a limb's length off their shoulders than
+    one that tilts no more than between level poses.
+    """
+    lever = float(np.abs(limb.shoulder_b_m[:2]).max()) + (limb.upper_link_m + limb.lower_link_m) / 2
+    return float(lever * max(tilt_rad - LEVEL_RAD, 0.0))
 
 
 def _keep(path: Path, arrays: dict[str, Array]) -> None:
@@ -224,25 +232,26 @@ def _vertices(normals: Array, most: Array) -> Array:
     return found
 
 
-def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, tilt: float) -> Reach:
-    """All places of grippers that grip: any yaw, tilts up to `tilt`, angles within the joint limits, the wrist's left
-    out.
+def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[float, float]) -> Reach:
+    """All places of the wrists of grippers that grip: any yaw, tilts that the body may have, angles within the joint
+    limits, the wrist's left out.
     """
-    lows, highs = [], []
+    tilt, lows, highs = wanted.widest_tilt_rad, [], []
+    above = {limb.wrist_to_gripper_m for limb in limbs}.pop()
     for limb in limbs:
-        l1, l2, hand = limb.upper_link_m, limb.lower_link_m, limb.wrist_to_gripper_m
+        l1, l2 = limb.upper_link_m, limb.lower_link_m
         q2, q3 = (
             np.append(np.arange(limb.lower_rad[i], limb.upper_rad[i], _FINE_RAD), limb.upper_rad[i]) for i in (1, 2)
         )
         rounding = _FINE_RAD / 2 * (l1 + 2 * l2)
         radius = (l1 * np.cos(q2)[:, None] + l2 * np.cos(q2[:, None] - q3)).ravel()
-        height = limb.shoulder_b_m[2] + (l1 * np.sin(q2)[:, None] + l2 * np.sin(q2[:, None] - q3)).ravel() - hand
-        aside = float(np.abs(limb.shoulder_b_m[:2]).sum() + 2 * (l1 + l2 + hand)) * np.sin(tilt)
-        under, over = wanted.pad_height_m[0] - wanted.body_height_m[1], wanted.pad_height_m[1] - wanted.body_height_m[0]
-        bottom, top = ((end + sign * aside) / np.cos(tilt) ** 2 for end, sign in ((under, -1), (over, 1)))
-        top = max(top, over + aside)
-        raised = hand * np.sin(tilt) ** 2
-        grips = (height + raised + rounding >= bottom) & (height - rounding <= top)
+        height = limb.shoulder_b_m[2] + (l1 * np.sin(q2)[:, None] + l2 * np.sin(q2[:, None] - q3)).ravel()
+        # its height along W's z is u_z cos(roll) cos(pitch) and no more than `aside` of what is along x and y
+        aside = np.sin(tilt) * (np.abs(limb.shoulder_b_m[:2]).sum() + 2**0.5 * (np.abs(radius) + rounding))
+        least, most = grip_height_m[0] + above - aside, grip_height_m[1] + above + aside
+        steep = np.cos(tilt) ** 2
+        grips = height + rounding >= np.minimum(least, least / steep)
+        grips &= height - rounding <= np.maximum(most, most / steep)
         inward, outward = radius[grips].min() - rounding, radius[grips].max() + rounding
         azimuth = limb.mount_rad + np.array([limb.lower_rad[0], limb.upper_rad[0]])
         ways = np.arctan2(_DIRECTIONS[:, 1], _DIRECTIONS[:, 0])
@@ -250,13 +259,12 @@ def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, tilt: float) -> Reach:
         for way in (ways, ways + np.pi):
             most, least = _largest_cos(azimuth - way[:, None]), -_largest_cos(azimuth - way[:, None] + np.pi)
             flat = np.max([r * c for r in (inward, outward) for c in (most, least)], axis=0)
-            turned = np.column_stack([np.cos(way), np.sin(way)])
-            ends.append(flat + turned @ limb.shoulder_b_m[:2] + hand * np.sin(tilt) * np.abs(turned).sum(axis=1))
+            ends.append(flat + np.column_stack([np.cos(way), np.sin(way)]) @ limb.shoulder_b_m[:2])
         high, low = ends[0], -ends[1]
-        low[2], high[2] = max(bottom, height.min() - rounding), min(top, height.max() + raised + rounding)
+        low[2], high[2] = height[grips].min() - rounding, height[grips].max() + rounding
         lows.append(low)
         highs.append(high)
-    return Reach(_DIRECTIONS, (np.array(lows) + highs) / 2, (np.array(highs) - lows) / 2, tilt)
+    return Reach(_DIRECTIONS, (np.array(lows) + highs) / 2, (np.array(highs) - lows) / 2, tilt, above)
 
 
 def _largest_cos(angles: Array) -> Array:
@@ -287,14 +295,15 @@ def _largest_box(limb: Limb, wanted: WorkspaceRange) -> tuple[Array, Array]:
     # Kept half a grid step off the body's middle planes, so that boxes of two limbs never overlap.
     x = np.arange(GRID_M / 2, abs(limb.shoulder_b_m[0]) + span, GRID_M)
     y = np.arange(GRID_M / 2, abs(limb.shoulder_b_m[1]) + span, GRID_M)
-    bottom = wanted.pad_height_m[0] - wanted.body_height_m[1]
-    top = wanted.max_swing_height_m - wanted.body_height_m[0]
+    lean = leaning_m(limb, wanted.max_tilt_rad)
+    bottom = wanted.pad_height_m[0] - wanted.body_height_m[1] - lean
+    top = wanted.max_swing_height_m - wanted.body_height_m[0] + lean
     z = np.linspace(bottom, top, int(np.ceil((top - bottom) / GRID_M)) + 1)
     inside_up_to = np.logical_and.accumulate(
         reachable(limb, np.stack(np.meshgrid(x * quadrant[0], y * quadrant[1], z, indexing="ij"), axis=-1), wanted),
         axis=2,
     )
-    level = int(np.searchsorted(z, wanted.lift_height_m - wanted.body_height_m[0] - 1e-9))
+    level = int(np.searchsorted(z, wanted.lift_height_m - wanted.body_height_m[0] + lean - 1e-9))
     area, (i0, i1, j0, j1) = largest_rectangle(inside_up_to[:, :, level])
     if area == 0:
         raise WorkspaceError("no acceptance box: the limb cannot grasp and lift over the whole range of body heights")

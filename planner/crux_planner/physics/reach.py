@@ -14,6 +14,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.physics.dynamics import rotation
 
 if TYPE_CHECKING:
+    from crux_planner.model.problem import Problem
     from crux_planner.model.workspace import Reach
 
 
@@ -32,6 +33,25 @@ def spread(reach: Reach) -> Array:
     """(m,) how far a cube of half edge 1 goes along each direction."""
     far: Array = np.abs(reach.directions).sum(axis=1)
     return far
+
+
+def between(problem: Problem, reserve_m: float) -> Reach:
+    """What, used for a level body at heading 0, is inside the true reach for all rolls and pitches between none and the
+    start's or the goal's, and yaws up to theirs.
+
+    To first order a tilt moves u = R^T q by its cross product with q, to second by no more than half its square.
+    """
+    reach, rpy_rad = problem.boxes, np.array([problem.start.rpy_rad, problem.goal.body.rpy_rad])
+    shape = turned(reach, float(np.abs(rpy_rad[:, 2]).max()), reserve_m)
+    tilts = rpy_rad * [1.0, 1.0, 0.0]
+    middle, half = reach.centre_b_m.copy(), np.tile(reach.half_m, (4, 1))
+    middle[:, 2], half[:, 2] = np.mean(problem.gripper_height_m), np.ptp(problem.gripper_height_m) / 2
+    slopes = np.cross(tilts[:, None], reach.directions)  # (k, m, 3): D (q x tilt) = (tilt x D) q
+    moved, within = np.einsum("kmi,li->klm", slopes, middle), np.einsum("kmi,li->klm", np.abs(slopes), half)
+    rest = np.square(np.abs(tilts).sum(axis=1).max()) / 2 * np.linalg.norm(np.abs(middle) + half, axis=1)[:, None]
+    least, most = (moved - within).min(axis=0, initial=0.0), (moved + within).max(axis=0, initial=0.0)
+    shift = (least + most) / 2
+    return replace(shape, middle_m=shape.middle_m - shift, extent_m=shape.extent_m - (most - least) / 2 - rest)
 
 
 def turned(reach: Reach, angle_rad: float, reserve_m: float = 0.0) -> Reach:

@@ -17,7 +17,7 @@ from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule
 from crux_planner.model.workspace import Reach
-from crux_planner.physics.reach import body_positions, turned
+from crux_planner.physics.reach import between, body_positions, turned
 from crux_planner.physics.speed_limits import speeds
 from crux_planner.search.equilibrium import FORCE_BOUND_N, TWIST_BOUND_NM, WRENCH, StaticEquilibrium
 from crux_planner.search.stances import Oracles
@@ -86,13 +86,12 @@ class BodyPath:
 def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedule) -> BodyPath | None:
     """The best quasi-static path over the knots of a schedule, None where there is none."""
     qp = SparseQp()
-    turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-    to_w = rotation_z(np.zeros(len(schedule.poses)))
-    if schedule.yaw_rad is not None:
-        turn, to_w = 0.0, rotation_z(schedule.yaw_rad)
-        to_w[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
     reserve = min(problem.reach_reserve_m, problem.reach_reserve_m / 2)
-    shape = turned(problem.boxes, turn, reserve)
+    if schedule.yaw_rad is None:
+        shape, to_w = between(problem, reserve), rotation_z(np.zeros(len(schedule.poses)))
+    else:
+        shape, to_w = turned(problem.boxes, 0.0, reserve), rotation_z(schedule.yaw_rad)
+        to_w[-1] = rotation_from_rpy(problem.goal.body.rpy_rad)
     grippers = schedule.poses[..., :3] @ to_w  # along the body's axes, knot by knot
     lows, highs = body_positions(grippers, shape)
     low, high = lows.max(axis=1), highs.min(axis=1)  # (N + 1, m)

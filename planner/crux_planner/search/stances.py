@@ -13,7 +13,7 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Move, Stance, stance_after
-from crux_planner.physics.reach import body_positions, spread, turned
+from crux_planner.physics.reach import between, body_positions, spread, turned
 from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
 from crux_planner.swing.link_clearance import LinkClearance
@@ -40,17 +40,16 @@ class SearchReport:
 class ReachableSet:
     """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
 
-    `turn_rad`: how far the body may turn from that; without it, as far as from the start's orientation to the goal's,
-    but not at all where the search chooses headings.
+    `fixed`: it does not turn on its way either, as where the search chooses headings; else it turns and tilts from the
+    start's orientation to the goal's.
     """
 
-    def __init__(self, problem: Problem, turn_rad: float | None = None) -> None:
+    def __init__(self, problem: Problem, fixed: bool = False) -> None:
         self.problem = problem
         self._turned: dict[float, ReachableSet] = {0.0: self}
-        turn = 0.0 if turn_rad is None and problem.turns else turn_rad
-        if turn is None:
-            turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-        self.shape, self._spread = turned(problem.boxes, turn, problem.reach_reserve_m), spread(problem.boxes)
+        reserve, fixed = problem.reach_reserve_m, fixed or problem.turns
+        self.shape = turned(problem.boxes, 0.0, reserve) if fixed else between(problem, reserve)
+        self._spread = spread(problem.boxes)
         centres = np.stack([c.centre_w_m for c in problem.contacts])
         bounds = body_positions(centres[:, None], self.shape)
         self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
@@ -64,7 +63,7 @@ class ReachableSet:
     def turned(self, yaw_rad: float) -> ReachableSet:
         """The same for a body turned by `yaw_rad`: positions are along its axes then."""
         if yaw_rad not in self._turned:
-            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), 0.0)
+            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), fixed=True)
         return self._turned[yaw_rad]
 
     def neighbours(self, limb: int, contact: int) -> Indices:

@@ -16,7 +16,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds, wrench_bounds
 from crux_planner.physics.cost import plan_cost, wrench_weights
 from crux_planner.physics.dynamics import WRENCH_INPUTS
-from crux_planner.physics.reach import body_positions, turned
+from crux_planner.physics.reach import between, body_positions
 from crux_planner.search.body_path import BodyPath
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.stances import REACH_RESERVE_M
@@ -105,8 +105,7 @@ def solve_knots(
 def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
     """(7) and (9a) as bounds of the body states."""
     low, high = body_bounds(problem, schedule)
-    turn = max(np.abs(problem.start.rpy_rad).max(), np.abs(problem.goal.body.rpy_rad).max())
-    near, far = body_positions(schedule.poses[1:, :, :3], turned(problem.boxes, float(turn), REACH_RESERVE_M / 2))
+    near, far = body_positions(schedule.poses[1:, :, :3], between(problem, REACH_RESERVE_M / 2))
     low[1:, :3] = np.maximum(low[1:, :3], near.max(axis=1))
     high[1:, :3] = np.minimum(high[1:, :3], far.min(axis=1))
     return low, high

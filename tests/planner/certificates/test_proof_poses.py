@@ -106,9 +106,9 @@ def test_a_goal_that_no_single_pose_reaches_is_denied_as_sampling_denies_it(seed
                 for key, i in proof.number.items()
                 if wanted in (None, key)
                 and any(
-                    (problem.limb_reach.outer_near.beyond(limb, rotation.T @ (centre - place)) <= 0.0).all()
+                    (problem.limb_reach.outer.beyond(limb, rotation.T @ (centre - place)) <= 0.0).all()
                     for centre in (
-                        proof.grips[i].contact.centre_w_m + aside * proof.grips[i].contact.tangent
+                        proof.reach.grips[i].contact.centre_w_m + aside * proof.grips[i].contact.tangent
                         for aside in np.linspace(-1, 1, 5) * proof.grips[i].aside_m
                     )
                 )

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.mass import offset_bounds
+from crux_planner.model.mass import level_spans, offset_bounds
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
 
@@ -51,9 +51,11 @@ class CentreOfPressure:
         self.most_rising, self._most_turning = problem.profile.acceleration
         self.least_weight = self.gamma - self.most_rising  # per mass
         yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad + problem.foot_yaw_rad[1]
-        feet, above = problem.boxes, np.array([0.0, 0.0, problem.pad_radius_m])
-        spans = feet.centre_b_m - feet.half_m + above, feet.centre_b_m + feet.half_m + above
-        self.aside_m = np.abs(offset_bounds(problem, spans, yaw)).max(axis=0)  # centre of mass off r
+        feet = problem.boxes
+        heights = feet.centre_b_m[0, 2] - feet.half_m[2], feet.centre_b_m[0, 2] + feet.half_m[2]
+        low, high = level_spans(feet, heights, problem.body.max_tilt_rad)
+        above = np.array([0.0, 0.0, problem.pad_radius_m])
+        self.aside_m = np.abs(offset_bounds(problem, (low + above, high + above), yaw)).max(axis=0)  # off r
         speeds = np.vstack([np.zeros(n), dt * np.tri(n)])
         places = dt * np.vstack([np.zeros(n), np.cumsum(speeds, axis=0)[:-1]])
         start, goal = problem.start.position_m, problem.goal.body.position_m

@@ -61,7 +61,7 @@ class KnotQp:
             bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
             a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
             seen = np.hstack([np.eye(3), -skews(a), np.zeros((3, n - 6))])  # r + theta x a
-            place = problem.contacts[c].centre_w_m - a
+            place = problem.contacts[c].centre_w_m + np.array([0.0, 0.0, problem.boxes.above_m]) - a
             rows += [seen, -seen]
             bounds += [place + half, half - place]
         below = np.vstack(rows), None, np.concatenate(bounds)

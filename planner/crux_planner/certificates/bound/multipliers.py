@@ -17,7 +17,7 @@ from crux_planner.certificates.bound.carrying import Carriers
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.places import Orientations
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.mass import gripper_spans, offset_bounds, turned_bounds
+from crux_planner.model.mass import gripper_spans, offset_bounds, yawed_bounds
 from crux_planner.model.problem import Problem
 
 FOLLOW = 0.098  # k: any number is true, this one leaves little open
@@ -30,10 +30,10 @@ class Multipliers:
         self.problem, self.about, self.nodes = problem, about, nodes
         self.carriers = Carriers.of(problem)
         yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
-        spans, tilt = gripper_spans(problem), problem.body.max_tilt_rad
+        spans = gripper_spans(problem)
         self.offset = offset_bounds(problem, spans, yaw)  # of the centre of mass from r, (3,) and (3,)
         self.rest = offset_bounds(problem, spans, yaw, FOLLOW)  # e
-        self.hands = [turned_bounds(low, high, tilt, yaw) for low, high in zip(*spans, strict=True)]
+        self.hands = [yawed_bounds(low, high, yaw) for low, high in zip(*spans, strict=True)]
         self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
         self._follow = 1.0 - FOLLOW * (4 - nodes.in_air)  # of c, the body's origin
         self._ends = np.append(nodes.first, len(nodes.node))

@@ -1,8 +1,9 @@
 """Where the body can be with given grasps, (9a) at any orientation: axis-aligned boxes, one a cell of yaw.
 
-c - r = Rz(yaw) T u, with u in the acceptance box and T a tilt. For the yaws of a cell r is in the box that the cell's
-middle gives, widened by what the cell's edges and the tilt's second order can do. To first order a tilt shifts the
-boxes of all limbs alike, by at most `shift_m`, and costs what (6) asks for it.
+c - r = Rz(yaw) q = Rz(yaw) T u, with u in the reach, T a tilt and c the point that the reach is about. For the yaws of
+a cell r is in the box that the cell's middle gives, widened by what the cell's edges and the tilt's second order can do
+(`mass.level_spans` has q of u). To first order a tilt shifts the boxes of all limbs alike, by at most `shift_m`, and
+costs what (6) asks for it.
 """
 
 from __future__ import annotations
@@ -43,33 +44,34 @@ def orientations(problem: Problem, least: float, most: float) -> Orientations:
     ends = tilt * np.arange(1, _TILTS + 1) / _TILTS
     begins = np.concatenate([[0.0], ends[:-1]])
     tilted = np.maximum(begins[:, None] - np.abs(goal[[1, 0]]), 0.0)
-    below = np.abs(problem.boxes.centre_b_m[:, 2]).max()
-    return Orientations(low, high, weight * away**2, ends * below, weight * tilted**2)
+    return Orientations(low, high, weight * away**2, np.tan(ends) * _most_m(problem), weight * tilted**2)
+
+
+def _most_m(problem: Problem) -> float:
+    """Most that the contacts' points of (9a) and the body are apart along W's z."""
+    heights = np.array([contact.centre_w_m[2] for contact in problem.contacts]) + problem.boxes.above_m
+    return float(np.abs(np.subtract.outer(heights, problem.body.height_m)).max())
 
 
 def body_boxes(problem: Problem, about: Orientations) -> tuple[Array, Array]:
     """Bounds (4, C, Y, 3) of the body's position when a limb holds a contact; shifts by tilts come on top."""
     boxes, tilt = problem.boxes, problem.body.max_tilt_rad
     arm = np.abs(boxes.centre_b_m).max(axis=0) + boxes.half_m  # largest |u|
-    flat, cubed = 1.0 - np.cos(tilt), tilt**3
-    second = [flat * arm[0] + tilt**2 * arm[1] + cubed * arm[2], flat * arm[1] + cubed * arm[2]]
-    half = boxes.half_m + np.array([*second, 2 * flat * arm[2] + cubed * (arm[0] + arm[1])])
-    half[:2] += tilt * boxes.half_m[2]
-    half[2] += tilt * (arm[0] + arm[1])
-    most = np.abs(boxes.centre_b_m[:, :2]).max(axis=0) + half[:2]
+    bent, lean = 1.0 / np.cos(tilt) - 1.0, float(np.tan(tilt)) * _most_m(problem)
+    half = boxes.half_m[:2] + bent * arm[:2]
+    half[1] += np.tan(tilt) * np.sin(tilt) * ((1.0 + bent) * arm[0] + lean)
+    most = np.abs(boxes.centre_b_m[:, :2]).max(axis=0) + half
     middle, wide = (about.yaw_low + about.yaw_high) / 2, (about.yaw_high - about.yaw_low) / 2
     c, s = np.cos(middle), np.sin(middle)
-    tilted = np.abs(s) * tilt * np.abs(boxes.centre_b_m[:, 2]).max()  # a tilt's shift, turned by the yaw
-    sides = np.empty((4, len(middle), 2, 3))  # lower and upper end of Rz T u
+    tilted = np.abs(s) * lean  # a tilt's shift, turned by the yaw
+    sides = np.full((4, len(middle), 2, 3), [[-np.inf], [np.inf]])  # lower and upper end of Rz T u
     for limb, a in enumerate(boxes.centre_b_m):
         for axis, (along, across) in enumerate(((c * a[0] - s * a[1], 1), (s * a[0] + c * a[1], 0))):
             turned = np.abs(c) * half[axis] + np.abs(s) * half[across] + tilted
             turned += wide * (most[across] + (np.abs(s) + wide) * most[axis])
             sides[limb, :, 0, axis], sides[limb, :, 1, axis] = along - turned, along + turned
-        sides[limb, :, 0, 2], sides[limb, :, 1, 2] = a[2] - half[2], a[2] + half[2]
-    centres = np.stack([contact.centre_w_m for contact in problem.contacts])
+    centres = np.stack([contact.centre_w_m for contact in problem.contacts])  # boxes are along x and y
     low = centres[None, :, None, :] - sides[:, None, :, 1]
     high = centres[None, :, None, :] - sides[:, None, :, 0]
-    low[..., 2] = np.maximum(low[..., 2], problem.body.height_m[0])
-    high[..., 2] = np.minimum(high[..., 2], problem.body.height_m[1])
+    low[..., 2], high[..., 2] = problem.body.height_m
     return low, high

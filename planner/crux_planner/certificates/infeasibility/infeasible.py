@@ -38,7 +38,8 @@ class Proof:
         self.number = {(g.contact.hold, g.contact.pair): i for i, g in enumerate(grips)}
         self.hold = [g.contact.hold for g in grips]
         self.goal_poses = GoalPoses(near_goal(problem))
-        self.reach, self.equilibrium = RelaxedReach(problem, grips), RelaxedBalance(problem, grips)
+        wrists = [grip.raised(problem.boxes.above_m) for grip in grips]
+        self.reach, self.equilibrium = RelaxedReach(problem, wrists), RelaxedBalance(problem, grips)
         contacts = [problem.contacts[c] for c in problem.start_contacts]
         self.start: Grips = tuple(self.number[c.hold, c.pair] for c in contacts)
         self.step_m = problem.body.max_speed_m_s * problem.dt_s
@@ -68,13 +69,13 @@ class Proof:
         if len(stances):
             stances = stances[self.reach.at_goal(stances)]
         near: list[Grips] = list(map(tuple, stances.tolist()))
-        self.goals = self.goal_poses.possible(near, self.grips)
+        self.goals = self.goal_poses.possible(near, self.reach.grips)
         if not self.goals:
             text = (
                 f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
             )
             if near:
-                text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.grips):.1f} mm"
+                text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
         return None
 
@@ -115,13 +116,16 @@ class Proof:
         return InfeasibleError(reason.constraint, text)
 
     def _gap(self, most_turn_rad: float) -> str | None:
-        """Where on the straight way to the goal a limb has nothing in reach: that with most of it; None: nowhere."""
+        """Where on the straight way to the goal a limb has nothing in reach: that with most of it, of some that have as
+        much the first on the way; None: nowhere.
+        """
         way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
-        gaps = [~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))]
-        limb = int(np.argmax([gap.sum() for gap in gaps]))
-        if not gaps[limb].any():
+        gaps = np.array([~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))])
+        size, begin = gaps.sum(axis=1), gaps.argmax(axis=1)
+        if not gaps.any():
             return None
-        first = int(np.argmax(gaps[limb]))
+        limb = int(np.argmin(np.where(size >= size.max() - 1, begin, _WAY_POINTS)))
+        first = int(begin[limb])
         last = first + int(np.argmin([*gaps[limb][first:], False])) - 1
         span = " and ".join(point_text(self.problem, way[i]) for i in (first, last))
         return f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}"

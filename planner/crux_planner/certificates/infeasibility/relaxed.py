@@ -1,7 +1,7 @@
 """What every plan satisfies, whatever its headings, tilts, off-centre grasps and swings: an optimistic P1.
 
-Reach: the acceptance boxes (9a), heading by heading. A small tilt moves all grippers by the same way against the boxes,
-as if the body were elsewhere: the boxes bound that place, the sole. Balance: the whole limit surface (2)+(3), from
+Reach: (9a) of the wrists, heading by heading. A small tilt moves all of them by the same way against the boxes, as if
+the body were elsewhere: the boxes bound that place, the sole. Balance: the whole limit surface (2)+(3), from
 outside by tangents; grasps anywhere on their faces; what accelerations within the bounds (7) may add. No swings, no
 collisions, no torques.
 """
@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.contacts import Grip
 from crux_planner.model.kinematics import rotation_z
-from crux_planner.model.mass import bounds_in_body, gripper_spans, offset_bounds
+from crux_planner.model.mass import gripper_spans, in_heading, offset_bounds
 from crux_planner.model.problem import Problem
 from crux_planner.physics.dynamics import static_map
 from crux_planner.physics.limit_surface import grip_rows, polytope_directions
@@ -35,8 +35,9 @@ _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 class Headings:
     """Bins of the body's yaw, and in each the bounds (B, 4, G, 2) of the sole with a limb's grip in reach.
 
-    With q = Rz(yaw)^T (c - r), (9a) bounds Rx(roll)^T Ry(pitch)^T q, which is q + (sin(pitch), -sin(roll) cos(pitch)) h
-    but for terms of second order and the heights' difference, h being the body's height above the grips' middle one.
+    With q = Rz(yaw)^T (c - r), c the wrists, (9a) bounds Rx(roll)^T Ry(pitch)^T q, which is
+    q + (sin(pitch), -sin(roll) cos(pitch)) h but for terms of second order and the heights' difference, h being the
+    body's height above the middle one of theirs.
     The sole is r less that shift, along the axes of the bin's middle.
     """
 
@@ -54,16 +55,16 @@ class Headings:
 
 
 def near_goal(problem: Problem, before_rad: float = 0.0) -> Problem:
-    """The same with no more tilt than within the goal's tolerance, and `before_rad`, and what limbs reach with that."""
+    """The same with no more tilt than within the goal's tolerance, and `before_rad`."""
     tilt = float(np.abs(problem.goal.body.rpy_rad[:2]).max()) + _EULER_SHARE * problem.goal.tolerance_rad + before_rad
-    tilt = min(tilt + 1e-3, problem.body.max_tilt_rad)
-    near = problem.limb_reach.outer_near
-    boxes = near if tilt <= near.max_tilt_rad else problem.boxes
-    return replace(problem, boxes=boxes, body=replace(problem.body, max_tilt_rad=tilt))
+    return replace(problem, body=replace(problem.body, max_tilt_rad=min(tilt + 1e-3, problem.body.max_tilt_rad)))
 
 
 class RelaxedReach:
-    """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal."""
+    """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal.
+
+    `grips` are those of the wrists (`Grip.raised`), as `boxes` are.
+    """
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
@@ -72,7 +73,7 @@ class RelaxedReach:
         self._middle_m = float(heights.min() + heights.max()) / 2 if len(grips) else 0.0
         self._spread_m = float(np.ptp(heights)) / 2 if len(grips) else 0.0
         self._over_m = np.array([body.height_m[0] - TOLERANCE_M, body.height_m[1] + TOLERANCE_M]) - self._middle_m
-        self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * self._over_m.max())
+        self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * np.abs(self._over_m).max())
         yaw = float(goal.body.rpy_rad[2])
         most = (abs(yaw) + goal.tolerance_rad + body.fastest_yaw_rad_s * problem.steps * problem.dt_s) / 2
         self.all = self._headings(problem, -most, most, BIN_RAD)
@@ -182,7 +183,8 @@ class RelaxedBalance:
         yaw += problem.body.fastest_yaw_rad_s * problem.steps * problem.dt_s / 2
         self.spans = gripper_spans(problem)
         self.offset = offset_bounds(problem, self.spans, yaw)  # of the centre of mass from the body's origin
-        self.slack_N = _slack(problem, float(np.linalg.norm(np.abs(self.offset).max(axis=0))))
+        offset_m, arm_m = (float(np.linalg.norm(np.abs(ends).max(axis=(0, 1)))) for ends in ([self.offset], self.spans))
+        self.slack_N = _slack(problem, offset_m, arm_m)
 
     def missing_at_goal(self, stance: tuple[int, ...], low: Array, high: Array) -> float:
         """`missing_force` of a body in [low, high] a knot before its goal, by those limbs that have a grip (-1: air).
@@ -192,7 +194,7 @@ class RelaxedBalance:
         problem = near_goal(self.problem, self.problem.body.fastest_yaw_rad_s * self.problem.dt_s)
         goal = problem.goal
         slack = _EULER_SHARE * goal.tolerance_rad + problem.body.fastest_yaw_rad_s * problem.dt_s + 1e-3
-        yaw, tilt = float(goal.body.rpy_rad[2]), problem.body.max_tilt_rad + 1e-3
+        yaw = float(goal.body.rpy_rad[2])
         lowest, highest = problem.body.height_m
         low = np.append(low[:2], max(low[2], lowest - TOLERANCE_M))
         high = np.append(high[:2], min(high[2], highest + TOLERANCE_M))
@@ -201,7 +203,7 @@ class RelaxedBalance:
             if g >= 0:
                 places = np.array(self._places(self.grips[g]))
                 first, last = places.min(axis=0) - high - TOLERANCE_M, places.max(axis=0) - low + TOLERANCE_M
-                near = bounds_in_body(first, last, tilt, (yaw - slack, yaw + slack))
+                near = in_heading(first, last, (yaw - slack, yaw + slack))
                 lows[limb], highs[limb] = np.maximum(lows[limb], near[0]), np.minimum(highs[limb], near[1])
         if (lows > highs).any():
             return np.inf  # out of reach
@@ -292,15 +294,14 @@ class RelaxedBalance:
         return [middle + side * contact.tangent + np.array([0.0, 0.0, z]) for side in sides for z in heights]
 
 
-def _slack(problem: Problem, offset_m: float) -> float:
+def _slack(problem: Problem, offset_m: float, arm_m: float) -> float:
     """Force [N] that the changes of speed and rate within (7) may ask for, in the norm of `missing_force`; the centre
-    of mass is up to `offset_m` off the body's origin.
+    of mass is up to `offset_m` off the body's origin, grippers up to `arm_m`.
     """
     force = problem.mass_kg * 2 * problem.body.max_speed_m_s / problem.dt_s * 3**0.5
-    arm = float(np.linalg.norm(np.abs(problem.boxes.centre_b_m).max(axis=0) + problem.boxes.half_m)) + offset_m
     spin = _INERTIA_SHARE * float(np.linalg.eigvalsh(problem.inertia_b).max())
     spin *= 2 * problem.body.max_rate_rad_s / problem.dt_s * 3**0.5 + 3 * problem.body.max_rate_rad_s**2
-    return float(np.hypot(force, (spin + arm * force) / MOMENT_ARM_M)) + 0.05
+    return float(np.hypot(force, (spin + (arm_m + offset_m) * force) / MOMENT_ARM_M)) + 0.05
 
 
 def _bins(low: float, high: float, width: float) -> tuple[Array, float]:
