@@ -37,7 +37,6 @@ from crux_planner.model.shapes import limb_shape
 from crux_planner.model.workspace import (
     LimbReach,
     Reach,
-    WorkspaceError,
     WorkspaceRange,
     leaning_m,
     limb_reach,
@@ -125,7 +124,7 @@ def _gripper_shape(robot: Robot) -> GripperShape:
 
 def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
-    swing; the outer set for all tilts. Raises InfeasibleError where limbs do not reach so with the body that tilted.
+    swing; the outer set for all tilts. Raises WorkspaceError where limbs do not reach so with the body that tilted.
     """
     grasp = robot.grasp
     wanted = WorkspaceRange(
@@ -137,10 +136,7 @@ def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
         grasp.gripper_yaw_rad,
         robot.body.max_tilt_rad,
     )
-    try:
-        return limb_reach(robot.limbs, wanted)
-    except WorkspaceError as none:
-        raise InfeasibleError("reach", f"a body tilted by {np.degrees(tilt_rad):.1f} degrees: {none}") from None
+    return limb_reach(robot.limbs, wanted)
 
 
 def _swing_limits(scenario: Scenario, robot: Robot, boxes: Reach, clearance_m: float) -> SwingLimits:

@@ -5,7 +5,7 @@ The gripper stands with both pads on the surface; its frame is one pad radius ab
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -124,6 +124,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         )
     feet = np.array([scenario.start.feet[limb] for limb in LIMB_NAMES]) @ rotation_z(-heading)[:2, :2].T
     boxes = _boxes(robot, tilt_for([start.rpy_rad, goal.rpy_rad], body.max_tilt_rad))
+    body = replace(body, max_tilt_rad=boxes.max_tilt_rad)
     share, neutral = _limbs_pull(robot, start, feet)
     goal_yaw = float(goal.rpy_rad[2])
     goal_feet = goal.position_m[:2] + (feet - start.position_m[:2]) @ rotation_z(goal_yaw)[:2, :2].T

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from crux_contracts.robot import Limb
 
+from crux_planner.errors import InfeasibleError
 from crux_planner.model import kinematics
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
@@ -41,8 +42,11 @@ LEVEL_RAD = 0.06  # how far a body tilts on its way between poses that are level
 _TILT_STEP_RAD = 0.02  # between the tilts that sets are computed for
 
 
-class WorkspaceError(ValueError):
+class WorkspaceError(InfeasibleError):
     """The limbs leave no acceptance box for the asked range of heights, tilt and yaw."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__("reach", message)
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,7 @@ def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
 def tilt_for(poses_rpy_rad: Sequence[Array], widest_rad: float) -> float:
     """The tilt [rad] that sets must hold for where the body has these poses (3,) of roll, pitch and yaw."""
     needed = float(np.abs([rpy[:2] for rpy in poses_rpy_rad]).max())
-    steps = np.ceil(needed / _TILT_STEP_RAD - 1e-6)
+    steps = float(np.ceil(needed / _TILT_STEP_RAD - 1e-6))
     return min(max(LEVEL_RAD, _TILT_STEP_RAD * steps), widest_rad)
 
 
@@ -306,7 +310,8 @@ def _largest_box(limb: Limb, wanted: WorkspaceRange) -> tuple[Array, Array]:
     level = int(np.searchsorted(z, wanted.lift_height_m - wanted.body_height_m[0] + lean - 1e-9))
     area, (i0, i1, j0, j1) = largest_rectangle(inside_up_to[:, :, level])
     if area == 0:
-        raise WorkspaceError("no acceptance box: the limb cannot grasp and lift over the whole range of body heights")
+        tilt = f"tilts of the body up to {np.degrees(wanted.max_tilt_rad):.1f} degrees"
+        raise WorkspaceError(f"no acceptance box: the limb cannot grasp and lift at all heights of the body and {tilt}")
     while level + 1 < len(z) and inside_up_to[i0 : i1 + 1, j0 : j1 + 1, level + 1].all():
         level += 1
     inner, outer = np.array([x[i0], y[j0]]) * quadrant, np.array([x[i1], y[j1]]) * quadrant

@@ -77,6 +77,32 @@ def test_relaxed_balance_lacks_nothing_where_a_linear_program_balances(
         assert proof.equilibrium.missing_force(tuple(support), position, position + 1e-4) <= 0.0
 
 
+def test_no_posture_has_its_centre_of_mass_outside_the_bounds() -> None:
+    """Wrists anywhere in the outer set, at any tilt and heading, with grippers at the heights of grips."""
+    proof, random, many = proof_of_two_rows(), np.random.default_rng(4), 4000
+    problem = proof.problem
+    low, high = proof.equilibrium.offset
+    reach, heights = problem.boxes, problem.limb_reach.grip_height_m
+    tilt = problem.body.max_tilt_rad
+    poses = np.zeros((many, 6))
+    poses[:, 3:] = random.choice([-1.0, 0.0, 1.0], (many, 3)) * [tilt, tilt, 0.3]
+    rotation = rotation_from_rpy(poses[:, 3:])
+    hands, grips = np.zeros((many, 4, 4)), np.ones(many, dtype=bool)
+    for limb, model in enumerate(ROBOT.limbs):
+        wrist = reach.centre_b_m[limb] + random.uniform(-1, 1, (many, 3)) * reach.half_m
+        hands[:, limb, :3] = np.einsum("nij,nj->ni", rotation, wrist)
+        hands[:, limb, 2] = random.uniform(*heights, many)
+        wrist = np.einsum("nji,nj->ni", rotation, hands[:, limb, :3] + [0.0, 0.0, reach.above_m])
+        away = np.linalg.norm(wrist - model.shoulder_b_m, axis=1)
+        links = (away < model.upper_link_m + model.lower_link_m) & (away > abs(model.upper_link_m - model.lower_link_m))
+        grips &= (reach.beyond(limb, wrist) <= 0.0).all(axis=1) & links
+    centre = centres_of_mass(problem, poses[grips], hands[grips])
+    assert grips.sum() > 100
+    assert (centre >= low).all()
+    assert (centre <= high).all()
+    assert (np.abs(centre).max(axis=0) > 0.2 * high).any()
+
+
 @pytest.mark.parametrize("friction", [0.1, 0.62, 1.3])
 def test_balance_at_the_goal_lacks_nothing_where_the_true_centre_of_mass_balances(friction: float) -> None:
     wall = two_rows(slope_deg=90.0)

@@ -13,7 +13,7 @@ from crux_contracts.robot import Robot
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
-from crux_planner.model.workspace import box
+from crux_planner.model.workspace import Reach, box
 from crux_planner.physics.dynamics import euler_rates, euler_step, gripper_wrench, static_map
 from crux_planner.physics.limit_surface import (
     SMOOTHING_N,
@@ -22,7 +22,7 @@ from crux_planner.physics.limit_surface import (
     finger_inputs,
     polytope_directions,
 )
-from crux_planner.physics.reach import offset_in_body, turned
+from crux_planner.physics.reach import between, offset_in_body, turned
 from crux_planner.physics.torque import joint_torques
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -111,10 +111,30 @@ def test_a_step_of_the_body_obeys_newton_and_euler(seed: int) -> None:
 def test_a_box_shrunk_for_turning_lies_inside_the_turned_box(seed: int) -> None:
     random = np.random.default_rng(seed)
     centre, half, angle = np.array([[0.15, 0.35, -0.13]]), np.array([0.15, 0.07, 0.06]), 0.08
-    offset = centre[0] + random.uniform(-1, 1, 3) * turned(box(centre, half), angle).half_m
+    offset = centre[0] + random.uniform(-1, 1, 3) * turned(box(centre, half, 0.0), angle).half_m
     r, theta = random.normal(size=3), np.array([0.0, 0.0, random.uniform(-angle, angle)])
     place = np.array(offset_in_body(ca.DM(r), ca.DM(theta), ca.DM(r + offset))).ravel()
     assert (np.abs(place - centre[0]) <= half + 1e-9).all()
+
+
+@given(seeds)
+def test_what_is_in_reach_of_a_level_body_between_two_tilts_is_in_reach_at_each(seed: int) -> None:
+    random, heights = np.random.default_rng(seed), (-0.19, -0.03)
+    reach = Reach(
+        np.array([*np.eye(3), [np.cos(0.5), np.sin(0.5), 0.0]]),
+        np.array([[0.15, 0.35, -0.12, 0.3]]),
+        np.array([[0.17, 0.09, 0.12, 0.19]]),
+        0.2,
+    )
+    rpy = random.uniform(-0.2, 0.2, (2, 3)) * [1.0, 1.0, 0.0]
+    start, goal = SimpleNamespace(rpy_rad=rpy[0]), SimpleNamespace(body=SimpleNamespace(rpy_rad=rpy[1]))
+    problem: Any = SimpleNamespace(boxes=reach, start=start, goal=goal, gripper_height_m=heights)
+    for _ in range(20):
+        offset = reach.centre_b_m[0] + 1.2 * random.uniform(-1, 1, 3) * reach.half_m
+        offset[2] = np.clip(offset[2], *heights)
+        if (between(problem, 0.0).beyond(0, offset) <= 0.0).all():
+            tilt = random.uniform() * rpy[random.integers(2)]
+            assert reach.beyond(0, offset @ rotation_from_rpy(tilt)).max() <= 1e-9
 
 
 @given(seeds)

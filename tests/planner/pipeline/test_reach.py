@@ -62,6 +62,19 @@ def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
     assert body[-1, 0] - body[0, 0] > gap_m - 0.01
 
 
+@pytest.mark.parametrize(("start_deg", "goal_deg"), [((5, -6), (0, 0)), ((0, 10), (0, -8)), ((0, 0), (-7, 7))])
+def test_starts_and_goals_may_be_tilted(
+    robot: Robot, start_deg: tuple[float, float], goal_deg: tuple[float, float]
+) -> None:
+    wall = yaml.safe_load(ladder(0.28, 45.0))
+    wall["start"]["body"]["rpy_deg"], wall["goal"]["body"]["rpy_deg"] = [*start_deg, 0], [*goal_deg, 0]
+    result = crux_planner.plan(parse_scenario(yaml.safe_dump(wall)), robot)
+    assert result.check.ok
+    first, last = (np.degrees(result.plan.knots[k].body_rpy_rad[:2]) for k in (0, -1))
+    np.testing.assert_allclose(first, start_deg, atol=1e-6)
+    assert np.abs(last - goal_deg).max() < 3.1
+
+
 @pytest.mark.parametrize("seed", [401, 402, 408])
 def test_a_level_stance_at_the_goal_is_what_the_checkers_kinematics_finds(robot: Robot, seed: int) -> None:
     """Limb by limb, by numeric inverse kinematics within the joint limits, for the body in the middle of the goal."""
