@@ -67,6 +67,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
   const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
   const Vector3 moment_Nm(in.ft_moment_g_nm + 3 * limb_);
   if (in.ft_fresh[limb_] != 0 && in.ft_status[limb_] == 0 && force_N.allFinite() && moment_Nm.allFinite()) {
+    if (force_N != raw_G_.force_N || moment_Nm != raw_G_.moment_Nm) borne_as_it_moved_Nm_ = borne_Nm_;
     raw_G_ = {force_N, moment_Nm};
   }
   kinematics_.evaluate(q_rad_, state_);

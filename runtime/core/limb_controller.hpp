@@ -91,6 +91,8 @@ class LimbController {
   /// limb is planned to bear `planned_W`.
   double ft_residual_Nm() const { return residual_Nm_.norm(); }
   double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
+  /// Change [Nm] of the joints' torques beyond gravity since the F/T sensor last gave other numbers.
+  double ft_frozen_Nm() const { return (borne_Nm_ - borne_as_it_moved_Nm_).norm(); }
 
   Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
@@ -160,6 +162,7 @@ class LimbController {
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is
   JointVector borne_Nm_ = JointVector::Zero();     ///< torque beyond gravity, filtered likewise
+  JointVector borne_as_it_moved_Nm_ = JointVector::Zero();  ///< that, as the F/T sensor last gave other numbers
   LimbState state_;
 
   // Commanded.
