@@ -185,6 +185,15 @@ TEST_F(Sensors, AFingerForceThatFreezesHighDoesNotOpenTheGrip) {
   }
 }
 
+TEST_F(Sensors, AFingerForceThatFreezesHighIsNamedWhenItsFingersAreOpen) {
+  const double frozen_N = run_.plant.input().finger_force_n[0];
+  ASSERT_GT(frozen_N, robot().supervisor.max_finger_residual_N);
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.finger_force_n[0] = frozen_N; };
+  ASSERT_LT(until_fault(freeze, kIntoSwing), kIntoSwing);
+  expect_fault(FaultCode::kFingerForceImplausible, 0, 7);
+  EXPECT_EQ(run_.result.reference[0].load, 0.0);  // before it could pass for a grip
+}
+
 TEST_F(Sensors, ACycleThatBeginsTooLateIsTold) {
   const double limit_s = robot().supervisor.max_late_s;
   run_.plant.input().late_s = 0.9 * limit_s;
