@@ -127,15 +127,16 @@ def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) 
         (low, high), (least, most) = robot.body.height_m, robot.grasp.pad_height_m
         grips = (height >= least - high) & (height <= most - low)
         assert grips.sum() > 5000
-        assert reach.outer.beyond(i, place[grips]).max() <= 1e-9
-        assert reach.outer.beyond(i, place[grips]).max() >= -0.03  # and it is no larger than need be
+        assert reach.outer.beyond(i, wrist[grips]).max() <= 1e-9
+        assert reach.outer.beyond(i, wrist[grips]).max() >= -0.03  # and it is no larger than need be
 
 
 def test_inner_sets_hold_the_boxes_and_are_mirror_images(reach: LimbReach) -> None:
     corners = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
     for i, centre in enumerate(reach.box.centre_b_m):
         assert (reach.inner.beyond(i, centre + corners * reach.box.half_m) <= 1e-9).all()
-        assert (reach.outer.beyond(i, centre + corners * reach.box.half_m) <= 1e-9).all()
+        wrists = centre + corners * reach.box.half_m + [0.0, 0.0, reach.outer.above_m]
+        assert (reach.outer.beyond(i, wrists) <= 1e-9).all()
     sides = np.sign(reach.box.centre_b_m)
     np.testing.assert_allclose(reach.inner.centre_b_m * sides, np.abs(reach.inner.centre_b_m[[0]]).repeat(4, axis=0))
 

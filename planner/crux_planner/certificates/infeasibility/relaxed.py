@@ -27,7 +27,6 @@ from crux_planner.solvers.sparse_blocks import skews
 BIN_RAD, GOAL_BIN_RAD = 0.02, 0.008
 TOLERANCE_M = 1e-3  # more than the check forgives, and than the solvers' rounding
 _ROUNDS, _CUT_N = 8, 0.1  # of adding tangents of the limit surface, where wrenches are so far beyond it
-_EULER_SHARE = 1.07  # a turn changes the yaw by no more, at the largest tilt
 _INERTIA_SHARE = 3.0  # the inertia at any posture against that at the start
 
 
@@ -54,10 +53,18 @@ class Headings:
         return (low <= high).all(axis=1), low, high
 
 
-def near_goal(problem: Problem, before_rad: float = 0.0) -> Problem:
-    """The same with no more tilt than within the goal's tolerance, and `before_rad`."""
-    tilt = float(np.abs(problem.goal.body.rpy_rad[:2]).max()) + _EULER_SHARE * problem.goal.tolerance_rad + before_rad
-    return replace(problem, body=replace(problem.body, max_tilt_rad=min(tilt + 1e-3, problem.body.max_tilt_rad)))
+def _goal_angle(problem: Problem) -> float:
+    """Most [rad] that roll, pitch and yaw differ from the goal's by the one turn of its tolerance."""
+    turn = problem.goal.tolerance_rad
+    return float(turn / np.cos(problem.body.max_tilt_rad + turn))
+
+
+def near_goal(problem: Problem, before_s: float = 0.0) -> Problem:
+    """The same with no more tilt than within the goal's tolerance, or so long before."""
+    body = problem.body
+    fastest = body.fastest_yaw_rad_s + (1.0 - np.cos(body.max_tilt_rad)) * body.max_rate_rad_s  # the roll's
+    tilt = float(np.abs(problem.goal.body.rpy_rad[:2]).max()) + _goal_angle(problem) + fastest * before_s
+    return replace(problem, body=replace(body, max_tilt_rad=min(tilt + 1e-3, body.max_tilt_rad)))
 
 
 class RelaxedReach:
@@ -75,10 +82,10 @@ class RelaxedReach:
         self._over_m = np.array([body.height_m[0] - TOLERANCE_M, body.height_m[1] + TOLERANCE_M]) - self._middle_m
         self.shift_m = float(np.sin(body.max_tilt_rad + 1e-3) * np.abs(self._over_m).max())
         yaw = float(goal.body.rpy_rad[2])
-        most = (abs(yaw) + goal.tolerance_rad + body.fastest_yaw_rad_s * problem.steps * problem.dt_s) / 2
+        most = (abs(yaw) + _goal_angle(problem) + body.fastest_yaw_rad_s * problem.steps * problem.dt_s) / 2
         self.all = self._headings(problem, -most, most, BIN_RAD)
         self.hop = int(np.ceil(body.fastest_yaw_rad_s * problem.dt_s / self.bin_rad)) + 1
-        slack = _EULER_SHARE * goal.tolerance_rad + 1e-3
+        slack = _goal_angle(problem) + 1e-3
         self.goal = self._headings(near_goal(problem), yaw - slack, yaw + slack, GOAL_BIN_RAD)
         self.at_goal_yaw: Flags = np.abs(self.all.yaw_rad - yaw) <= slack + self.bin_rad
         self._goal_low, self._goal_high = self._goal_soles(slack)
@@ -179,7 +186,7 @@ class RelaxedBalance:
         k = problem.patch.k_m
         self.directions, _ = polytope_directions(k)
         self.surface = np.linalg.norm(self.directions * [1.0, 1.0, k], axis=1)  # support of the unit ball
-        yaw = abs(float(problem.goal.body.rpy_rad[2])) + problem.goal.tolerance_rad
+        yaw = abs(float(problem.goal.body.rpy_rad[2])) + _goal_angle(problem)
         yaw += problem.body.fastest_yaw_rad_s * problem.steps * problem.dt_s / 2
         self.spans = gripper_spans(problem)
         self.offset = offset_bounds(problem, self.spans, yaw)  # of the centre of mass from the body's origin
@@ -191,9 +198,9 @@ class RelaxedBalance:
 
         What they hold says where their mass is.
         """
-        problem = near_goal(self.problem, self.problem.body.fastest_yaw_rad_s * self.problem.dt_s)
+        problem = near_goal(self.problem, self.problem.dt_s)
         goal = problem.goal
-        slack = _EULER_SHARE * goal.tolerance_rad + problem.body.fastest_yaw_rad_s * problem.dt_s + 1e-3
+        slack = _goal_angle(self.problem) + problem.body.fastest_yaw_rad_s * problem.dt_s + 1e-3
         yaw = float(goal.body.rpy_rad[2])
         lowest, highest = problem.body.height_m
         low = np.append(low[:2], max(low[2], lowest - TOLERANCE_M))
