@@ -186,6 +186,22 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
 
 
+def test_joints_that_lack_much_are_held_without_ipopt_as_cheaply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here a Hessian without the torques' curvature leads from the solution again."""
+    problem, schedule, path = instance("steep")
+    weaker = problem.torque_limits_Nm * 0.8
+    problem = replace(problem, torque_limits_Nm=weaker, last_torques_Nm=weaker)
+    start = start_from_path(problem, path)
+    monkeypatch.delattr(exact, "solve_by_ipopt")
+    solution = solve_within_torques(problem, schedule, start, clock.now() + 30)
+    assert solution.solved
+    assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
+    everywhere = frozenset(solution.torque_shares)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0)
+    assert by_ipopt.solved
+    assert solution.cost <= by_ipopt.cost + 2e-3
+
+
 def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance("rough")
     expected = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
