@@ -69,6 +69,7 @@ void ControlCore::hand_over(const PlanReference& before) noexcept {
     limbs_[l].hand_over(before.limbs[l], reference_.limbs[l], engagement());
     if (!reference_.limbs[l].gripping()) faults_.begin_in_air(l);
   }
+  stance_.begin_anew();
   balance_.restart();
   engaged_time_s_ = 0.0;
 }

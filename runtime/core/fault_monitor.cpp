@@ -270,9 +270,12 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
       tell({FaultCode::kFingerForceImplausible, l, can_.gripper_node, errors.finger_residual_N[l],
             p.max_finger_residual_N});
     }
-    const bool unexplained = errors.ft_residual_Nm[l] > errors.ft_limit_Nm[l];
-    if (lasts(unexplained, ft_residual_time_s_[l], dt_s, kFtResidual_s) && !std::exchange(distrusted_[l], true)) {
-      tell({FaultCode::kFtImplausible, l, can_.gripper_node, errors.ft_residual_Nm[l], errors.ft_limit_Nm[l]});
+    const bool frozen = errors.ft_frozen_Nm[l] > p.max_ft_residual_Nm;
+    const double unexplained_Nm = frozen ? errors.ft_frozen_Nm[l] : errors.ft_residual_Nm[l];
+    const double explained_Nm = frozen ? p.max_ft_residual_Nm : errors.ft_limit_Nm[l];
+    if (lasts(unexplained_Nm > explained_Nm, ft_residual_time_s_[l], dt_s, kFtResidual_s) &&
+        !std::exchange(distrusted_[l], true)) {
+      tell({FaultCode::kFtImplausible, l, can_.gripper_node, unexplained_Nm, explained_Nm});
     }
     if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kIkFailed, l, 0, errors.ik_error_m[l], p.max_ik_error_m});

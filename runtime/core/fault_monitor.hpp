@@ -32,11 +32,11 @@ struct LoopErrors {
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
   PerLimb<bool> must_grip{};      ///< bears load: its fingers must press
-  PerLimb<bool> feels_nothing{};  ///< the F/T sensor says that nothing holds the gripper
   PerLimb<bool> grasp_failed{};   ///< gave way to the pull that tested it
   double gave_way_m = 0.0, gave_way_limit_m = 0.0;
   PerLimb<double> ft_residual_Nm{};     ///< torque of the limb's joints that its F/T sensor does not explain
   PerLimb<double> ft_limit_Nm{};        ///< the most that this may be
+  PerLimb<double> ft_frozen_Nm{};       ///< change of that torque while the sensor gives the very same numbers
   PerLimb<bool> closes_on_nothing{};    ///< its fingers close further than its hold is wide,
   PerLimb<double> least_force_N{};      ///< with less than this force
   PerLimb<double> finger_residual_N{};  ///< finger force that opening and command do not explain

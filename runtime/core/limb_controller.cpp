@@ -15,6 +15,7 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
+constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
 constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -67,6 +68,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
   const Vector3 force_N(in.ft_force_g_n + 3 * limb_);
   const Vector3 moment_Nm(in.ft_moment_g_nm + 3 * limb_);
   if (in.ft_fresh[limb_] != 0 && in.ft_status[limb_] == 0 && force_N.allFinite() && moment_Nm.allFinite()) {
+    if (force_N != raw_G_.force_N || moment_Nm != raw_G_.moment_Nm) borne_as_it_moved_Nm_ = borne_Nm_;
     raw_G_ = {force_N, moment_Nm};
   }
   kinematics_.evaluate(q_rad_, state_);
@@ -132,13 +134,15 @@ void LimbController::hand_over(const LimbReference& before, const LimbReference&
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
-  const bool opened = finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
-  gripped_time_s_ = finger_force_N() >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
+  if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
+  const double between = (opened_m_ - finger_opening_m_) / (opened_m_ - reference.finger_opening_m);
+  const bool far_open = reference.closing() && opened_m_ > reference.finger_opening_m && between < kLeastClosed;
+  gripped_time_s_ = finger_force_N() >= control_.contact_force_N && !far_open ? gripped_time_s_ + dt_s : 0.0;
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   return {.unloaded = unloaded,
-          .opened = opened,
-          .arrived = opened && distance_m <= supervisor_.arrive_tolerance_m,
+          .opened = opened(reference),
+          .arrived = opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = gripped_time_s_ >= supervisor_.persistence_s};
 }
 
@@ -268,8 +272,9 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   }
 }
 
-double LimbController::finger_residual_N() const noexcept {
+double LimbController::finger_residual_N(const LimbReference& reference) const noexcept {
   const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
+  if (rest && passes_over(reference) && opened(reference)) return std::abs(finger_force_N_);
   return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
 }
 

@@ -40,6 +40,9 @@ class LimbController {
 
   /// Contact events as the plan's clock wants them.
   LimbEvents events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept;
+  bool opened(const LimbReference& reference) const noexcept {
+    return finger_opening_m_ >= reference.finger_opening_m - supervisor_.open_tolerance_m;
+  }
 
   /// Where the limb grips, in W: the planned place and what it was found to be off at contact.
   Vector3 anchor_W_m(const LimbReference& reference) const {
@@ -91,6 +94,8 @@ class LimbController {
   /// limb is planned to bear `planned_W`.
   double ft_residual_Nm() const { return residual_Nm_.norm(); }
   double ft_limit_Nm(const Wrench& planned_W, const Matrix3& rotation_WB) const noexcept;
+  /// Change [Nm] of the joints' torques beyond gravity since the F/T sensor last gave other numbers.
+  double ft_frozen_Nm() const { return (borne_Nm_ - borne_as_it_moved_Nm_).norm(); }
 
   Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
@@ -104,9 +109,9 @@ class LimbController {
   double expected_finger_force_N() const noexcept {
     return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
   }
-  /// What the finger force measured lacks of that [N]. Fingers that move tell nothing, nor does a force that is more: a
-  /// self-locking screw keeps its squeeze when it is told to loosen.
-  double finger_residual_N() const noexcept;
+  /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air. Fingers that
+  /// move tell nothing, nor does a force that is more: a self-locking screw keeps its squeeze when it is told to loosen.
+  double finger_residual_N(const LimbReference& reference) const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
   /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
@@ -156,10 +161,12 @@ class LimbController {
   double finger_force_N_ = 0.0;
   bool trusts_finger_force_ = true;
   bool trusts_force_torque_ = true;
+  double opened_m_ = 0.0;           ///< before the fingers closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is
   JointVector borne_Nm_ = JointVector::Zero();     ///< torque beyond gravity, filtered likewise
+  JointVector borne_as_it_moved_Nm_ = JointVector::Zero();  ///< that, as the F/T sensor last gave other numbers
   LimbState state_;
 
   // Commanded.

@@ -86,9 +86,10 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
     errors.least_force_N[l] = limbs_[l].least_finger_force_N();
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
-    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N();
+    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N(reference_.limbs[l]);
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
     errors.ft_residual_Nm[l] = started_ && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.ft_frozen_Nm[l] = started_ ? limbs_[l].ft_frozen_Nm() : 0.0;
     errors.slid_m[l] = slips_[l].slid_m();
     if (stance_.odd_limb() == l && test_.limb() != l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
     errors.slips_on[l] = slips_[l].out_of_hand();

@@ -36,6 +36,11 @@ class StanceFit {
 
   explicit StanceFit(const StanceParameters& parameters) : parameters_(parameters) {}
 
+  /// Contact counts from now on, wherever the grippers are.
+  void begin_anew() noexcept {
+    for (Standing& limb : limbs_) limb.holds = false;
+  }
+
   /// Once a cycle.
   void update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept;
 

@@ -12,7 +12,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
-from crux_planner.pipeline.fallback import disproved, farther, plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.fallback import disproved, farther, looks, plan_turning, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
@@ -23,7 +23,6 @@ from crux_planner.solvers.worker import Worker
 
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
 GREED = 2.0  # the factor by which a sequence may be slower after that
-WIDER_SHARE = 0.4  # goes at most into the search for other headings before that for a level body goes on
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
@@ -83,7 +82,7 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
             bound.stop()
         return plan_wider(climb, none_level, proof, solve_and_check)
     try:
-        return plan_wider(climb, none_level, proof, solve_and_check, share=WIDER_SHARE)
+        return plan_wider(climb, none_level, proof, solve_and_check, further=True)
     except InfeasibleError as none_wider:
         if none_wider.proven or climb.late:
             raise
@@ -107,7 +106,7 @@ def _steps_with(longer: Climb) -> int | None:
     try:
         return _plan_level(farther(longer), True, longer.deadline).steps
     except InfeasibleError:
-        found = plan_turning(longer, solve_and_check, longer.share_of_time(WIDER_SHARE))
+        found = plan_turning(longer, solve_and_check, looks(longer))
         return None if found is None else found[0].steps
 
 

@@ -25,7 +25,6 @@ from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
 from crux_planner.search.stances import Oracles, ReachableSet
 from crux_planner.search.standing import clear_start
-from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 
 GREED = 3.0
@@ -40,10 +39,9 @@ LEVELS = ((False, 0.0, None), (True, TILT_SLACK_M, None), (True, TILT_SLACK_M, P
 """Grasps off the middle, space for a tilt, and clearance of passing grippers, None: the usual."""
 SLOWER, TIGHTER = 0.4, 0.92  # of body speed and limit surface, where the check finds too little between the knots
 GENTLER = ((1.0, SLOWER), (TIGHTER, SLOWER), (TIGHTER**2, SLOWER))  # of limit surface and speed, one after the other
-PROOF_SHARE = 0.3  # of the time left, for the proofs that need a search
 GOAL_PROOF, FIRST_PROOF, LAST_PROOF = 300, 250, 3000  # programs for the goal's equilibrium, and for disconnected parts
-TURN_SHARE = 0.4  # of what is left of that time, for one pose and one kind of grasps
-SEARCH_S, SEARCH_SHARE = 15.0, 0.25  # of the time left, the more of both: at most, for searches that choose headings
+TURN_SHARE = 0.4  # of the looks that are left, for one pose and one kind of grasps
+LOOKS, LOOKS_PER_S = 24_000, 400.0  # at moves by searches that choose headings, and for each second of the time limit
 
 
 def farther(climb: Climb) -> Climb:
@@ -70,43 +68,45 @@ def plan_wider(
     none_level: InfeasibleError,
     proof: Proof,
     solve_and_check: SolveAndCheck,
-    share: float | None = None,
+    further: bool = False,
 ) -> PlanResult:
     """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
 
-    With `share`, searches take at most that of the time left, and no long proof follows.
+    Where the search goes `further`, no long proof follows.
     """
-    work, deadline = climb.work, climb.deadline
+    work = climb.work
     none_level = proof.instead_of(none_level)
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
-    now = clock.now()
-    search_s = max(SEARCH_S, SEARCH_SHARE * (deadline - now))
-    until = min(now + (share or 1.0 - PROOF_SHARE) * (deadline - now), now + search_s)
-    found = plan_turning(climb, solve_and_check, until)
+    found = plan_turning(climb, solve_and_check, looks(climb))
     if found is not None:
         result, wide = found
         with work.part("bound", 0.95):  # of the problem with this aim and these grasps
             bound = lower_bound(replace(wide, steps=result.steps), (1.0 - AIM) * result.cost, PATIENCE_S, effort=EFFORT)
             result.gap = gap(result.cost, bound)
         return result
-    if share is not None:
+    if further:
         raise none_level
     with work.part("proof", 0.9):
-        impossible = proof.disconnected(LAST_PROOF, deadline)
+        impossible = proof.disconnected(LAST_PROOF, climb.deadline)
     raise none_level if impossible is None else _explained(none_level, impossible)
 
 
-def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> tuple[PlanResult, Problem] | None:
-    """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found until then,
-    or made of it until the deadline.
+def looks(climb: Climb) -> int:
+    """At moves that searches which choose headings may take: counted, so that a plan depends on no clock."""
+    return max(LOOKS, int(LOOKS_PER_S * climb.limit_s))
+
+
+def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, looks: int) -> tuple[PlanResult, Problem] | None:
+    """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found with so many
+    looks at moves, or made of it until the deadline.
     """
     work, reach = climb.work, climb.problem.limb_reach
     aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
         if aim > 0 and aims[off_centre, aim - 1] is None:
             break
-        if clock.now() > until:
+        if climb.late:
             work.cut_short = True
             break
         if (off_centre, aim) not in aims:
@@ -122,8 +122,8 @@ def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, until: float) -> 
             wide = replace(wide, swing=replace(wide.swing, body_clearance_m=passing_m))
         if off_centre and (start := clear_start(wide, SwingCache(wide))) is not None:
             wide = replace(wide, start_contacts=start)
-        now = clock.now()
-        result = _plan_aimed(climb, wide, found[1], solve_and_check, now + TURN_SHARE * (until - now))
+        result, looked = _plan_aimed(climb, wide, found[1], solve_and_check, int(TURN_SHARE * looks))
+        looks -= looked
         if result is not None:
             return result, wide
     return None
@@ -135,18 +135,22 @@ def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> Infe
 
 
 def _plan_aimed(
-    climb: Climb, problem: Problem, ends: Flags, solve_and_check: SolveAndCheck, until: float
-) -> PlanResult | None:
-    """A plan whose search chooses headings; None where none is found until then, or made of it until the deadline."""
-    work, given, gentler = climb.work, problem, list(GENTLER)
+    climb: Climb, problem: Problem, ends: Flags, solve_and_check: SolveAndCheck, looks: int
+) -> tuple[PlanResult | None, int]:
+    """A plan whose search chooses headings, None where none is found with so many looks, or made of it until the
+    deadline; and the looks taken.
+    """
+    work, given, gentler, left = climb.work, problem, list(GENTLER), looks
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:
-        if clock.now() > until:
+        nonlocal left
+        if left <= 0 or climb.late:
             work.cut_short = True
             return None
         with work.part("headings", 0.2):
             headings = HeadingSearch(climb.problem, climb.reachable, climb.swings, ends)
-            moves, seen = headings.search(greed=GREED, deadline=until)
+            moves, seen = headings.search(greed=GREED, deadline=climb.deadline, most=left)
+        left -= seen.looked
         work.cut_short |= seen.timed_out
         if moves is None:
             return None
@@ -166,7 +170,7 @@ def _plan_aimed(
         return replace(climb, problem=replace(given, friction_share=share * given.friction_share, body=body))
 
     wide = replace(climb, **vars(Oracles.of(problem, climb.equilibrium)))
-    return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0]
+    return attempts(wide, attempt, (gentle, without_blamed), [], most=ATTEMPTS)[0], looks - left
 
 
 def without_blamed(climb: Climb, failure: InfeasibleError) -> Climb | None:

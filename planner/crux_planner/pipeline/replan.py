@@ -38,7 +38,7 @@ from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 
 TIME_LIMIT_S = 10.0
-TURNING_S = 4.0  # at most, for the searches that choose headings
+TURNING_LOOKS = 6400  # at moves, for the searches that choose headings
 _SLACK_M = 1e-3
 SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
 
@@ -84,7 +84,7 @@ class Planner:
             if body is not None:
                 check_body(scenario, problem.body, problem.start, problem.goal.body)
             remaining = read_remaining(problem, running, first)
-        session = Session(scenario, self.robot, work, deadline, "auto")
+        session = Session(scenario, self.robot, work, deadline, time_limit_s, "auto")
         climb = Climb(**vars(session), **vars(replace(self.oracles, problem=problem)))
         result = None
         if remaining is not None and remaining.open_to(problem):
@@ -108,7 +108,7 @@ class Planner:
         """
         began = time.monotonic()
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
-        session = Session(self.scenario, self.robot, work, clock.now() + time_limit_s, method)
+        session = Session(self.scenario, self.robot, work, clock.now() + time_limit_s, time_limit_s, method)
         shortest = replace(self.oracles, problem=replace(self.problem, steps=1))
         climb = Climb(**vars(session), **vars(shortest))
         most, failures = self.scenario.horizon.steps, list[InfeasibleError]()
@@ -131,7 +131,7 @@ class Planner:
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
         turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
-        found = plan_turning(turning, self._solve_and_check, min(climb.deadline, clock.now() + TURNING_S))
+        found = plan_turning(turning, self._solve_and_check, TURNING_LOOKS)
         return None if found is None else found[0]
 
     def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:

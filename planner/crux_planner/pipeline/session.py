@@ -48,12 +48,13 @@ class Work:
 
 @dataclass(frozen=True)
 class Session:
-    """One scenario being planned; `deadline` is of clock.now."""
+    """One scenario being planned; `deadline` is of clock.now, `limit_s` how far off it was at first."""
 
     scenario: Scenario
     robot: Robot
     work: Work
     deadline: float
+    limit_s: float
     method: str
 
     @property
@@ -90,4 +91,4 @@ def begin(
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
-    return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), method)
+    return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), limit_s, method)

@@ -115,8 +115,8 @@ class HeadingSearch:
             heading - self.end
         )
 
-    def search(self, *, greed: float, deadline: float) -> tuple[list[Move] | None, SearchReport]:
-        """Moves to the goal, None where none are found; and what the search saw."""
+    def search(self, *, greed: float, deadline: float, most: int) -> tuple[list[Move] | None, SearchReport]:
+        """Moves to the goal, None where none are found after looks at `most` moves; and what the search saw."""
         report, counter = SearchReport(), itertools.count()
         start: State = (self.problem.start_contacts, self.begin)
         best: dict[State, float] = {start: 0.0}
@@ -133,9 +133,10 @@ class HeadingSearch:
             if state in done or (not settled and cost >= best.get(state, np.inf) - _SETTLED):
                 continue
             if not settled:
-                report.timed_out = report.expanded % 16 == 0 and clock.now() > deadline
+                report.timed_out = report.looked >= most or (report.expanded % 16 == 0 and clock.now() > deadline)
                 if report.timed_out:
                     break
+                report.looked += 1
                 settling = self._settle(step, cost)
                 if settling is None or settling[1] >= best.get(state, np.inf) - _SETTLED:
                     continue

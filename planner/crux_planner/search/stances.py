@@ -31,6 +31,7 @@ class SearchReport:
     """What the search saw, for the error message when it finds nothing."""
 
     expanded: int = 0
+    looked: int = 0  # at moves, closely
     timed_out: bool = False
     nearest: Stance | None = None  # the stance with the least cost to go
     nearest_cost: float = np.inf

@@ -11,6 +11,7 @@ import pytest
 from crux_contracts.robot import Limb, Robot
 from crux_contracts.scenario import ScenarioError
 from crux_planner.errors import InfeasibleError
+from crux_planner.pipeline import climb, fallback
 from walls import hold, scenario, two_rows
 
 Change = Callable[[dict[str, Any]], object]
@@ -97,6 +98,28 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(robot: Robot) -> No
     assert said["constraint"] == "torque"
     assert 1.1 < said["amount"] < 1.6
     assert crux_planner.plan(steep, weaker(robot, 0.5 * (said["amount"] + 0.1))).check.ok
+
+
+def blocked(share: float) -> dict[str, Any]:
+    """A tall slab stands between the hold that LF has and the next one."""
+    wall = two_rows(0.17)
+    size = [round(share * edge, 4) for edge in (0.012, 0.2, 0.2)]
+    return wall | {"obstacles": [{"name": "slab", "position_m": [0.225, 0.36], "size_m": size}]}
+
+
+def test_a_slab_in_the_way_is_named_with_the_size_that_lets_pass(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At that size there is a plan."""
+    for module in (fallback, climb):
+        monkeypatch.setattr(module, "looks", lambda _: 500)
+    with pytest.raises(
+        InfeasibleError, match=r"with slab at \d+ % .* without, it ends where LF goes to LF-high"
+    ) as error:
+        crux_planner.plan(scenario(blocked(1.0)), robot)
+    assert error.value.constraint == "passage"
+    assert not error.value.proven
+    said = error.value.to_json()["relaxed"]
+    assert 0.7 < said["amount"] < 0.9
+    assert crux_planner.plan(scenario(blocked(said["amount"])), robot).check.ok
 
 
 def hold_moved_away(wall: dict[str, Any]) -> None:

@@ -87,6 +87,18 @@ TEST_F(Sensors, AForceTorqueSensorThatReadsZeroIsNamedAndNotYieldedTo) {
   EXPECT_LT((offset_m(3) - before_m).norm(), 2e-4);
 }
 
+TEST_F(Sensors, AForceTorqueSensorThatFreezesInASwingIsNamedAsItsLimbTakesUpLoad) {
+  run_.steps(kIntoSwing);
+  const crux_msgs::control_input_t still = run_.plant.input();
+  const auto freeze = [&still](crux_msgs::control_input_t& in) {
+    std::copy_n(still.ft_force_g_n, 3, in.ft_force_g_n);
+    std::copy_n(still.ft_moment_g_nm, 3, in.ft_moment_g_nm);
+  };
+  ASSERT_LT(until_fault(freeze, 12000), 12000);
+  expect_fault(FaultCode::kFtImplausible, 0, 7);
+  EXPECT_LT(offset_m(0).norm(), 5e-3) << "it was yielded to before";
+}
+
 TEST_F(Sensors, ALimbWhoseHoldIsGoneBearsNothingMoreAndTheOthersItsShare) {
   const double before_N = planned_force_N(2).norm();
   ASSERT_GT(before_N, 5.0);
@@ -171,6 +183,27 @@ TEST_F(Sensors, AFingerForceThatFreezesHighDoesNotOpenTheGrip) {
     run_.step();
     EXPECT_LT(run_.result.output.finger_opening_m[1], least_m + 5e-4);
   }
+}
+
+TEST_F(Sensors, AFingerForceThatFreezesHighIsNamedWhenItsFingersAreOpen) {
+  const double frozen_N = run_.plant.input().finger_force_n[0];
+  ASSERT_GT(frozen_N, robot().supervisor.max_finger_residual_N);
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.finger_force_n[0] = frozen_N; };
+  ASSERT_LT(until_fault(freeze, kIntoSwing), kIntoSwing);
+  expect_fault(FaultCode::kFingerForceImplausible, 0, 7);
+  EXPECT_EQ(run_.result.reference[0].load, 0.0);  // before it could pass for a grip
+}
+
+TEST_F(Sensors, FingersThatJamInTheAirGripNothingHoweverHardTheyPress) {
+  run_.steps(kIntoSwing);
+  const double jammed_m = run_.plant.input().finger_opening_m[0];
+  const auto jam = [&](crux_msgs::control_input_t& in) {
+    in.finger_opening_m[0] = jammed_m;
+    if (run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose)) in.finger_force_n[0] = 58.0;
+  };
+  ASSERT_LT(until_fault(jam, 20000), 20000);
+  expect_fault(FaultCode::kEventTimeout, 0, 0);
+  EXPECT_EQ(run_.result.reference[0].load, 0.0);
 }
 
 TEST_F(Sensors, ACycleThatBeginsTooLateIsTold) {

@@ -78,6 +78,18 @@ TEST_F(Stance, AGripperThatSlidesIsNamedWithItsWay) {
   }
 }
 
+TEST_F(Stance, WhatMovedBeforeANewPlanIsTakenOverDoesNotCount) {
+  cycles(600);
+  cycles(600, 2, {0.0, 0.03, 0.0});
+  ASSERT_GT(most_off_m(), robot().stance.max_misfit_m);
+  fit_.begin_anew();
+  cycles(600);
+  EXPECT_LT(most_off_m(), 1e-6);
+  EXPECT_FALSE(fit_.moved(2).alone);
+  cycles(25, 1, {0.0, 0.02, 0.0});
+  EXPECT_EQ(fit_.odd_limb(), 1);
+}
+
 TEST_F(Stance, OfThreeGripsTheOneThatSlidesIsNamedToo) {
   holds_[2] = false;
   cycles(500);
