@@ -15,6 +15,7 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
+constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
 constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -133,7 +134,10 @@ void LimbController::hand_over(const LimbReference& before, const LimbReference&
 LimbEvents LimbController::events(const LimbReference& reference, const Pose& body_W, double dt_s) noexcept {
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
-  gripped_time_s_ = finger_force_N() >= control_.contact_force_N ? gripped_time_s_ + dt_s : 0.0;
+  if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
+  const double between = (opened_m_ - finger_opening_m_) / (opened_m_ - reference.finger_opening_m);
+  const bool far_open = reference.closing() && opened_m_ > reference.finger_opening_m && between < kLeastClosed;
+  gripped_time_s_ = finger_force_N() >= control_.contact_force_N && !far_open ? gripped_time_s_ + dt_s : 0.0;
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   return {.unloaded = unloaded,

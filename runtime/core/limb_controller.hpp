@@ -161,6 +161,7 @@ class LimbController {
   double finger_force_N_ = 0.0;
   bool trusts_finger_force_ = true;
   bool trusts_force_torque_ = true;
+  double opened_m_ = 0.0;           ///< before the fingers closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is

@@ -36,6 +36,7 @@ COMMANDS: dict[str, Command] = {
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
     ),
     "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_tools.sim.climb_command"),
+    "sim": Command("a robot to practise with: runtime, nodes and physics", "crux_tools.sim.practice"),
     "campaign": Command("plan and climb by the thousand, on a cluster", "crux_tools.campaign.command"),
     "upload": Command("send a plan to a running runtime", _OPERATOR, "add_upload_parser", "run_upload"),
     "start": Command("let the runtime climb the uploaded plan", _OPERATOR, "add_start_parser", "run_start"),

@@ -45,6 +45,7 @@ struct crux_plant {
   std::optional<crux::sim::World> world_;
   crux_plant_state& state_;
   std::vector<crux_plant_truth> truth_;
+  double carried_until_s_ = 0.0;  ///< at least
 
  private:
   void carry();
@@ -52,6 +53,9 @@ struct crux_plant {
   void look_at_contacts();
   void take_contact(const mjContact& contact);
   double normal() { return normal_(random_); }
+  [[nodiscard]] bool hand_is_gone() const {
+    return time_s() > carried_until_s_ + kHandReleases_s[1] + model_->opt.timestep;
+  }
   [[nodiscard]] double time_s() const { return static_cast<double>(state_.cycle) * model_->opt.timestep; }
 
   std::mt19937_64 random_;
@@ -99,7 +103,7 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
   std::copy_n(finger_force_n, CRUX_SIM_LIMBS, state_.finger_force_n);
   carry();
   if (world_) {
-    world_->act(time_s(), time_s() > kHandReleases_s[1] + model_->opt.timestep);
+    world_->act(time_s(), hand_is_gone());
     world_->heat(state_.joint_torque_nm);
   }
   mj_step(model_, data_);
@@ -109,8 +113,9 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
 }
 
 void crux_plant::carry() {
-  if (time_s() > kHandReleases_s[1] + model_->opt.timestep) return;
-  const double share = 1 - smoothstep((time_s() - kHandReleases_s[0]) / (kHandReleases_s[1] - kHandReleases_s[0]));
+  if (hand_is_gone()) return;
+  const double since_s = time_s() - carried_until_s_;
+  const double share = 1 - smoothstep((since_s - kHandReleases_s[0]) / (kHandReleases_s[1] - kHandReleases_s[0]));
   double turn[9];  // hand <- body
   mju_mulMatMatT(turn, settings_.hand_rotation, data_->xmat + 9 * map_.body, 3, 3, 3);
   const std::array<double, 3> axis{(turn[7] - turn[5]) / 2, (turn[2] - turn[6]) / 2, (turn[3] - turn[1]) / 2};
@@ -203,6 +208,10 @@ void crux_plant_drive_joint(crux_plant* plant, std::int32_t joint) {
 
 void crux_plant_drive_gripper(crux_plant* plant, std::int32_t limb) {
   plant->screws_.drive(static_cast<std::size_t>(limb));
+}
+
+void crux_plant_carry(crux_plant* plant) {
+  plant->carried_until_s_ = static_cast<double>(plant->state_.cycle) * plant->model_->opt.timestep;
 }
 
 void crux_plant_step(crux_plant* plant, const double* joint_torque_nm, const double* finger_force_n) {

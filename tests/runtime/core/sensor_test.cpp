@@ -194,6 +194,18 @@ TEST_F(Sensors, AFingerForceThatFreezesHighIsNamedWhenItsFingersAreOpen) {
   EXPECT_EQ(run_.result.reference[0].load, 0.0);  // before it could pass for a grip
 }
 
+TEST_F(Sensors, FingersThatJamInTheAirGripNothingHoweverHardTheyPress) {
+  run_.steps(kIntoSwing);
+  const double jammed_m = run_.plant.input().finger_opening_m[0];
+  const auto jam = [&](crux_msgs::control_input_t& in) {
+    in.finger_opening_m[0] = jammed_m;
+    if (run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose)) in.finger_force_n[0] = 58.0;
+  };
+  ASSERT_LT(until_fault(jam, 20000), 20000);
+  expect_fault(FaultCode::kEventTimeout, 0, 0);
+  EXPECT_EQ(run_.result.reference[0].load, 0.0);
+}
+
 TEST_F(Sensors, ACycleThatBeginsTooLateIsTold) {
   const double limit_s = robot().supervisor.max_late_s;
   run_.plant.input().late_s = 0.9 * limit_s;

@@ -193,15 +193,16 @@ class Loop:
             if cycle % REPORT_CYCLES == 0:
                 self.progress(self.plant.time_s)
             if end_cycle is None:
-                over = self._over(cycle)
+                over = self.over(cycle)
                 if over is not None:
                     watched_s = self.watched_s if over is Ending.STOPPED else 0.0
                     ending, end_cycle = over, cycle + REST_CYCLES + round(watched_s / self.plant.dt_s)
             elif cycle >= end_cycle:
                 return Outcome(ending, cycle + 1, time.monotonic() - began_s, missed)
 
-    def _over(self, cycle: int) -> Ending | None:
-        """Decided by bus and cycle count alone, so that two runs end in the same cycle."""
+    def over(self, cycle: int) -> Ending | None:
+        """How the run ends, None: it goes on. Decided by bus and cycle count alone, so that two runs end in the same
+        cycle."""
         host = self.nodes.host_state()
         state = host & STATE_MASK
         if host != UNKNOWN:

@@ -120,6 +120,10 @@ class Plant:
         for limb in limbs:
             self._native.crux_plant_drive_gripper(self.handle, limb)
 
+    def carry(self) -> None:
+        """The hand that carries the body at first goes on for 0.5 s from now, and lets go in the second after."""
+        self._native.crux_plant_carry(self.handle)
+
     def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
         """One control cycle: motor torques (24,) in joint direction, squeeze a finger (4,), positive closes."""
         torque = np.ascontiguousarray(joint_torque_nm, dtype=np.float64)

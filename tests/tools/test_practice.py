@@ -1,0 +1,81 @@
+"""`crux sim`: the operator's own commands against a simulated robot, as on the robot. Needs the build."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crux_contracts.plan_file import write_plan
+from crux_msgs import command_t, plan_t, robot_state_t
+from crux_tools.operator_link import OperatorLink
+from crux_tools.sim.ports import run_ports
+from crux_tools.telemetry.reader import read_log
+from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
+
+PATIENCE_S = 60.0
+CARRIED_S = 4.0  # longer than the hand goes on where the runtime takes over at once
+
+
+def hanging_plan() -> plan_t:
+    """Under an overhang, where nobody hangs whose grippers do not press."""
+    return standing_plan(Wall(slope_deg=110.0), np.array([[0.0, 0.0, BODY_HEIGHT_M]] * 8))
+
+
+@contextmanager
+def practice(folder: Path) -> Iterator[tuple[subprocess.Popen[str], OperatorLink]]:
+    write_plan(folder / "plan.mcap", hanging_plan())
+    with run_ports() as ports:
+        words = ["sim", str(folder / "plan.mcap"), "-o", str(folder / "log.mcap"), "--lcm", ports.lcm_url]
+        process = subprocess.Popen([sys.executable, "-m", "crux_tools.cli", *words], stderr=subprocess.PIPE, text=True)
+        try:
+            with OperatorLink(ports.lcm_url) as link:
+                yield process, link
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def until(link: OperatorLink, met: Callable[[robot_state_t], bool]) -> robot_state_t:
+    end_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
+        if link.command(command_t.STATUS, tries=1) is not None and link.status is not None and met(link.status.state):
+            return link.status.state
+        time.sleep(0.1)
+    raise AssertionError(f"not within {PATIENCE_S:g} s")
+
+
+@pytest.mark.alone
+def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
+    plan = hanging_plan()
+    with practice(tmp_path) as (process, link):
+        until(link, lambda state: state.time_s > CARRIED_S)
+        link.upload(plan)
+        until(link, lambda state: state.supervisor_state == robot_state_t.READY)
+        link.send(command_t.START, plan.plan_id)
+        until(link, lambda state: state.plan_time_s > 1.0)
+        link.send(command_t.HOLD)
+        held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
+        assert held.fault_code == 0
+        link.send(command_t.FORCE_SHUTDOWN)
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, said
+        assert "was shut down" in said
+    log = read_log(tmp_path / "log.mcap")
+    assert log.state["plan_time_s"].max() > 1.0
+
+
+@pytest.mark.alone
+def test_ctrl_c_ends_it_without_a_word_too_much(tmp_path: Path) -> None:
+    with practice(tmp_path) as (process, link):
+        until(link, lambda state: state.cycle > 100)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, said
+        assert said.splitlines()[-1] == f"crux sim: ended; the log is {tmp_path / 'log.mcap'}"
