@@ -90,10 +90,12 @@ def solve_by_ipopt(
     start: Start,
     limited: frozenset[Place],
     time_limit_s: float,
+    most_iterations: int = nlp.ITERATIONS,
 ) -> Solution:
     """The same problem, with constraints on the joint torques at the places `limited`, solved by ipopt."""
     stages = StageProblem(functions, problem, schedule, limited)
-    return _solution(stages, schedule, nlp.solve(stages, start.body, _columns(stages, start), time_limit_s))
+    found = nlp.solve(stages, start.body, _columns(stages, start), time_limit_s, most_iterations)
+    return _solution(stages, schedule, found)
 
 
 def _columns(stages: StageProblem, start: Start) -> Array:

@@ -140,7 +140,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
     functions = StageFunctions(problem)
-    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
+    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 60.0, 300)
     monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
@@ -175,13 +175,13 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     weaker = problem.torque_limits_Nm * 0.85
     problem = replace(problem, torque_limits_Nm=weaker)
     start = start_from_path(problem, path)
-    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 30.0)
+    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 60.0, 300)
     assert max(unlimited.torque_shares.values()) > 1.05
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
     everywhere = frozenset(unlimited.torque_shares)
-    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 30.0)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0, 300)
     assert max(by_ipopt.torque_shares.values()) <= 1.0 + 1e-3
     assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
 
