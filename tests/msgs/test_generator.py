@@ -117,3 +117,13 @@ def test_python_sees_the_tables() -> None:
     fault = channels.FAULT_BY_CODE[7]
     assert (fault.name, fault.to) == ("body_error", "HOLDING")
     assert fault.describe(0.07, 0.06) == "body is 0.07 m off its reference (limit: 0.06 m)"
+    jumped = channels.FAULT_BY_CODE[19].describe(-0.3, 0.012)
+    assert jumped == "the encoder jumped by -0.3 rad in a cycle (the joint turns 0.012 rad at most)"
+
+
+@pytest.mark.parametrize("fault", channels.FAULTS, ids=lambda fault: fault.name)
+def test_a_fault_is_told_with_its_numbers(fault: channels.FaultKind) -> None:
+    words = fault.describe(0.123, 0.456)
+    assert ("0.123" in words) == ("value" in fault.text)
+    assert ("0.456" in words) == ("limit" in fault.text)
+    assert not re.search(r"\bvalue\b|\blimit\b(?!: 0.456)", words)

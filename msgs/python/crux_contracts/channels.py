@@ -41,8 +41,10 @@ class FaultKind:
 
     def describe(self, value: float, limit: float) -> str:
         """The text with its numbers."""
-        words = self.text.replace("limit: limit", f"limit: {limit:g}")
-        return words.replace("value", f"{value:g}")
+        text = self.text
+        for word, number in (("limit", limit), ("value", value)):  # "(limit: limit)": the last one is the number
+            text = f"{number:g}".join(text.rsplit(word, 1))
+        return text
 
 
 CHANNELS = tuple(Channel(*row) for row in tables.CHANNELS)

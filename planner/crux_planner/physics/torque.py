@@ -48,12 +48,14 @@ def interval_torques(numbers: Any, x: Any, q: Any, grasp: Any, gravity: Any, dt:
     """Torques (12,) [Nm] of a limb with LimbMasses' `numbers` at both ends of a knot's interval: its wrench q is held
     from the knot's body state x (12) on until the next pose. `grasp` (9) is centre, opening axis, tangent (casadi).
     """
+    return ca.vertcat(*[held_torques(numbers, pose, q, grasp, gravity) for pose in (x[:6], next_pose(x, dt))])
+
+
+def held_torques(numbers: Any, pose: Any, q: Any, grasp: Any, gravity: Any) -> Any:
+    """The same (6,) [Nm] at one body pose (6) (casadi)."""
     centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
     force, _ = gripper_wrench(q, centre, axis, tangent)
-    ends = []
-    for pose in (x[:6], next_pose(x, dt)):
-        ends.append(joint_torques()(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity))
-    return ca.vertcat(*ends)
+    return joint_torques()(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)
 
 
 def _parts(v: Any) -> tuple[Any, Any, Any]:

@@ -158,12 +158,13 @@ def _finish_as_it_is(
             message = plan_message(climb.scenario, climb.robot, problem, schedule, solution, climb.method)
         with work.part("check", 0.8):
             report = check_plan(message, climb.robot)
+        problem = replace(problem, torque_limits_Nm=solution.torque_limits_Nm)
         easier = None if report.ok else eased(problem, report)
         if easier is None:
             break
         refused = refused or _refused(report)
         work.log(f"{refused}; once more with less of those joints")
-        problem, start = easier, Start(solution.body, solution.wrenches)
+        problem, start = easier, Start(solution.body, solution.wrenches, near=True)
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
         slow = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)

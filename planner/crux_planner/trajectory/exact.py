@@ -17,14 +17,7 @@ from crux_planner.physics.cost import schedule_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS
 from crux_planner.solvers import clock
 from crux_planner.trajectory import nlp
-from crux_planner.trajectory.interior_point import (
-    WARM_BARRIER,
-    WARM_ITERATIONS,
-    Point,
-    first_point,
-    minimise,
-    warm_point,
-)
+from crux_planner.trajectory.interior_point import first_point, minimise
 from crux_planner.trajectory.solution import Place, Solution, Start
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
@@ -47,24 +40,21 @@ def solve_within_torques(
     if start.near:
         stages = StageProblem(functions, problem, schedule, limited)
         limited = _watched(stages.torque_shares(start.body, _columns(stages, start)))
-    point: Point | None = None
     for _ in range(_TORQUE_ROUNDS + 1):
-        outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
-        if outcome is None and limited and np.any(problem.torque_limits_Nm < problem.last_torques_Nm):
+        found = _solve_once(functions, problem, schedule, start, limited, deadline)
+        if found is None and limited and np.any(problem.torque_limits_Nm < problem.last_torques_Nm):
             problem = replace(problem, torque_limits_Nm=problem.last_torques_Nm)
-            outcome = _solve_once(functions, problem, schedule, start, limited, deadline, point)
-        if outcome is None and start.near:  # other ways follow that promise more than ipopt
-            return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, np.inf, np.inf, {})
-        if outcome is None:
-            left = max(deadline - clock.now(), LEAST_LEFT_S)
-            solution, point = solve_by_ipopt(functions, problem, schedule, start, limited, left), None
-        else:
-            solution, point = outcome
+            found = _solve_once(functions, problem, schedule, start, limited, deadline)
+        if found is None and start.near:  # other ways follow that promise more than ipopt
+            nowhere = (np.inf, np.inf, dict[Place, float](), problem.torque_limits_Nm)
+            return Solution(start.body, start.wrenches, np.inf, 0, "not converged", False, *nowhere)
+        left = max(deadline - clock.now(), LEAST_LEFT_S)
+        solution = found or solve_by_ipopt(functions, problem, schedule, start, limited, left)
         beyond = {place for place, share in solution.torque_shares.items() if share > 1.0 + _TORQUE_TOLERANCE}
         if not solution.solved or not beyond:
             break
         limited |= _watched(solution.torque_shares)
-        start = Start(solution.body, solution.wrenches)
+        start = replace(start, body=solution.body, wrenches=solution.wrenches)
     else:
         return replace(solution, solved=False, status="joint torques")
     return solution
@@ -81,21 +71,16 @@ def _solve_once(
     start: Start,
     limited: frozenset[Place],
     deadline: float,
-    near: Point | None,
-) -> tuple[Solution, Point] | None:
+) -> Solution | None:
     """The solution stage by stage; None where that does not converge."""
     stages = StageProblem(functions, problem, schedule, limited)
-    outcome = None
-    if near is not None:
-        outcome = minimise(stages, warm_point(stages, near, WARM_BARRIER), deadline, WARM_BARRIER, WARM_ITERATIONS)
-    if outcome is None or not outcome.solved:  # from near it may go astray
-        outcome = minimise(stages, first_point(stages, start.body, _columns(stages, start)), deadline)
+    outcome = minimise(stages, first_point(stages, start.body, _columns(stages, start)), deadline)
     if not outcome.solved:
         return None
     point = outcome.point
     columns = np.where(stages.fixed, stages.fixed_value, point.columns)
     found = nlp.Optimum(point.body, columns, outcome.cost, outcome.iterations, "Solve_Succeeded", True)
-    return _solution(stages, schedule, found), point
+    return _solution(stages, schedule, found)
 
 
 def solve_by_ipopt(
@@ -105,10 +90,12 @@ def solve_by_ipopt(
     start: Start,
     limited: frozenset[Place],
     time_limit_s: float,
+    most_iterations: int = nlp.ITERATIONS,
 ) -> Solution:
     """The same problem, with constraints on the joint torques at the places `limited`, solved by ipopt."""
     stages = StageProblem(functions, problem, schedule, limited)
-    return _solution(stages, schedule, nlp.solve(stages, start.body, _columns(stages, start), time_limit_s))
+    found = nlp.solve(stages, start.body, _columns(stages, start), time_limit_s, most_iterations)
+    return _solution(stages, schedule, found)
 
 
 def _columns(stages: StageProblem, start: Start) -> Array:
@@ -136,4 +123,5 @@ def _solution(stages: StageProblem, schedule: Schedule, found: nlp.Optimum) -> S
         position_residual_m=float(defects[:, :3].max()),
         force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
         torque_shares=stages.torque_shares(found.body, found.columns),
+        torque_limits_Nm=problem.torque_limits_Nm,
     )

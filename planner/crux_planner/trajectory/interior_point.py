@@ -16,9 +16,11 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.solvers import clock
 from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProblem
 
-FIRST_BARRIER, WARM_BARRIER, LAST_BARRIER = 1e-2, 1e-4, 1e-7
+FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
-_MOST_ITERATIONS, WARM_ITERATIONS = 80, 40
+_MOST_ITERATIONS = 80
+_STALLED, _SHORT = 8, 0.1  # so many steps in a row, each of less of a Newton step: the rows contradict each other
+_NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
 
@@ -45,45 +47,25 @@ class Outcome:
     cost: float
 
 
-def first_point(stages: StageProblem, body: Array, columns: Array, barrier: float = FIRST_BARRIER) -> Point:
-    """A point to start from: slacks as the rows have them, duals on the central path."""
+def first_point(stages: StageProblem, body: Array, columns: Array) -> Point:
+    """A point to start from: slacks as large as what rows have or lack, duals on the central path."""
     body = body.copy()
     body[0] = stages.first
     columns = np.where(stages.fixed, stages.fixed_value, columns)
     values = stages.rows(body, columns)
-    slacks = np.maximum(stages.slack(values), _LEAST_SLACK)
-    return Point(body, columns, np.zeros((stages.knots, body.shape[1])), slacks, stages.bounded * barrier / slacks)
-
-
-def warm_point(stages: StageProblem, near: Point, barrier: float) -> Point:
-    """Back on the central path from where another problem of the same stages ended; its last rows may be others.
-
-    An active row keeps its dual, any other its slack.
-    """
-    point = first_point(stages, near.body, near.columns, barrier)
-    point.multipliers = near.multipliers
-    same = stages.rows_without_torques
-    slacks, duals = near.slacks[:, :same], near.duals[:, :same]
-    active = duals > slacks
-    point.slacks[:, :same] = np.where(active, barrier / np.where(active, duals, 1.0), slacks)
-    point.duals[:, :same] = stages.bounded[:, :same] * np.where(active, duals, barrier / slacks)
-    return point
+    slacks = np.maximum(np.abs(stages.slack(values)), _LEAST_SLACK)
+    duals = stages.bounded * FIRST_BARRIER / slacks
+    return Point(body, columns, np.zeros((stages.knots, body.shape[1])), slacks, duals)
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # it ends where numbers are no longer finite
-def minimise(
-    stages: StageProblem,
-    point: Point,
-    deadline: float,
-    barrier: float = FIRST_BARRIER,
-    most_iterations: int = _MOST_ITERATIONS,
-) -> Outcome:
+def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
     """Newton steps on the barrier problem, the barrier lowered as they succeed."""
     bounded = stages.bounded
     count = max(int(bounded.sum()), 1)
-    iteration, cost = 0, np.inf
+    iteration, short, near, barrier = 0, 0, False, FIRST_BARRIER
     while True:
-        at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals))
+        at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
         slack = stages.slack(at.rows)
         lacking = np.where(bounded, slack - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
@@ -91,22 +73,24 @@ def minimise(
         primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), stages.last_error(point.body))
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
-        cost = at.cost
+        near = primal < _NEAR and gap < _NEAR_GAP
         if primal < _TOLERANCE and dual < _DUAL_TOLERANCE and gap < 2 * LAST_BARRIER:
-            return Outcome(point, iteration, True, cost)
-        if iteration >= most_iterations or clock.now() > deadline or not np.isfinite(primal + dual):
-            return Outcome(point, iteration, False, cost)
+            return Outcome(point, iteration, True, at.cost)
+        spent = iteration >= _MOST_ITERATIONS or short >= _STALLED or clock.now() > deadline
+        if spent or not np.isfinite(primal + dual):
+            return Outcome(point, iteration, False, at.cost)
         slacks = np.where(bounded, point.slacks, 1.0)
         stiffness = point.duals / slacks
         pull = np.where(bounded, barrier / slacks, 0.0) - stiffness * lacking
         try:
             step = newton_step(stages, at, point, defects, stiffness.sum(axis=0), pull[0] - pull[1])
         except np.linalg.LinAlgError:  # the Hessian of a limb's column is singular: no step leads on
-            return Outcome(point, iteration, False, cost)
+            return Outcome(point, iteration, False, at.cost)
         body, columns, multipliers, change = step
         slack_step = np.where(bounded, np.stack([change, -change]) + lacking, 0.0)
         dual_step = np.where(bounded, pull - point.duals - stiffness * np.stack([change, -change]), 0.0)
         primal_share = _share(point.slacks, slack_step, bounded)
+        short = short + 1 if primal_share < _SHORT else 0
         dual_share = _share(point.duals, dual_step, bounded)
         point = Point(
             point.body + primal_share * body,

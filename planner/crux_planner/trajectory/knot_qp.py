@@ -50,7 +50,7 @@ class KnotSolution:
     @property
     def solution(self) -> Solution:
         """As if it were exact."""
-        return Solution(self.body, self.wrenches, self.cost, 0, "", True, 0.0, 0.0, {})
+        return Solution(self.body, self.wrenches, self.cost, 0, "", True, 0.0, 0.0, {}, self.problem.torque_limits_Nm)
 
     def start(self) -> Start:
         """Where the exact program starts: no more squeeze than the smaller of two normal forces."""

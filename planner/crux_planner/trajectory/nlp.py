@@ -50,7 +50,7 @@ class _Rows:
         self.high.append(np.broadcast_to(high, expression.T.shape).ravel())
 
 
-def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float) -> Optimum:
+def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float, most_iterations: int) -> Optimum:
     """Solve P1 of a schedule from body states (N + 1, 12) and columns (N, 4, 8)."""
     f, n, stance = stages.functions.equations, stages.knots, stages.stance
     knots, limbs = np.nonzero(stance)
@@ -82,7 +82,7 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     ]
     nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
     row_bounds = np.concatenate(rows.low), np.concatenate(rows.high)
-    options = {**ONCE, "ipopt.max_iter": ITERATIONS, "ipopt.max_cpu_time": time_limit_s}
+    options = {**ONCE, "ipopt.max_iter": most_iterations, "ipopt.max_cpu_time": time_limit_s}
     solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, options)
     found = solver.solve(np.concatenate([body.ravel(), columns[stance].ravel()]))
     columns = stages.empty_columns()

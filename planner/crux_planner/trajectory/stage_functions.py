@@ -21,7 +21,7 @@ from crux_planner.physics.cost import body_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.torque import interval_torques
+from crux_planner.physics.torque import held_torques, interval_torques
 from crux_planner.solvers.mapped import Mapped, mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
@@ -97,6 +97,20 @@ class StageFunctions:
         state and q.
         """
         found: tuple[Array, Array] = self._torques(x, q, grasps, self.numbers[limbs])
+        return found
+
+    def torque_hessian(
+        self, limbs: Indices, poses: tuple[Array, Array], by_state: Array, q: Array, grasps: Array, multiplier: Array
+    ) -> Array:
+        """Hessian (n, 17, 17) of multipliers (n, 12) times the torques of limbs (n,): body poses (n, 6) at both ends of
+        the intervals, the latter's derivatives (n, 6, 12) by the body state; these are taken as constant.
+        """
+        first = np.broadcast_to(np.eye(POSE, BODY_STATES), by_state.shape)
+        found = np.zeros((len(limbs), BODY_STATES + WRENCH_INPUTS, BODY_STATES + WRENCH_INPUTS))
+        for pose, slope, z in zip(poses, (first, by_state), np.split(multiplier, 2, axis=1), strict=True):
+            by = np.zeros((len(limbs), POSE + WRENCH_INPUTS, found.shape[-1]))
+            by[:, :POSE, :BODY_STATES], by[:, POSE:, BODY_STATES:] = slope, np.eye(WRENCH_INPUTS)
+            found += by.swapaxes(-1, -2) @ self._torque_curvature(pose, q, grasps, self.numbers[limbs], z)[0] @ by
         return found
 
     def torque_values(self, limbs: Indices, x: Array, q: Array, grasps: Array) -> Array:
@@ -179,6 +193,14 @@ class StageFunctions:
         x, q, *_ = arguments = values.sx_in()
         torques = values(*arguments)
         return mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
+
+    @cached_property
+    def _torque_curvature(self) -> Mapped:
+        sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS, "z": 6}
+        pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+        torques = held_torques(numbers, pose, q * self.scale, grasp, self.problem.gravity_w)
+        hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
+        return mapped("torque_curvature", arguments, [hessian])
 
     @cached_property
     def _wrench(self) -> Mapped:

@@ -123,11 +123,6 @@ class StageProblem:
         ]
         return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
-    @property
-    def rows_without_torques(self) -> int:
-        """Rows that every problem of this schedule has."""
-        return int(self._ends[3])
-
     def slack(self, values: Array) -> Array:
         """(2, R): how far rows are inside their bounds; 1 where there is none."""
         slack: Array = np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
@@ -158,10 +153,14 @@ class StageProblem:
         duals = np.zeros_like(self.low)
         return self.derivatives(body, columns, np.zeros((self.knots, BODY_STATES)), duals).rows
 
-    def derivatives(self, body: Array, columns: Array, multipliers: Array, duals: Array) -> Derivatives:
-        """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows."""
+    def derivatives(
+        self, body: Array, columns: Array, multipliers: Array, duals: Array, *, near: bool = False
+    ) -> Derivatives:
+        """Everything at a point; Hessians are those of cost + multipliers' dynamics - duals' rows, of torques only near
+        a solution: further off these bend either way, and lead astray.
+        """
         f, n = self.functions, self.knots
-        _, on_reach, _, on_surface, _ = self.split(duals)
+        _, on_reach, _, on_surface, on_torques = self.split(duals)
         q = columns[..., :WRENCH_INPUTS]
         totals = np.einsum("klij,klj->ki", self.maps, q)
         step, state_map, by_total, step_hessian, step_cross = f.step(body[:-1], totals, self.hands, multipliers)
@@ -184,7 +183,12 @@ class StageProblem:
         limited, limbs = self.limited
         torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
         if len(limbs):
-            torques, torque_slopes = f.torque(limbs, body[limited], q[self.limited], self.grasps[self.limited])
+            held = q[self.limited], self.grasps[self.limited]
+            torques, torque_slopes = f.torque(limbs, body[limited], *held)
+            if near:
+                poses = body[limited, :POSE], step[limited, :POSE]
+                bent = f.torque_hessian(limbs, poses, state_map[limited, :POSE], *held, -on_torques)
+                self._add_both(bent, body_hessian, column_hessian, cross)
         rows = [body[1:], reach, columns, surface, torques]
         spines = SPINE_WEIGHT * float((columns[self.by_spines][:, :3] ** 2).sum())
         return Derivatives(
@@ -225,13 +229,17 @@ class StageProblem:
         index = np.arange(COLUMN)
         columns[..., index, index] += on_column + self.fixed * PINNED
         columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
-        knots, limbs = self.limited
         both = at.torques.swapaxes(-1, -2) @ (on_torques[..., None] * at.torques)
+        self._add_both(both, body, columns, cross)
+        body_slope, column_slope = self._pulled(at, -pull)
+        return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
+
+    def _add_both(self, both: Array, body: Array, columns: Array, cross: Array) -> None:
+        """Adds second derivatives (P, 17, 17) by body state and wrench at `limited` to the Hessians."""
+        knots, limbs = self.limited
         np.add.at(body, knots, both[:, :BODY_STATES, :BODY_STATES])
         columns[knots, limbs, :WRENCH_INPUTS, :WRENCH_INPUTS] += both[:, BODY_STATES:, BODY_STATES:]
         cross[knots, limbs, :, :WRENCH_INPUTS] += both[:, :BODY_STATES, BODY_STATES:]
-        body_slope, column_slope = self._pulled(at, -pull)
-        return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
 
     def change(self, at: Derivatives, body: Array, columns: Array) -> Array:
         """Of the rows, for a step."""

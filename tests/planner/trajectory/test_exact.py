@@ -14,6 +14,7 @@ from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
+from crux_planner.physics import dynamics
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import scheduled
 from crux_planner.search.stances import Oracles, search
@@ -88,7 +89,6 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
     step_body[0] = 0.0
     step_columns *= stages.stance[..., None] & ~stages.fixed
     duals = random.uniform(0.0, 1.0, len(stages.low))
-    duals[stages.rows_without_torques :] = 0.0  # their curvature is left out of the Hessian
     h = 1e-6
     at = stages.derivatives(point.body, point.columns, point.multipliers, duals)
     above, below = (
@@ -110,9 +110,12 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
         return follows @ x[:6] + 0.15 * sum(hand[:3] for hand in hands)
 
     monkeypatch.setattr(stage_functions, "centre_of_mass", straight)
+    monkeypatch.setattr(dynamics, "euler_rates", lambda _theta, omega: omega)  # so is that of the next pose in torques
     stages, _ = stages_at_random(3)
     at, above, below = (
-        stages.derivatives(point.body + s * step_body, point.columns + s * step_columns, point.multipliers, duals)
+        stages.derivatives(
+            point.body + s * step_body, point.columns + s * step_columns, point.multipliers, duals, near=True
+        )
         for s in (0.0, h, -h)
     )
 
@@ -137,7 +140,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
     functions = StageFunctions(problem)
-    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 30.0)
+    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 60.0, 300)
     monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
@@ -172,15 +175,31 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     weaker = problem.torque_limits_Nm * 0.85
     problem = replace(problem, torque_limits_Nm=weaker)
     start = start_from_path(problem, path)
-    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 30.0)
+    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 60.0, 300)
     assert max(unlimited.torque_shares.values()) > 1.05
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
     everywhere = frozenset(unlimited.torque_shares)
-    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 30.0)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0, 300)
     assert max(by_ipopt.torque_shares.values()) <= 1.0 + 1e-3
     assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
+
+
+def test_joints_that_lack_much_are_held_without_ipopt_as_cheaply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here a Hessian without the torques' curvature leads from the solution again."""
+    problem, schedule, path = instance("steep")
+    weaker = problem.torque_limits_Nm * 0.8
+    problem = replace(problem, torque_limits_Nm=weaker, last_torques_Nm=weaker)
+    start = start_from_path(problem, path)
+    monkeypatch.delattr(exact, "solve_by_ipopt")
+    solution = solve_within_torques(problem, schedule, start, clock.now() + 30)
+    assert solution.solved
+    assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
+    everywhere = frozenset(solution.torque_shares)
+    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0)
+    assert by_ipopt.solved
+    assert solution.cost <= by_ipopt.cost + 2e-3
 
 
 def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
