@@ -31,8 +31,8 @@ struct LoopErrors {
   PerLimb<int> worst_joint{};
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
-  PerLimb<bool> must_grip{};      ///< bears load: its fingers must press
-  PerLimb<bool> grasp_failed{};   ///< gave way to the pull that tested it
+  PerLimb<bool> must_grip{};     ///< bears load: its fingers must press
+  PerLimb<bool> grasp_failed{};  ///< gave way to the pull that tested it
   double gave_way_m = 0.0, gave_way_limit_m = 0.0;
   PerLimb<double> ft_residual_Nm{};     ///< torque of the limb's joints that its F/T sensor does not explain
   PerLimb<double> ft_limit_Nm{};        ///< the most that this may be

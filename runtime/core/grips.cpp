@@ -1,9 +1,16 @@
 // How the control core presses on holds, pulls new grasps, tries them again and finds a hold again that it left.
 #include <algorithm>
+#include <limits>
 
 #include "core/control_core.hpp"
 
 namespace crux {
+namespace {
+
+// Of a joint's effort: a pull loads other limbs no further.
+constexpr double kMostTorque = 0.9;
+
+}  // namespace
 
 Contact ControlCore::contact(const LimbReference& reference) const noexcept {
   return {reference.faces.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
@@ -52,10 +59,13 @@ void ControlCore::begin_test(int limb) noexcept {
 }
 
 void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexcept {
+  PerLimb<double> needs_N = this->needs_N(reference);
+  for (int l = 0; l < kLimbs; ++l) {
+    if (limbs_[l].torque_share() > kMostTorque) needs_N[l] = std::numeric_limits<double>::infinity();
+  }
   for (int l = 0; l < kLimbs; ++l) {
     if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
-    if (test_.limb() == l)
-      test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N(reference), dt_s);
+    if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N, dt_s);
     const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
     if (climbs && test_.result(l) == GraspTest::Result::kFailed && retry_.begin(l)) {
       test_.forget(l);

@@ -274,8 +274,15 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
 
 double LimbController::finger_residual_N(const LimbReference& reference) const noexcept {
   const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
-  if (rest && passes_over(reference) && opened(reference)) return std::abs(finger_force_N_);
+  const bool touches = wrench_W().force_N.norm() >= control_.unload_force_N;  // a hold, in passing
+  if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
   return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
+}
+
+double LimbController::torque_share() const noexcept {
+  double share = 0.0;
+  for (int j = 0; j < kJoints; ++j) share = std::max(share, std::abs(torque_Nm_[j]) / joints_[j].effort_Nm);
+  return share;
 }
 
 bool LimbController::closes_on_nothing() const noexcept {

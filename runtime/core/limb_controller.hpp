@@ -100,6 +100,8 @@ class LimbController {
   Vector3 gripper_W_m(const Pose& body_W) const { return body_W * state_.gripper_B.position_m; }
   const LimbState& state() const { return state_; }
   const JointVector& torque_Nm() const { return torque_Nm_; }  ///< measured
+  /// The greatest of it as a share of its joint's effort.
+  double torque_share() const noexcept;
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
@@ -109,8 +111,9 @@ class LimbController {
   double expected_finger_force_N() const noexcept {
     return grasp_.expected_force_N(finger_opening_m_, finger_speed_m_s_);
   }
-  /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air. Fingers that
-  /// move tell nothing, nor does a force that is more: a self-locking screw keeps its squeeze when it is told to loosen.
+  /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air and the F/T
+  /// sensor feels nothing. Fingers that move tell nothing, nor does a force that is more: a self-locking screw keeps
+  /// its squeeze when it is told to loosen.
   double finger_residual_N(const LimbReference& reference) const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
@@ -164,8 +167,8 @@ class LimbController {
   double opened_m_ = 0.0;           ///< before the fingers closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
-  JointVector residual_Nm_ = JointVector::Zero();  ///< filtered as the wrench is
-  JointVector borne_Nm_ = JointVector::Zero();     ///< torque beyond gravity, filtered likewise
+  JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
+  JointVector borne_Nm_ = JointVector::Zero();              ///< torque beyond gravity, filtered likewise
   JointVector borne_as_it_moved_Nm_ = JointVector::Zero();  ///< that, as the F/T sensor last gave other numbers
   LimbState state_;
 

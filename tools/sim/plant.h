@@ -79,7 +79,7 @@ CRUX_SIM_API void crux_plant_drive_joint(crux_plant *plant, int32_t joint);
 /// From now on the finger force of a limb is that of a motor before its screw's friction.
 CRUX_SIM_API void crux_plant_drive_gripper(crux_plant *plant, int32_t limb);
 
-/// The hand that carries the body at first begins its time anew, of which it lets go in the last second.
+/// The hand that carries the body at first begins its time anew, in the last second of which it releases it.
 CRUX_SIM_API void crux_plant_carry(crux_plant *plant);
 
 /// One control cycle: motor torques in joint direction, squeeze a finger, positive closes.

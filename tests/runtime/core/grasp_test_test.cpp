@@ -149,6 +149,20 @@ TEST_F(PulledGrasp, IsLoadedWithMoreThanItIsToBearBeforeThePlanGoesOn) {
   EXPECT_GT(pull_N, 1.1 * most_N);
 }
 
+TEST_F(PulledGrasp, IsPulledNoHarderThanTheJointsOfOtherLimbsBear) {
+  double most_N = 0.0;
+  for (int i = 0; i < 12000 && phase() != static_cast<int>(LimbPhase::kLoad) && !run_.result.has_fault; ++i) {
+    const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
+    // Not long enough for a sensor to be doubted.
+    if (closes && most_N < 5.0 && force_N() >= 5.0)
+      run_.plant.input().joint_torque_nm[3 * kJoints + 1] = 0.95 * robot().limbs[3].joints[1].effort_Nm;
+    if (closes) most_N = std::max(most_N, force_N());
+    run_.step();
+  }
+  ASSERT_EQ(phase(), static_cast<int>(LimbPhase::kLoad));
+  EXPECT_NEAR(most_N, 5.0, 1.0);
+}
+
 TEST_F(PulledGrasp, ThatGivesWayIsTriedToBothSidesThenToldAndThePlanStands) {
   climb_with_creep(GraspRetry::kTries + 1);
   EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kGraspFailed));

@@ -121,7 +121,7 @@ class Plant:
             self._native.crux_plant_drive_gripper(self.handle, limb)
 
     def carry(self) -> None:
-        """The hand that carries the body at first goes on for 0.5 s from now, and lets go in the second after."""
+        """The hand that carries the body at first goes on for 0.5 s from now, and releases it in the second after."""
         self._native.crux_plant_carry(self.handle)
 
     def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
