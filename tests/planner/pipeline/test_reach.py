@@ -18,6 +18,7 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline import climb, fallback
 from crux_planner.pipeline.explanation import level_stance_at_goal
 from crux_tools.benchmarks.random_fields import random_field
+from walls import scenario, two_rows
 
 LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}
 
@@ -66,9 +67,9 @@ def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
 def test_starts_and_goals_may_be_tilted(
     robot: Robot, start_deg: tuple[float, float], goal_deg: tuple[float, float]
 ) -> None:
-    wall = yaml.safe_load(ladder(0.28, 45.0))
+    wall = two_rows()
     wall["start"]["body"]["rpy_deg"], wall["goal"]["body"]["rpy_deg"] = [*start_deg, 0], [*goal_deg, 0]
-    result = crux_planner.plan(parse_scenario(yaml.safe_dump(wall)), robot)
+    result = crux_planner.plan(scenario(wall), robot)
     assert result.check.ok
     first, last = (np.degrees(result.plan.knots[k].body_rpy_rad[:2]) for k in (0, -1))
     np.testing.assert_allclose(first, start_deg, atol=1e-6)
