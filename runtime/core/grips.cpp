@@ -8,7 +8,7 @@ namespace crux {
 namespace {
 
 // Of a joint's effort: a pull loads other limbs no further.
-constexpr double kMostTorque = 0.9;
+constexpr double kMostTorque = 0.95;
 
 }  // namespace
 

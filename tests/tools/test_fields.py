@@ -20,4 +20,4 @@ def test_fields_are_drawn_alike_for_the_same_seed_and_lie_in_their_ranges() -> N
 def test_a_goal_out_of_reach_is_proven_so() -> None:
     row = field_job(9, 20.0).run().row
     assert verdict(row) == PROVEN
-    assert "it is 151 mm outside RF's workspace" in row["reason"]
+    assert "it is 167 mm outside RF's workspace" in row["reason"]

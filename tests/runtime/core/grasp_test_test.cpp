@@ -155,7 +155,7 @@ TEST_F(PulledGrasp, IsPulledNoHarderThanTheJointsOfOtherLimbsBear) {
     const bool closes = phase() == static_cast<int>(LimbPhase::kClose);
     // Not long enough for a sensor to be doubted.
     if (closes && most_N < 5.0 && force_N() >= 5.0)
-      run_.plant.input().joint_torque_nm[3 * kJoints + 1] = 0.95 * robot().limbs[3].joints[1].effort_Nm;
+      run_.plant.input().joint_torque_nm[3 * kJoints + 1] = 0.97 * robot().limbs[3].joints[1].effort_Nm;
     if (closes) most_N = std::max(most_N, force_N());
     run_.step();
   }
