@@ -49,14 +49,14 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     to.finger_opening_m = from.finger_opening_m;
     copy(from.wrench_W.force_N, to.force_w_n);
     copy(from.wrench_W.moment_Nm, to.moment_w_nm);
-    to.friction = from.faces.friction.minCoeff();
+    to.friction = from.friction;
     limbs_[l].write(body_.body_W(), wrenches_W_[l], out.telemetry[l]);
     out.telemetry[l].utilisation = utilisation(l);
     copy(stance_.since_contact(l).shift_G_m, out.telemetry[l].stance_shift_g_m);
     copy(stance_.since_contact(l).turn_G_rad, out.telemetry[l].stance_turn_g_rad);
     out.telemetry[l].slip_m = slips_[l].slid_m();
-    out.telemetry[l].borne_friction = slips_[l].borne() * to.friction;
-    out.telemetry[l].slip_friction = slips_[l].slipped_at() * to.friction;
+    out.telemetry[l].borne_friction = slips_[l].borne() * from.friction;
+    out.telemetry[l].slip_friction = slips_[l].slipped_at() * from.friction;
     out.telemetry[l].compliance_m_n = compliances_[l].compliance_m_N();
   }
 }

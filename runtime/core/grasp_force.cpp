@@ -14,53 +14,31 @@ constexpr double kTouchShare = 0.3;
 constexpr double kSensorsApart_N = 5.0;    // finger force and opening of one gripper
 constexpr double kMostUtilisation = 10.0;  // of a pad that all but hangs in the air
 
-/// What the friction of one pad has to bear, and how much harder than the squeeze the wrench presses it [N].
+/// What one pad bears along its face, and how much harder than the squeeze the wrench presses it [N].
 struct PadLoad {
-  double friction;
-  double demand_N;
-  double pressed_N;
+  double demand_N = 0.0;
+  double pressed_N = 0.0;
 };
 
-/// Of fingers 1 and 2.
+/// Of the pads at +axis and −axis.
 std::array<PadLoad, 2> pad_loads(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact) {
-  const double pressed_N = 0.5 * wrench_W.force_N.dot(finger_axis_W);
-  const auto pad = [&](int finger) {
-    const PadShear shear_N = pad_map(finger_axis_W, finger, contact) * stacked(wrench_W);
-    return PadLoad{contact.friction[finger], left_by_spines(shear_N, contact, finger).norm(),
-                   finger == 0 ? pressed_N : -pressed_N};
+  const double normal_N = wrench_W.force_N.dot(finger_axis_W);
+  const Vector3 shear_W_N = 0.5 * (wrench_W.force_N - normal_N * finger_axis_W);
+  const Vector3 couple_W_N = wrench_W.moment_Nm.cross(finger_axis_W) / (2.0 * contact.half_opening_m);
+  const double twist_N = 0.5 * wrench_W.moment_Nm.dot(finger_axis_W) / contact.patch_k_m;
+  const auto pad = [&](double side) {
+    return PadLoad{std::hypot((shear_W_N + side * couple_W_N).norm(), twist_N), side * 0.5 * normal_N};
   };
-  return {pad(0), pad(1)};
+  return {pad(1.0), pad(-1.0)};
 }
 
 }  // namespace
-
-Vector6 stacked(const Wrench& wrench) {
-  Vector6 vector;
-  vector << wrench.force_N, wrench.moment_Nm;
-  return vector;
-}
-
-Eigen::Matrix<double, 3, 6> pad_map(const Vector3& finger_axis_W, int finger, const Contact& contact) {
-  const Vector3 along = Vector3::UnitZ().cross(finger_axis_W);
-  const double couple_1_m = (finger == 0 ? 1.0 : -1.0) / (2.0 * contact.half_opening_m);
-  Eigen::Matrix<double, 3, 6> map;
-  // (M × e)·u = M·(e × u)
-  map.row(0) << 0.5 * along.transpose(), couple_1_m * Vector3::UnitZ().transpose();
-  map.row(1) << 0.5 * Vector3::UnitZ().transpose(), -couple_1_m * along.transpose();
-  map.row(2) << Vector3::Zero().transpose(), 0.5 / contact.patch_k_m * finger_axis_W.transpose();
-  return map;
-}
-
-PadShear left_by_spines(const PadShear& shear_N, const Contact& contact, int finger) {
-  const Vector3 spines_N = contact.spines_N.col(finger);
-  return shear_N - shear_N.cwiseMin(spines_N).cwiseMax(-spines_N);
-}
 
 double needed_grasp_force_N(const Wrench& wrench_W, const Vector3& finger_axis_W, const Contact& contact,
                             const ControlParameters& control) {
   double needed_N = 0.0;
   for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
-    needed_N = std::max(needed_N, control.grasp_force_factor * pad.demand_N / pad.friction - pad.pressed_N);
+    needed_N = std::max(needed_N, control.grasp_force_factor * pad.demand_N / contact.friction - pad.pressed_N);
   }
   return needed_N + control.grasp_force_reserve_N;
 }
@@ -75,7 +53,7 @@ double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_a
                                  double squeeze_N) {
   double worst = 0.0;
   for (const PadLoad& pad : pad_loads(wrench_W, finger_axis_W, contact)) {
-    const double bearable_N = pad.friction * std::max(squeeze_N + pad.pressed_N, 0.0);
+    const double bearable_N = contact.friction * std::max(squeeze_N + pad.pressed_N, 0.0);
     const bool slight = pad.demand_N < kMostUtilisation * bearable_N;
     worst = std::max(worst, slight ? pad.demand_N / bearable_N : kMostUtilisation);
   }

@@ -13,18 +13,14 @@ constexpr double kMostTorque = 0.95;
 }  // namespace
 
 Contact ControlCore::contact(const LimbReference& reference) const noexcept {
-  return {reference.faces.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
+  return {reference.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
           reference.finger_opening_m};
 }
 
 Contact ControlCore::known_contact(int limb, const LimbReference& reference) const noexcept {
   Contact known = contact(reference);
   const double slipped_at = slips_[limb].slipped_at();
-  if (slipped_at > 0.0) {
-    known.friction *= std::min(slipped_at, 1.0);
-  } else {  // the grasp force's factor is on all that a pad bears
-    known.spines_N = plan_->spines_N * reference.faces.spines_grip.transpose() / robot_.control.grasp_force_factor;
-  }
+  if (slipped_at > 0.0) known.friction *= std::min(slipped_at, 1.0);
   return known;
 }
 

@@ -30,6 +30,26 @@ constexpr int kMaxIterations = 25;
 constexpr double kStep = 0.05;  // towards what the planes say: they hold near where they touch
 constexpr int kEvery = 2;       // cycles; the answer stands in between
 
+using PadMap = Eigen::Matrix<double, 3, kWrench>;
+
+/// What one pad bears along its face and, as a force, about its normal: z = map·(F, M), |z| ≤ μ·squeeze by (2).
+PadMap pad_map(const Vector3& axis_W, double side, const Contact& contact) {
+  const Vector3 u = axis_W.unitOrthogonal(), v = axis_W.cross(u);
+  const double couple_1_m = side / (2.0 * contact.half_opening_m);
+  PadMap map;
+  // (M × e)·u = M·(e × u)
+  map.row(0) << 0.5 * u.transpose(), couple_1_m * axis_W.cross(u).transpose();
+  map.row(1) << 0.5 * v.transpose(), couple_1_m * axis_W.cross(v).transpose();
+  map.row(2) << Vector3::Zero().transpose(), 0.5 / contact.patch_k_m * axis_W.transpose();
+  return map;
+}
+
+Vector6 stacked(const Wrench& wrench) {
+  Vector6 vector;
+  vector << wrench.force_N, wrench.moment_Nm;
+  return vector;
+}
+
 JointVector joint_torque(const Capacity& capacity, const Wrench& wrench_W, const Matrix3& rotation_WB) {
   const Wrench wrench_B = {rotation_WB.transpose() * wrench_W.force_N, rotation_WB.transpose() * wrench_W.moment_Nm};
   return capacity.gravity_Nm + contact_torque(*capacity.limb, wrench_B);
@@ -95,25 +115,24 @@ void LoadSharing::Program::weigh(int limb, const Bearer& bearer, const Vector3& 
 
 void LoadSharing::Program::limit_pads(int limb, const Bearer& bearer, const Wrench& balanced_W, const Contact& contact,
                                       const ControlParameters& control) noexcept {
+  const double slope = control.grasp_force_factor / contact.friction;
   const double balanced_normal_N = balanced_W.force_N.dot(bearer.finger_axis_W);
   for (int pad = 0; pad < kPads; ++pad) {
     const double side = pad == 0 ? 1.0 : -1.0;
-    const double slope = control.grasp_force_factor / contact.friction[pad];
-    const Eigen::Matrix<double, 3, kWrench> map = pad_map(bearer.finger_axis_W, pad, contact);
-    const PadShear balanced_N = map * stacked(balanced_W);
-    const std::array<PadShear, kPlanes> at_N = {balanced_N, balanced_N + map * change(limb)};
+    const PadMap map = pad_map(bearer.finger_axis_W, side, contact);
+    const Vector3 balanced_N = map * stacked(balanced_W);
+    const std::array<Vector3, kPlanes> at_N = {balanced_N, balanced_N + map * change(limb)};
     for (int plane = 0; plane < kPlanes; ++plane) {
       const int row = (limb * kPads + pad) * kPlanes + plane;
       limits.row(row).setZero();
       upper[row] = kNoLimit;
       if (bearer.load <= 0.0) continue;
-      const Vector3 normal = left_by_spines(at_N[plane], contact, pad).normalized();
-      const double borne_N = normal.dot(balanced_N) - normal.cwiseAbs().dot(contact.spines_N.col(pad));
+      const Vector3 normal = at_N[plane].normalized();
       limits.row(row).segment<kWrench>(limb * kWrench) = slope * normal.transpose() * map;
       limits.row(row).segment<3>(limb * kWrench) -= 0.5 * side * bearer.finger_axis_W.transpose();
       limits(row, kPadExcess) = -1.0;
-      upper[row] =
-          contact.max_normal_N - control.grasp_force_reserve_N - slope * borne_N + 0.5 * side * balanced_normal_N;
+      upper[row] = contact.max_normal_N - control.grasp_force_reserve_N - slope * normal.dot(balanced_N) +
+                   0.5 * side * balanced_normal_N;
     }
   }
 }

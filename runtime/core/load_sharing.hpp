@@ -11,7 +11,7 @@ namespace crux {
 
 /// What one limb can bear where it is.
 struct Capacity {
-  Contact contact;                               ///< with the friction that the grasp is known to have
+  Contact contact;                               ///< its friction is what the grasp is known to have
   const LimbState* limb = nullptr;               ///< for joint torques
   JointVector gravity_Nm = JointVector::Zero();  ///< of its links
   JointVector max_torque_Nm = JointVector::Zero();

@@ -90,11 +90,6 @@ std::string size_defect(const plan_t& plan) {
   if (!std::isfinite(plan.max_normal_n) || plan.max_normal_n <= 0.0) {
     return Sentence() << "max_normal_n is " << plan.max_normal_n << "; it must be above 0";
   }
-  if (!all_finite(&plan.spine_shear_n, 1) || !all_finite(&plan.spine_twist_nm, 1) || plan.spine_shear_n < 0.0 ||
-      plan.spine_twist_nm < 0.0) {
-    return Sentence() << "spine_shear_n is " << plan.spine_shear_n << " and spine_twist_nm " << plan.spine_twist_nm
-                      << "; they must be 0 or above";
-  }
   return {};
 }
 
@@ -139,21 +134,12 @@ std::string grasp_defect(const RobotDescription& robot, const plan_t& plan, std:
   if (limb.hold < 0 || limb.hold >= plan.n_holds) {
     return Sentence() << where << "hold is " << limb.hold << "; the plan has holds 0.." << plan.n_holds - 1;
   }
-  if (limb.finger1_face < limb_knot_t::FACE_PLUS_X || limb.finger1_face > limb_knot_t::FACE_MINUS_Y) {
-    return Sentence() << where << "finger1_face is " << static_cast<int>(limb.finger1_face)
-                      << "; a gripper closes on faces 0..3";
-  }
   const double max_normal_N = std::min(plan.max_normal_n, robot.gripper.max_finger_force_N);
   for (int finger = 0; finger < 2; ++finger) {
     const double normal_N = finger_normal_N(limb, finger);
     if (normal_N < -kForceTolerance_N || normal_N > max_normal_N + kForceTolerance_N) {
       return Sentence() << where << "finger " << finger + 1 << " presses with " << normal_N << " N; possible is 0.."
                         << max_normal_N << " N";
-    }
-    const double friction = plan.holds[static_cast<std::size_t>(limb.hold)].friction[limb.finger1_face ^ finger];
-    if (!std::isfinite(friction) || friction <= 0.0) {
-      return Sentence() << where << "the face under finger " << finger + 1 << " has friction " << friction
-                        << "; a limb in stance needs more than 0";
     }
   }
   return {};

@@ -29,21 +29,6 @@ double squeeze_N(const crux_msgs::limb_knot_t& knot) {
   return 0.5 * axis.dot(Vector3(knot.finger_force_w_n) - Vector3(knot.finger_force_w_n + 3));
 }
 
-/// By the plan's holds; of a foot the wall's friction, and no spines.
-Faces faces(const crux_msgs::plan_t& plan, const crux_msgs::limb_knot_t& knot) {
-  Faces faces;
-  faces.friction.setConstant(knot.friction);
-  const auto holds = static_cast<int>(plan.holds.size());
-  if (knot.hold < 0 || knot.hold >= holds || knot.finger1_face < 0 || knot.finger1_face >= knot.FACE_WALL) return faces;
-  const crux_msgs::hold_t& hold = plan.holds[static_cast<std::size_t>(knot.hold)];
-  for (int finger = 0; finger < 2; ++finger) {
-    const int face = knot.finger1_face ^ finger;  // finger 2 touches the opposite one
-    faces.friction[finger] = hold.friction[face];
-    faces.spines_grip[finger] = hold.spines[face];
-  }
-  return faces;
-}
-
 /// Slopes of `dimensions` coordinates over all knots: `value(k, i)` in, `slope(k, i)` out.
 template <class Value, class Slope>
 void fill_slopes(std::size_t knots, int dimensions, double dt_s, Value value, Slope slope) {
@@ -122,8 +107,6 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
   prepared->gravity_W_m_s2 = Vector3(plan.gravity_w_m_s2);
   prepared->patch_k_m = plan.patch_k_m;
   prepared->max_normal_N = plan.max_normal_n;
-  if (!prepared->point_feet)
-    prepared->spines_N << plan.spine_shear_n, plan.spine_shear_n, plan.spine_twist_nm / plan.patch_k_m;
   const std::size_t n = plan.knots.size();
   prepared->body.resize(n);
   prepared->body_slope.resize(n);
@@ -138,7 +121,7 @@ std::unique_ptr<PreparedPlan> tabulate(const crux_msgs::plan_t& plan) {
                                .gripper_position_W_m = Vector3(from.gripper_position_w_m),
                                .gripper_yaw_W_rad = from.gripper_yaw_w_rad,
                                .finger_opening_m = 0.5 * from.finger_separation_m,
-                               .faces = faces(plan, from),
+                               .friction = from.friction,
                                .wrench_W = gripper_wrench(from),
                                .squeeze_N = squeeze_N(from)};
     }

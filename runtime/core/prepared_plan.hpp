@@ -7,17 +7,10 @@
 #include <vector>
 
 #include "core/geometry.hpp"
-#include "core/grasp_force.hpp"
 #include "core/result.hpp"
 #include "core/robot_description.hpp"
 
 namespace crux {
-
-/// Under fingers 1 and 2 of a gripper.
-struct Faces {
-  PerFinger friction = PerFinger::Zero();
-  PerFinger spines_grip = PerFinger::Zero();  ///< 1 where they do
-};
 
 /// One limb at one knot.
 struct LimbKnot {
@@ -25,7 +18,7 @@ struct LimbKnot {
   Vector3 gripper_position_W_m = Vector3::Zero();
   double gripper_yaw_W_rad = 0.0;
   double finger_opening_m = 0.0;  ///< pad face to gripper centre
-  Faces faces;
+  double friction = 0.0;
   // On the robot about the gripper centre, piecewise constant over the interval that begins here.
   Wrench wrench_W;
   double squeeze_N = 0.0;  ///< mean of what both fingers press along the axis through them
@@ -40,9 +33,8 @@ struct PreparedPlan {
   Vector3 gravity_W_m_s2 = Vector3::Zero();
   double patch_k_m = 0.0;
   double max_normal_N = 0.0;
-  PadShear spines_N = PadShear::Zero();  ///< most that a finger's spines hold by themselves (3), as Contact has it
-  std::vector<Vector6> body;             ///< position, roll-pitch-yaw at the knots
-  std::vector<Vector6> body_slope;       ///< their PCHIP derivatives [1/s]
+  std::vector<Vector6> body;        ///< position, roll-pitch-yaw at the knots
+  std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
   std::vector<PerLimb<LimbKnot>> limbs;
   std::vector<PerLimb<FootPose>> foot_slope;  ///< PCHIP derivatives of the gripper poses [1/s]; point feet only
   std::vector<char> release;                  ///< 1: some limb lets go at this knot (k0 of PLAN.md)

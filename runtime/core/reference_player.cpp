@@ -32,7 +32,7 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
   const LimbKnot& here = plan.limbs[k][l];
   place_gripper(out, here, here, 0.0);
   out.finger_opening_m = here.finger_opening_m;
-  out.faces = here.faces;
+  out.friction = here.friction;
   if (plan.lets_go(k + 1, l)) {
     out.load = 1.0 - unload_ramp(u);
     if (u > kUnloadBegin) out.phase = back ? LimbPhase::kLoad : LimbPhase::kUnload;
@@ -49,7 +49,7 @@ void play_stance(const PreparedPlan& plan, int k, double u, int l, bool back, Li
 void play_swing_end(const LimbKnot& grasp, const LimbKnot& air, LimbPhase phase, LimbReference& out) {
   out.phase = phase;
   out.finger_opening_m = out.closing() ? grasp.finger_opening_m : air.finger_opening_m;
-  if (phase == LimbPhase::kDescend || out.closing()) out.faces = grasp.faces;
+  if (phase == LimbPhase::kDescend || out.closing()) out.friction = grasp.friction;
 }
 
 void play_air(const PreparedPlan& plan, int k, double u, int l, bool back, LimbReference& out) {
@@ -90,7 +90,7 @@ void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& 
     out.phase = plan.lets_go(k, l)          ? LimbPhase::kLift
                 : plan.takes_hold(k + 1, l) ? LimbPhase::kDescend
                                             : LimbPhase::kSwing;
-    out.faces = plan.limbs[k + 1][l].faces;
+    out.friction = plan.limbs[k + 1][l].friction;
   } else {
     play_stance(plan, k, u, l, false, out);
   }

@@ -45,7 +45,7 @@ struct LimbReference {
   double finger_opening_m = 0.0;
   Wrench wrench_W;          ///< on the robot about the gripper centre
   double squeeze_N = 0.0;   ///< of each finger, as planned
-  Faces faces;              ///< of the hold gripped or about to be gripped
+  double friction = 0.0;    ///< of the hold gripped or about to be gripped
   bool back = false;        ///< in reverse: a swing leads to the hold that it began at
   bool point_foot = false;  ///< stands or steps on the wall itself: no fingers to open or close, nothing to wait for
 

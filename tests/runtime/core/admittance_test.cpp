@@ -113,7 +113,7 @@ TEST(Admittance, AnOffsetTakenOverOutsideTheClampDoesNotJump) {
   EXPECT_NEAR(admittance.offset_m().x(), 0.08, robot().admittance.max_speed_m_s * kDt_s);
 }
 
-const Contact kContact = {{2.2, 2.2}, 0.0134, 60.0, 0.025};
+const Contact kContact = {2.2, 0.0134, 60.0, 0.025};
 
 TEST(GraspForce, EqualsTheFormulaByHand) {
   const ControlParameters& c = robot().control;
@@ -155,19 +155,12 @@ std::array<PadLoad, 2> pad_loads(const Wrench& wrench, const Vector3& e, double 
   return loads;
 }
 
-/// By (2) and (3), each finger on its own face.
 bool both_pads_hold(const Wrench& wrench, const Vector3& e, const Contact& contact, double squeeze_N) {
-  const std::array<PadLoad, 2> pads = pad_loads(wrench, e, contact.half_opening_m, squeeze_N);
-  for (int finger = 0; finger < 2; ++finger) {
-    const PadLoad& pad = pads[finger];
-    const std::array<double, 3> load_N = {pad.tangential_N.z(), pad.tangential_N.dot(Vector3(-e.y(), e.x(), 0.0)),
-                                          pad.twist_Nm / contact.patch_k_m};
-    const std::array<double, 3> spines_N = {contact.spines_N(1, finger), contact.spines_N(0, finger),
-                                            contact.spines_N(2, finger)};
-    double left_N2 = 0.0;
-    for (int i = 0; i < 3; ++i) left_N2 += std::pow(std::max(std::abs(load_N[i]) - spines_N[i], 0.0), 2);
-    const double bound_N = contact.friction[finger] * pad.normal_N;
-    if (pad.normal_N < 0.0 || left_N2 > bound_N * bound_N) return false;
+  for (const PadLoad& pad : pad_loads(wrench, e, contact.half_opening_m, squeeze_N)) {
+    const double bound_N = contact.friction * pad.normal_N;
+    if (pad.normal_N < 0.0) return false;
+    if (pad.tangential_N.squaredNorm() + std::pow(pad.twist_Nm / contact.patch_k_m, 2) > bound_N * bound_N)
+      return false;
   }
   return true;
 }
@@ -179,9 +172,7 @@ TEST(GraspForce, IsTheLeastThatKeepsBothPadsInsideTheirLimitSurface) {
   Random random(20);
   for (int i = 0; i < 500; ++i) {
     const Vector3 e = rotation_z(random.uniform(-3.0, 3.0)).col(0);
-    const PerFinger friction(random.uniform(0.3, 2.5), random.uniform(0.3, 2.5));
-    Contact contact = {friction, random.uniform(0.005, 0.02), 1e6, random.uniform(0.008, 0.066)};
-    if (i % 2 == 0) contact.spines_N.col(i / 2 % 2) = Vector3(4.0, 6.0, 8.0);
+    const Contact contact = {random.uniform(0.3, 2.5), random.uniform(0.005, 0.02), 1e6, random.uniform(0.008, 0.066)};
     const Wrench wrench = random.wrench(40.0, 1.5);
     double low_N = 0.0, high_N = 1e5;
     while (high_N - low_N > 1e-9 * high_N) {
@@ -204,7 +195,7 @@ TEST(GraspForce, AMomentAcrossTheFingersIsShearOnTheArmBetweenThePads) {
   bare.grasp_force_factor = 1.0;
   bare.grasp_force_reserve_N = bare.min_grasp_force_N = 0.0;
   // 1 Nm at 25 mm half width: 20 N of shear a pad.
-  const Contact contact = {{2.0, 2.0}, 0.0134, 60.0, 0.025};
+  const Contact contact = {2.0, 0.0134, 60.0, 0.025};
   EXPECT_NEAR(required_grasp_force_N({Vector3::Zero(), Vector3::UnitZ()}, Vector3::UnitX(), contact, bare), 10.0,
               1e-12);
 }

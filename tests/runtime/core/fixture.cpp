@@ -20,7 +20,6 @@ constexpr double kPad_m = 0.035;
 constexpr double kLift_m = 0.11;
 constexpr double kDt_s = 2.0;
 constexpr double kBodyHeight_m = 0.185;
-constexpr double kFriction = 2.2;
 constexpr double kSqueeze_N = 20.0;
 constexpr int kHoldOfLf = 4;
 
@@ -62,7 +61,7 @@ crux_msgs::plan_knot_t knot(double time_s, const Vector3& body_m, const std::vec
     limb.phase = air ? limb_knot_t::AIR : limb_knot_t::STANCE;
     limb.hold = static_cast<std::int16_t>(limbs[l].hold);
     limb.finger1_face = air ? limb_knot_t::FACE_NONE : limb_knot_t::FACE_PLUS_X;
-    limb.friction = air ? 0.0 : kFriction;
+    limb.friction = air ? 0.0 : 2.2;
     std::copy(limbs[l].position_m.data(), limbs[l].position_m.data() + 3, limb.gripper_position_w_m);
     limb.gripper_yaw_w_rad = limbs[l].yaw_rad;
     limb.finger_separation_m = 2.0 * (air ? kOpen_m : kHalfHold_m);
@@ -116,10 +115,7 @@ crux_msgs::plan_t sample_plan() {
   plan.patch_k_m = 0.0134;
   plan.max_normal_n = 60.0;
   plan.holds.resize(5);
-  for (crux_msgs::hold_t& hold : plan.holds) {
-    hold = crux_msgs::hold_t{};
-    std::fill(std::begin(hold.friction), std::end(hold.friction), kFriction);
-  }
+  for (crux_msgs::hold_t& hold : plan.holds) hold = crux_msgs::hold_t{};
 
   std::vector<LimbPlan> limbs;
   for (int l = 0; l < kLimbs; ++l) limbs.push_back({hold_position(l), hold_yaw(l), l});

@@ -234,15 +234,14 @@ TEST(LimitSurface, UtilisationIsOneWhereTheSqueezeIsJustEnough) {
   control.grasp_force_reserve_N = control.min_grasp_force_N = 0.0;
   Random random;
   for (int i = 0; i < 200; ++i) {
-    const PerFinger friction(random.uniform(0.3, 2.5), random.uniform(0.3, 2.5));
-    const Contact contact = {friction, 0.0133, 1e6, random.uniform(0.01, 0.05)};
+    const Contact contact = {random.uniform(0.3, 2.5), 0.0133, 1e6, random.uniform(0.01, 0.05)};
     const Vector3 axis = random.rotation(3.0).col(0);
     const Wrench wrench = random.wrench(40.0, 1.0);
     const double squeeze_N = required_grasp_force_N(wrench, axis, contact, control);
     EXPECT_NEAR(limit_surface_utilisation(wrench, axis, contact, squeeze_N), 1.0, 1e-9);
     EXPECT_LT(limit_surface_utilisation(wrench, axis, contact, 2.0 * squeeze_N), 1.0);
   }
-  EXPECT_EQ(limit_surface_utilisation({{0, 0, 5}, {0, 0, 0}}, {1, 0, 0}, {{1.0, 1.0}, 0.0133, 60.0, 0.03}, 0.0), 10.0);
+  EXPECT_EQ(limit_surface_utilisation({{0, 0, 5}, {0, 0, 0}}, {1, 0, 0}, {1.0, 0.0133, 60.0, 0.03}, 0.0), 10.0);
 }
 
 }  // namespace

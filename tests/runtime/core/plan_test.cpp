@@ -68,29 +68,6 @@ TEST(ReferencePlayer, PhasesFollowOneAnotherThroughASwing) {
   EXPECT_EQ(seen, (std::vector<LimbPhase>{kStance, kUnload, kOpen, kLift, kSwing, kDescend, kClose, kLoad, kStance}));
 }
 
-TEST(ReferencePlayer, EachFingerHasTheFrictionAndSpinesOfItsFace) {
-  using crux_msgs::limb_knot_t;
-  crux_msgs::plan_t message = sample_plan();
-  crux_msgs::hold_t& old_hold = message.holds[0];
-  crux_msgs::hold_t& new_hold = message.holds[4];
-  for (int face = 0; face < 5; ++face) {
-    old_hold.friction[face] = 1.0 + face;
-    new_hold.friction[face] = 0.1 + face;
-  }
-  old_hold.spines[1] = new_hold.spines[2] = 1;
-  for (std::size_t k = 0; k < message.knots.size(); ++k) {
-    limb_knot_t& lf = message.knots[k].limbs[0];
-    if (lf.phase == limb_knot_t::STANCE) lf.finger1_face = k < 3 ? limb_knot_t::FACE_MINUS_X : limb_knot_t::FACE_PLUS_Y;
-  }
-  const std::unique_ptr<PreparedPlan> plan = tabulate(message);
-  const Faces before = play(*plan, {0, 0.0}).limbs[0].faces, after = play(*plan, {7, 0.0}).limbs[0].faces;
-  EXPECT_EQ(before.friction, PerFinger(2.0, 1.0));
-  EXPECT_EQ(before.spines_grip, PerFinger(1.0, 0.0));
-  EXPECT_EQ(after.friction, PerFinger(2.1, 3.1));
-  EXPECT_EQ(after.spines_grip, PerFinger(1.0, 0.0));
-  EXPECT_EQ(play(*plan, {5, 0.9 * plan->dt_s}).limbs[0].faces.friction, after.friction);  // as its fingers close
-}
-
 TEST(ReferencePlayer, PlayedInReverseASwingIsMirrored) {
   const std::unique_ptr<PreparedPlan> plan = tabulate(sample_plan());
   std::vector<LimbPhase> seen;
@@ -105,7 +82,7 @@ TEST(ReferencePlayer, PlayedInReverseASwingIsMirrored) {
     // Fingers that close do so on the hold they meet.
     if (reverse.closing()) {
       EXPECT_EQ(reverse.finger_opening_m, plan->limbs[2][0].finger_opening_m);
-      EXPECT_EQ(reverse.faces.friction, plan->limbs[2][0].faces.friction);
+      EXPECT_EQ(reverse.friction, plan->limbs[2][0].friction);
     }
     if (reverse.phase == LimbPhase::kOpen) {
       EXPECT_EQ(reverse.finger_opening_m, plan->limbs[5][0].finger_opening_m);
@@ -368,10 +345,6 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"phase", [](plan_t& p) { p.knots[1].limbs[2].phase = 9; }, "knot 1, limb LR: phase is 9"},
         Defect{"hold", [](plan_t& p) { p.knots[1].limbs[3].hold = 12; }, "knot 1, limb RR: hold is 12"},
         Defect{"friction", [](plan_t& p) { p.knots[1].limbs[3].friction = 0.0; }, "friction is 0"},
-        Defect{"face", [](plan_t& p) { p.knots[1].limbs[3].finger1_face = 4; }, "finger1_face is 4"},
-        Defect{"face_friction", [](plan_t& p) { p.holds[3].friction[1] = 0.0; },
-               "knot 0, limb RR: the face under finger 2 has friction 0"},
-        Defect{"spines", [](plan_t& p) { p.spine_twist_nm = -1.0; }, "spine_twist_nm -1"},
         Defect{"opening", [](plan_t& p) { p.knots[4].limbs[0].finger_separation_m = 0.2; },
                "finger_separation_m is 0.2"},
         Defect{"squeeze", [](plan_t& p) { p.knots[1].limbs[0].finger_force_w_n[0] += 90.0; }, "finger 1 presses"},
