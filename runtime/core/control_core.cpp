@@ -104,7 +104,7 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
     limbs_[l].sense(in);
     anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
     grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
-    weights[l] = limbs_[l].found() ? load(l, reference_.limbs[l]) : 0.0;
+    weights[l] = limbs_[l].found() && !limbs_[l].blind() ? load(l, reference_.limbs[l]) : 0.0;
   }
   if (!plan_) return;
   body_.update(anchors_W_m, grippers_B_m, weights);
@@ -275,7 +275,7 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
-    if (faults_.distrusted(l)) continue;
+    if (faults_.distrusted(l) || limbs_[l].blind()) continue;
     loads[l] = load(l, limb);
     if (!faults_.lost(l) && !slips_[l].slips() && (limb.gripping() || limb.closing()))
       errors[l] = (limbs_[l].wrench_W() - wrenches_W_[l]) * engagement;

@@ -27,8 +27,10 @@ double EncoderWatch::look(int joint, double raw_rad, double command_rad, double 
   }
   seen_[joint] = true;
   const double commanded_rad = std::abs(command_rad - still_at_rad_[joint]);
-  if (commanded_rad > standstill_rad_ && !fault_)
-    fault_ = {FaultCode::kEncoderFrozen, limb_, nodes_[joint], commanded_rad, standstill_rad_};
+  if (commanded_rad > standstill_rad_) {
+    frozen_ = true;
+    if (!fault_) fault_ = {FaultCode::kEncoderFrozen, limb_, nodes_[joint], commanded_rad, standstill_rad_};
+  }
   return raw_rad - shift_rad_[joint];
 }
 

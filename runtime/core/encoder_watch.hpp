@@ -16,7 +16,13 @@ class EncoderWatch {
   double look(int joint, double raw_rad, double command_rad, double dt_s) noexcept;
 
   /// Commands begin anew: what was commanded before says nothing.
-  void restart() noexcept { seen_.fill(false); }
+  void restart() noexcept {
+    seen_.fill(false);
+    frozen_ = false;
+  }
+
+  /// One of them has frozen since then: where the limb is, nobody knows.
+  bool frozen() const noexcept { return frozen_; }
 
   /// No reading came in this cycle.
   void skip(int joint, double dt_s) noexcept { silent_s_[joint] += dt_s; }
@@ -38,6 +44,7 @@ class EncoderWatch {
   JointVector silent_s_ = JointVector::Zero();      ///< since the last reading
   JointVector shift_rad_ = JointVector::Zero();
   std::array<bool, kJoints> seen_{};
+  bool frozen_ = false;
   FaultEvent fault_;
 };
 

@@ -255,6 +255,8 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
       tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l],
             std::max(p.min_stance_force_N, errors.closes_on_nothing[l] ? errors.least_force_N[l] : 0.0)});
     }
+    if (lasts(errors.finds_no_hold[l], no_hold_time_s_[l], dt_s, p.persistence_s))
+      tell({FaultCode::kHoldMissing, l, can_.gripper_node, errors.opening_m[l], errors.hold_m[l]});
     if (errors.grasp_failed[l])
       tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, errors.gave_way_limit_m});
     if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {

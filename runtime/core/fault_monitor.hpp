@@ -31,8 +31,11 @@ struct LoopErrors {
   PerLimb<int> worst_joint{};
   PerLimb<double> ik_error_m{};
   PerLimb<double> finger_force_N{};
-  PerLimb<bool> must_grip{};     ///< bears load: its fingers must press
-  PerLimb<bool> grasp_failed{};  ///< gave way to the pull that tested it
+  PerLimb<bool> must_grip{};      ///< bears load: its fingers must press
+  PerLimb<bool> finds_no_hold{};  ///< its fingers, as they close, come to
+  PerLimb<double> opening_m{};    ///< and press on nothing
+  PerLimb<double> hold_m{};       ///< where they should have touched
+  PerLimb<bool> grasp_failed{};   ///< gave way to the pull that tested it
   double gave_way_m = 0.0, gave_way_limit_m = 0.0;
   PerLimb<double> ft_residual_Nm{};     ///< torque of the limb's joints that its F/T sensor does not explain
   PerLimb<double> ft_limit_Nm{};        ///< the most that this may be
@@ -117,6 +120,7 @@ class FaultMonitor {
   PerLimb<double> ik_error_time_s_{};
   PerLimb<double> grip_error_time_s_{};
   PerLimb<double> hold_gone_time_s_{};
+  PerLimb<double> no_hold_time_s_{};
   PerLimb<double> ft_residual_time_s_{};
   PerLimb<bool> lost_{};
   PerLimb<bool> distrusted_{};

@@ -15,6 +15,7 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
+constexpr double kNarrower_m = 0.003;  // than planned may half a hold be
 constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
 constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
 
@@ -251,6 +252,8 @@ void LimbController::grasp(const LimbReference& reference, double force_N, doubl
 
 void LimbController::drive(const LimbReference& reference, const Wrench& wrench_W, const Vector3& gravity_W_m_s2,
                            const Pose& body_estimate_W, double engagement, double dt_s) noexcept {
+  // A joint whose encoder has frozen goes further with every command, and nobody sees it.
+  if (blind()) return stay_at(command_q_rad_);
   const JointVector last_rad = ik_.q_rad;
   ik_ = inverse_.step(aim_W_.inverse() * target_W(reference), last_rad, dt_s);
   // The nodes follow x += (1 − exp(−dt/T))·(u − x); to come out at x, u leads by what is left of the last step.
@@ -275,6 +278,7 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
 double LimbController::finger_residual_N(const LimbReference& reference) const noexcept {
   const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
   const bool touches = wrench_W().force_N.norm() >= control_.unload_force_N;  // a hold, in passing
+  if (finds_no_hold(reference)) return 0.0;                                   // they stand at their own stop
   if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
   return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
 }
@@ -285,17 +289,22 @@ double LimbController::torque_share() const noexcept {
   return share;
 }
 
+bool LimbController::finds_no_hold(const LimbReference& reference) const noexcept {
+  return reference.closing() && finger_opening_m_ < reference.finger_opening_m - kNarrower_m &&
+         finger_force_N_ < control_.contact_force_N;
+}
+
 bool LimbController::closes_on_nothing() const noexcept {
   return finger_opening_m_ < gripped_opening_m_ - kPadsGive_m && finger_force_N_ < least_finger_force_N();
 }
 
-void LimbController::stand_by() noexcept {
-  command_q_rad_ = q_rad_;
+void LimbController::stay_at(const JointVector& q_rad) noexcept {
+  command_q_rad_ = q_rad;
   command_dq_rad_s_.setZero();
   setpoint_lead_rad_.setZero();
   velocity_lead_rad_s_.setZero();
   ik_ = {};
-  ik_.q_rad = q_rad_;
+  ik_.q_rad = q_rad;
 }
 
 Vector3 LimbController::missed_W_m(const LimbReference& reference) const noexcept {

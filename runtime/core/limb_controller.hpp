@@ -82,13 +82,16 @@ class LimbController {
              const Pose& body_estimate_W, double engagement, double dt_s) noexcept;
 
   /// Nodes hold by themselves: keep the commands at what is measured.
-  void stand_by() noexcept;
+  void stand_by() noexcept { stay_at(q_rad_); }
 
   void write(NodeMode joint_mode, NodeMode gripper_mode, crux_msgs::control_output_t& out) const noexcept;
   void write(const Pose& body_W, const Wrench& wrench_reference_W, crux_msgs::limb_telemetry_t& out) const noexcept;
 
   /// An encoder that has frozen or jumped in this cycle, or none.
   const FaultEvent& encoder_fault() const { return encoders_.fault(); }
+  /// An encoder has frozen since control took over. Its joint follows torques alone, so the limb's commands stand still
+  /// and the others do without its word on where the body is.
+  bool blind() const { return encoders_.frozen(); }
 
   /// Torque [Nm] of the joints that gravity and the wrench felt do not explain, and the most that it may be where the
   /// limb is planned to bear `planned_W`.
@@ -117,6 +120,9 @@ class LimbController {
   double finger_residual_N(const LimbReference& reference) const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
+  /// The fingers, on their way to a hold, are further closed than it is wide, and press on nothing.
+  bool finds_no_hold(const LimbReference& reference) const noexcept;
+  double finger_opening_m() const { return finger_opening_m_; }
   /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
   /// force are two sensors.
   bool closes_on_nothing() const noexcept;
@@ -139,6 +145,8 @@ class LimbController {
     Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
   };
 
+  /// The commands are these angles, and do not move.
+  void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 

@@ -20,7 +20,8 @@ void ControlCore::watch_stance(double dt_s) noexcept {
     const LimbReference& limb = reference_.limbs[l];
     // Before the plan has begun somebody may carry the robot.
     const bool grips = limb.gripping() && limbs_[l].in_contact();
-    const bool holds = engaged_ && started_ && !limb.point_foot && (grips || test_.begun(l)) && !faults_.lost(l);
+    const bool seen = !faults_.lost(l) && !limbs_[l].blind();
+    const bool holds = engaged_ && started_ && !limb.point_foot && (grips || test_.begun(l)) && seen;
     fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
     if (holds) holding |= 1U << static_cast<unsigned>(l);
   }
@@ -87,6 +88,9 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.least_force_N[l] = limbs_[l].least_finger_force_N();
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
     errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N(reference_.limbs[l]);
+    errors.finds_no_hold[l] = started_ && limbs_[l].finds_no_hold(reference_.limbs[l]);
+    errors.opening_m[l] = limbs_[l].finger_opening_m();
+    errors.hold_m[l] = reference_.limbs[l].finger_opening_m;
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
     errors.ft_residual_Nm[l] = started_ && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
     errors.ft_frozen_Nm[l] = started_ ? limbs_[l].ft_frozen_Nm() : 0.0;

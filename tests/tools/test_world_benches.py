@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
 from crux_tools.benchmarks import world_faults, worlds
 from crux_tools.benchmarks.world_faults import (
+    IN_THE_WORLD,
     KINDS,
     LOSES_A_HOLD,
     OF_THE_RUNTIME,
@@ -149,11 +151,18 @@ def test_the_ordinary_world_has_every_error_that_it_says() -> None:
         ("ft-zero", "12.0 s: 20 ft_implausible, limb LF, node 7: the joints' torques do not fit", False),
         ("ft-zero", "the body ended 14.0 mm off the goal", False),
         ("hold-breaks", "9.1 s: 9 grip_lost, limb LF, node 7: finger force fell", True),
+        ("hold-missing", "9.1 s: 29 hold_missing, limb LF, node 7: the fingers have closed", True),
+        ("hold-missing", "9.1 s: 25 finger_force_implausible, limb LF, node 7: finger force is 23.8 N off", False),
     ],
 )
-def test_a_fault_is_told_where_its_limb_is_named(kind: str, reason: str, told: bool) -> None:
+def test_a_fault_is_told_where_its_cause_and_its_limb_are_named(kind: str, reason: str, told: bool) -> None:
     limb = "" if kind in LOSES_A_HOLD else "RF"
     assert ending_of(row(reason=reason), Fault(kind, limb)).told == told
+
+
+def test_every_cause_is_a_fault_that_the_runtime_knows() -> None:
+    causes = {cause for fault in IN_THE_WORLD.values() for cause in fault.causes}
+    assert causes <= {fault.name for fault in FAULT_BY_CODE.values()}
 
 
 def test_a_limb_off_its_hold_has_not_fallen_where_the_body_stays() -> None:

@@ -213,7 +213,8 @@ TEST(LimbController, DoesNotYieldFurtherThanItReaches) {
     limb.comply(reference, {8.0 * outwards, Vector3::Zero()}, body_W.rotation, 0.002);
     limb.drive(reference, {}, {0.0, 0.0, -9.81}, body_W, 1.0, 0.002);
     limb.write(NodeMode::kTrack, NodeMode::kTrack, out);
-    std::copy(out.joint_position_rad, out.joint_position_rad + kJoints, in.joint_position_rad);
+    for (int j = 0; j < kJoints; ++j)
+      in.joint_position_rad[j] += setpoint_share(in.dt_s) * (out.joint_position_rad[j] - in.joint_position_rad[j]);
     limb.sense(in);
     limb.write(body_W, {}, telemetry);
     if (telemetry.ik_limited == 0) where_it_stopped_m = Vector3(telemetry.admittance_offset_m).norm();

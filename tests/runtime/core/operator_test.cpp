@@ -210,7 +210,7 @@ TEST_F(Operator, AnOldHoldThatIsGoneStopsTheWayBackWithTheLimbNamed) {
     run_.step();
   }
   ASSERT_TRUE(run_.result.has_fault);
-  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kEventTimeout));
+  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kHoldMissing));
   EXPECT_EQ(run_.result.fault.limb, 0);
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
   EXPECT_NEAR(plan_time_s(), 6.0, 1e-9) << "no load was put on it";

@@ -65,6 +65,28 @@ TEST_F(Sensors, AnEncoderThatFreezesInASwingIsNamed) {
   expect_fault(FaultCode::kEncoderFrozen, 0, 2);
 }
 
+TEST_F(Sensors, ALimbWhoseEncoderFrozeStandsStillAndTheBodyIsWhereTheOthersSayItIs) {
+  const double frozen_rad = run_.plant.input().joint_position_rad[13];
+  const auto freeze = [&](crux_msgs::control_input_t& in) { in.joint_position_rad[13] = frozen_rad; };
+  ASSERT_LT(until_fault(freeze, 12000), 12000);
+  expect_fault(FaultCode::kEncoderFrozen, 2, 2);
+  const auto commands_rad = [&] {
+    return Eigen::Map<const JointVector>(run_.result.output.joint_position_rad + 2 * kJoints).eval();
+  };
+  const auto body_m = [&] { return Vector3(run_.result.state.body_position_w_m); };
+  run_.step();
+  const JointVector before_rad = commands_rad();
+  const Vector3 before_m = body_m();
+  for (int i = 0; i < 1000; ++i) {
+    freeze(run_.plant.input());
+    run_.plant.input().joint_position_rad[12] += 2e-5 * i;  // to 20 mrad: what its other joints say
+    run_.plant.input().ft_force_g_n[7] += 20.0;
+    run_.step();
+  }
+  EXPECT_EQ(commands_rad(), before_rad);
+  EXPECT_LT((body_m() - before_m).norm(), 2e-4);
+}
+
 TEST_F(Sensors, AJointThatIsToStandStillMayReadTheSameForEver) {
   run_.step(command_t::HOLD);
   const double still_rad = run_.plant.input().joint_position_rad[1];
@@ -203,6 +225,19 @@ TEST_F(Sensors, FingersThatJamInTheAirGripNothingHoweverHardTheyPress) {
   };
   ASSERT_LT(until_fault(jam, 20000), 20000);
   expect_fault(FaultCode::kEventTimeout, 0, 0);
+  EXPECT_EQ(run_.result.reference[0].load, 0.0);
+}
+
+TEST_F(Sensors, AHoldThatIsNotThereIsMissingAndNoSensorIsBlamed) {
+  run_.steps(kIntoSwing);
+  const double stop_m = robot().gripper.min_opening_m;
+  const auto miss = [&](crux_msgs::control_input_t& in) {
+    in.finger_opening_m[0] = std::max(run_.result.output.finger_opening_m[0], stop_m);
+    in.finger_force_n[0] = 0.0;
+  };
+  ASSERT_LT(until_fault(miss, 20000), 20000);
+  expect_fault(FaultCode::kHoldMissing, 0, 7);
+  EXPECT_LT(run_.result.fault.value, run_.result.fault.limit);
   EXPECT_EQ(run_.result.reference[0].load, 0.0);
 }
 

@@ -24,22 +24,37 @@ from crux_tools.campaign.job import AGAIN_FILE, LOG_FILE, PLAN_FILE, ClimbJob, W
 from crux_tools.campaign.store import Row
 from crux_tools.output import note, print_json
 
+
+class InTheWorld(NamedTuple):
+    """A fault of the robot or of its holds: its entry in a world file, and the faults by which it is told aright."""
+
+    entry: str
+    causes: tuple[str, ...]
+
+
+def _of_sensor(sensor: str, on: str, error: str, *causes: str) -> InTheWorld:
+    return InTheWorld(f"sensors: [{{{{sensor: {sensor}, on: {{{on}}}, error: {error}, from_s: {{at_s}}}}}}]", causes)
+
+
+WRONG_WRENCH = ("ft_implausible", "unbalanced")
 IN_THE_WORLD = {
-    "encoder-frozen": "sensors: [{{sensor: encoder, on: {joint}, error: freeze, from_s: {at_s}}}]",
-    "encoder-jump": "sensors: [{{sensor: encoder, on: {joint}, error: jump, rad: 0.1, from_s: {at_s}}}]",
-    "ft-zero": "sensors: [{{sensor: force_torque, on: {limb}, error: zero, from_s: {at_s}}}]",
-    "ft-frozen": "sensors: [{{sensor: force_torque, on: {limb}, error: freeze, from_s: {at_s}}}]",
-    "ft-nan": "sensors: [{{sensor: force_torque, on: {limb}, error: nan, from_s: {at_s}}}]",
-    "ft-jump": "sensors: [{{sensor: force_torque, on: {limb}, error: jump, N: [0, 0, 15], from_s: {at_s}}}]",
-    "ft-dropout": "sensors: [{{sensor: force_torque, on: {limb}, error: dropout, share: 0.5, from_s: {at_s}}}]",
-    "finger-force-zero": "sensors: [{{sensor: finger_force, on: {limb}, error: zero, from_s: {at_s}}}]",
-    "finger-force-frozen": "sensors: [{{sensor: finger_force, on: {limb}, error: freeze, from_s: {at_s}}}]",
-    "opening-frozen": "sensors: [{{sensor: finger_opening, on: {limb}, error: freeze, from_s: {at_s}}}]",
-    "gripper-jams": "robot: {{grippers: {{{limb}: {{jams_at_s: {at_s}}}}}}}",
-    "weak-joint": "robot: {{joints: {{{joint}: {{torque_factor: 0.5}}}}}}",
-    "slippery-hold": "holds: {{{hold}: {{friction_factor: 0.2}}}}",
-    "hold-breaks": "holds: {{{hold}: {{breaks_at_s: {at_s}}}}}",
-    "hold-missing": "holds: {{{hold}: {{present: false}}}}",
+    "encoder-frozen": _of_sensor("encoder", "joint", "freeze", "encoder_frozen"),
+    "encoder-jump": _of_sensor("encoder", "joint", "jump, rad: 0.1", "encoder_jumped"),
+    "ft-zero": _of_sensor("force_torque", "limb", "zero", *WRONG_WRENCH),
+    "ft-frozen": _of_sensor("force_torque", "limb", "freeze", *WRONG_WRENCH),
+    "ft-nan": _of_sensor("force_torque", "limb", "nan", "ft_silent"),
+    "ft-jump": _of_sensor("force_torque", "limb", "jump, N: [0, 0, 15]", *WRONG_WRENCH),
+    "ft-dropout": _of_sensor("force_torque", "limb", "dropout, share: 0.5", "ft_silent"),
+    "finger-force-zero": _of_sensor("finger_force", "limb", "zero", "finger_force_implausible"),
+    "finger-force-frozen": _of_sensor("finger_force", "limb", "freeze", "finger_force_implausible"),
+    "opening-frozen": _of_sensor("finger_opening", "limb", "freeze", "event_timeout", "finger_force_implausible"),
+    "gripper-jams": InTheWorld("robot: {{grippers: {{{limb}: {{jams_at_s: {at_s}}}}}}}", ("event_timeout",)),
+    "weak-joint": InTheWorld(
+        "robot: {{joints: {{{joint}: {{torque_factor: 0.5}}}}}}", ("tracking_error", "ft_implausible")
+    ),
+    "slippery-hold": InTheWorld("holds: {{{hold}: {{friction_factor: 0.2}}}}", ("grasp_failed", "slip")),
+    "hold-breaks": InTheWorld("holds: {{{hold}: {{breaks_at_s: {at_s}}}}}", ("grip_lost", "hold_missing")),
+    "hold-missing": InTheWorld("holds: {{{hold}: {{present: false}}}}", ("hold_missing",)),
 }
 LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime")
 IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
@@ -63,7 +78,7 @@ OF_THE_RUNTIME = {
     "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", LATE, BY_THE_CLOCK),
     "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", "log incomplete: file too large", LOCKSTEP),
 }
-KINDS = IN_THE_WORLD | {kind: fault.entry for kind, fault in OF_THE_RUNTIME.items()}
+KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | OF_THE_RUNTIME).items()}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
 FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
 START_S = 2.0  # of the climb: there the plan's time begins
@@ -169,8 +184,8 @@ class Ending:
     climbed: bool
     fell: bool
     told: bool
-    """a fault was told, of the limb it was on where it was on one; of the runtime: that very one, and where it died the
-    nodes held the robot"""
+    """by a fault that names the cause, and the limb it was on where it was on one; of the runtime: that very one, and
+    where it died the nodes held the robot"""
     body_m: float
 
 
@@ -183,13 +198,14 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     if fault.kind in OF_THE_RUNTIME:
         told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
     else:
-        faults = re.findall(r" s: (\d+) \w+(?:, limb (\w\w))?", row["reason"])
-        told = any(not fault.limb or limb == fault.limb for _, limb in faults)
+        faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
+        causes = IN_THE_WORLD[fault.kind].causes
+        told = any(name in causes and (not fault.limb or limb == fault.limb) for name, limb in faults)
     return Ending(fault.kind, climbed, fell, told, body_m)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when nothing fell, and every climb ended at the goal or with its fault told of the right limb."""
+    """Exit status 0 when nothing fell, and every climb ended at the goal or with its cause told, of the right limb."""
     from crux_tools.campaign.engine import run_anew
 
     rows = run_anew(jobs_of(options.count, options.seed), options.output, options, "climbing with one fault")
