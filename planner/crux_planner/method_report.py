@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError
 
@@ -25,6 +26,7 @@ __all__ = [
     "POSITION_THRESHOLD_M",
     "MethodReport",
     "climb_report",
+    "least_normal_N",
     "start_is_well_formed",
     "walk_residuals",
 ]
@@ -71,6 +73,20 @@ def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dic
 
     problem = build_walk(scenario, load_robot(scenario.robot))
     return WALK_METHODS[method](WalkTask(problem=problem, deadline=clock.now() + LIMIT_S, **settings)).history
+
+
+def least_normal_N(shear_N: float, twist_Nm: float, friction: float, patch_k_m: float, most_N: float) -> float:
+    """The least normal force with which a climb's rows of the limit surface (2) let one finger bear a load."""
+    from scipy.optimize import linprog
+
+    from crux_planner.model.build import FRICTION_MARGIN
+    from crux_planner.physics.limit_surface import FingerLimit, grip_rows, polytope_directions
+
+    limit = FingerLimit(0, (1.0 - FRICTION_MARGIN) * friction, np.zeros(3))
+    rows, right = grip_rows([limit], *polytope_directions(patch_k_m), np.full(2, most_N))
+    load = (shear_N, 0.0, twist_Nm, 0.0)  # s1, s2, m, F; what is left is n
+    found = linprog([0, 0, 0, 0, 1], rows, right, bounds=[*((x, x) for x in load), (0.0, None)])
+    return float(found.x[4])
 
 
 def start_is_well_formed(scenario: Scenario) -> bool:

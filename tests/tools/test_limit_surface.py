@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.sim.robot_model import add_pad_contacts, add_spines, set_solver_options
+from crux_tools.benchmarks.table3 import FRICTION, planned_N
+from crux_tools.sim.pad_rig import box_face, pad_on_face, slips_within
 from crux_tools.sim.wall import add_wall
 from hand_plan import HALF_HOLD_M, PAD_HEIGHT_M, Wall, standing_plan
 
@@ -19,33 +20,21 @@ SHARES = (0.8, 1.2)  # of what is allowed, ramped through so slowly that inertia
 MOVED_M, TURNED_RAD = 0.0005, 0.005
 
 
-def pad_on_face(spines: bool, mixed_faces: bool) -> mujoco.MjModel:
-    """A puck of 0.4 kg on the +x face of the first hold; free along W and about the face's normal (x)."""
+def on_the_first_hold(spines: bool, mixed_faces: bool) -> mujoco.MjModel:
+    """The pad on the +x face of the first hold."""
     friction = (MU, MU, 0.1, 0.1, MU) if mixed_faces else (MU,) * 5
     plan = standing_plan(Wall(friction=friction, spines=(int(spines),) * 5))
-    spec = mujoco.MjSpec()
-    set_solver_options(spec, 0.002)
-    spec.option.gravity = [0, 0, 0]
-    faces = add_wall(spec, plan)
     radius_m = load_robot("scaler").gripper.pad_radius_m
     x, y, _ = plan.holds[0].position_w_m
-    puck = spec.worldbody.add_body(name="puck", pos=[x + HALF_HOLD_M + radius_m, y, PAD_HEIGHT_M])
-    for axis in np.eye(3):
-        puck.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    puck.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0], damping=[1e-5, 0, 0])
-    puck.mass, puck.inertia, puck.explicitinertial = 0.4, [1e-3] * 3, True
-    puck.add_geom(name="pad", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius_m, 0, 0], contype=0, conaffinity=0)
-    add_pad_contacts(spec, ["pad"], faces, PATCH_K_M)
-    if spines:
-        add_spines(spec, "spines", "puck", SPINE_N)
-    return spec.compile()
+    at_W_m = [x + HALF_HOLD_M + radius_m, y, PAD_HEIGHT_M]
+    return pad_on_face(lambda spec: add_wall(spec, plan), at_W_m, radius_m, PATCH_K_M, SPINE_N if spines else 0.0)
 
 
 def share_at_slip(
     shear_n: tuple[float, float], twist_nm: float, normal_n: float = NORMAL_N, spines: bool = False, mixed: bool = False
 ) -> float:
     """Ramps the load; returns it at slip as a share of what (2) and the spines allow."""
-    model = pad_on_face(spines, mixed)
+    model = on_the_first_hold(spines, mixed)
     data = mujoco.MjData(model)
     if spines:
         data.ctrl[0] = 1 / MU
@@ -86,3 +75,21 @@ def test_faces_of_their_own_friction_keep_the_limit_surface() -> None:
 @pytest.mark.parametrize("normal_n", [0.0, 10.0])
 def test_spines_add_their_shear_with_and_without_normal_force(normal_n: float) -> None:
     assert share_at_slip((1, 0), 0.0, normal_n, spines=True) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("twist_nm", [0.0, 0.3, 0.6])
+def test_what_is_planned_with_the_patch_constraint_holds_and_what_coulomb_allows_does_not(twist_nm: float) -> None:
+    radius_m = load_robot("scaler").gripper.pad_radius_m
+    held_n = np.hypot(9.0, twist_nm / PATCH_K_M) / FRICTION  # by (2)
+    planned_n = planned_N(9.0, twist_nm, with_patch=True)
+    assert 1.0 < planned_n / held_n < 1.5
+
+    def slips(normal_n: float, friction: float) -> bool:
+        model = pad_on_face(lambda spec: box_face(spec, friction), [0.03 + radius_m, 0, 0], radius_m, PATCH_K_M)
+        return slips_within(model, normal_n, 9.0, twist_nm)
+
+    share = held_n / planned_n  # of the friction planned with, at which it slips
+    assert not slips(planned_n, 1.05 * share * FRICTION)
+    assert slips(planned_n, 0.95 * share * FRICTION)
+    assert slips(planned_N(9.0, twist_nm, with_patch=False), 0.95 * FRICTION)
+    assert slips(planned_N(9.0, twist_nm, with_patch=False), 1.05 * FRICTION) == (twist_nm > 0.0)
