@@ -75,7 +75,8 @@ def check_clearance(
 class _Look:
     """One part's clearance to every cuboid, measured as far as need be. NaN where the part is nowhere.
 
-    A part at rest, a gripper that holds on, is looked at once: `rests` (T,) tells which look each sample is.
+    A part at rest, a gripper that holds on, is looked at once: `rests` (T,) tells which look each sample is. `begins`:
+    looks at a limb that begins in the air, before the second knot.
     """
 
     part: Part
@@ -83,6 +84,7 @@ class _Look:
     own_hold: Indices
     limb: int | None
     rests: Indices
+    begins: NDArray[np.bool_]
 
     def settled_need(self) -> float:
         """The most that clearance lacks where bounds settle it."""
@@ -127,11 +129,25 @@ class _Look:
         return found
 
     def required(self, c: Indices, t: Indices) -> Array:
-        """Clearance asked at samples t to cuboids c: none of a finger to the hold that it grips, opens or closes on."""
+        """Clearance asked at samples t to cuboids c: none of a finger to the hold that it grips, opens or closes on.
+
+        Of a limb that begins in the air, on its way to a hold or from one, no more at first than there is at the start,
+        which no plan has chosen.
+        """
         required = np.full(len(c), tolerances.MOVING_CLEARANCE_M)
         if self.part.kind == "finger" and self.limb is not None:
             required[self.own_hold[t] == c] = 0.0
+        first = self.begins[t]
+        if first.any():
+            required[first] = np.fmin(required[first], self._at_start[c[first]])
         return required
+
+    @cached_property
+    def _at_start(self) -> Array:
+        """Clearance (H,) at the first sample: what touches a hold may be measured within it."""
+        every = np.arange(len(self.cuboids.names))
+        gap = _measured([self], [(every, np.zeros_like(every))])[0]
+        return np.maximum(gap, -tolerances.MOVING_CLEARANCE_M)
 
     def _far(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
         """Cuboids, samples and what clearance lacks in some of the blocks, by their bounds."""
@@ -195,7 +211,9 @@ def _look(part: Part, cuboids: Cuboids, samples: Samples, limb: int | None) -> _
     own_hold = samples.own_hold[:, limb] if limb is not None else np.full(len(part.start), -1)
     moved = part.moved | (np.diff(own_hold, prepend=-1) != 0)
     looks = np.flatnonzero(moved)
-    return _Look(part.at(looks), cuboids, own_hold[looks], limb, np.cumsum(moved) - 1)
+    in_air = limb is not None and samples.load[0, limb] == 0.0
+    begins = (samples.interval[looks] == 0) & in_air
+    return _Look(part.at(looks), cuboids, own_hold[looks], limb, np.cumsum(moved) - 1, begins)
 
 
 def _measured(looks: list[_Look], places: list[tuple[Indices, Indices]]) -> list[Array]:

@@ -87,6 +87,13 @@ def test_the_scenario_in_the_plan_says_where_the_limb_begins() -> None:
     assert "start_air" in found
 
 
+def test_fingers_that_touch_their_hold_at_the_beginning_may_be_measured_within_it_but_not_far() -> None:
+    touching, within = (hanging(without=(), position_m=[0.14, -0.36, 0.033], opening_m=m) for m in (0.0285, 0.024))
+    assert Planner(touching, load_robot("scaler")).plan().check.ok
+    with pytest.raises(InfeasibleError):
+        Planner(within, load_robot("scaler")).plan()
+
+
 def test_where_the_limb_in_the_air_has_no_hold_in_reach_that_is_said() -> None:
     lonely = hanging(without=("right-front-low", "right-front-high"))
     with pytest.raises(InfeasibleError, match="RF"):

@@ -26,6 +26,7 @@ BENCHES = {
     "table2": Bench(
         "time every method on the paper's two tasks, ten pairs each", f"{_HERE}.table2", "--count 3 --methods auto"
     ),
+    "table3": Bench("slips of a finger that was planned with and without the patch constraint", f"{_HERE}.table3"),
     "fig4": Bench("residuals of the ADMMs on a walk over their iterations", f"{_HERE}.figure4"),
     "fig5": Bench("residuals of the ADMMs on a climb over their iterations", f"{_HERE}.figure5"),
     "fig6": Bench("the gait with and without moments in the contact block", f"{_HERE}.figure6"),
@@ -49,6 +50,11 @@ BENCHES = {
     "worlds": Bench("climb in worlds with all ordinary errors at once", f"{_HERE}.worlds", "--count 10 --seed 7"),
     "faults": Bench(
         "break the buses in mid-climb in every way and time the hold", f"{_HERE}.bus_faults", "--kinds cut reset"
+    ),
+    "guide": Bench(
+        "let holds and sensors fail with the guide beside, and count how the robot goes on",
+        f"{_HERE}.guided_climbs",
+        "--count 3 --kinds hold-breaks",
     ),
     "buses": Bench("CPU time of a climb in one process and with a runtime of its own", f"{_HERE}.buses"),
     "firmware": Bench("count what the images' interrupts execute, against their time", f"{_HERE}.firmware_cost"),

@@ -139,16 +139,22 @@ class ClimbJob:
 
     def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
         """What `crux climb --json` prints, but for the log's place; log and drawn world go into `folder`."""
-        from crux_tools.sim.climb import ClimbOptions, climb
+        from crux_tools.sim.climb import climb
 
         try:
             world = self.world.draw(self.seed, plan)
             if world is not None:
                 (folder / WORLD_FILE).write_text(world.as_yaml(), encoding="utf-8")
-            result = climb(plan, robot, folder / LOG_FILE, ClimbOptions(seed=self.seed, world=world)).as_json()
+            result = climb(plan, robot, folder / LOG_FILE, self._options(world)).as_json()
         except (UsageError, WorkFailed, DocumentError) as error:
             return {"ok": False, "error": str(error)}
         return {name: value for name, value in result.items() if name != "log"}
+
+    def _options(self, world: Any) -> Any:
+        """ClimbOptions of the climb."""
+        from crux_tools.sim.climb import ClimbOptions
+
+        return ClimbOptions(seed=self.seed, world=world)
 
     def _commands(self) -> str:
         """A shell script that does the same by commands of crux, beside the job's files."""

@@ -29,6 +29,7 @@ MENDED = (
     "slip",
     "stance_misfit",
     "finger_force_implausible",
+    "hold_missing",
 )
 """Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
 SETTLED_S = 0.3  # of standing, before what is measured counts
@@ -62,6 +63,8 @@ class Guide:
     climbs_down: bool = field(default=False, init=False)
     """the last plan leads to a safe stance, not to the goal"""
     tried: int = field(default=0, init=False)
+    planning_s: float = field(default=0.0, init=False)
+    """what the last plan took to make"""
     _still: tuple[float, float] | None = field(default=None, init=False)  # plan time at which it stands, and since when
     _reason: str = field(default="", init=False)  # why the last plan was made
     _gave_up: bool = field(default=False, init=False)
@@ -139,6 +142,7 @@ class Guide:
                 self.say(f"no way {where}: {none}")
                 continue
             self.climbs_down = goal is not None
+            self.planning_s = result.seconds
             self.say(f"{where} in {result.steps * result.plan.dt_s:g} s, planned in {result.seconds:.1f} s")
             return result
         return None

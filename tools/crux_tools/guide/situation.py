@@ -16,7 +16,8 @@ from crux_msgs import limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, s
 
 GRIPPING = (0, 1, 7)  # limb_reference_t.phase: stance, unload, load
 COMING = (5, 6)  # descend, close
-NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed")  # the hold is elsewhere, or slippery
+NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed", "hold_missing")
+"""Faults after which the hold that the limb came to is elsewhere, slippery or gone."""
 SHIFT_M, TURN_RAD = 0.005, 0.035  # that a hold is off the map at least where it is moved there
 LEAST_STEPS = 60  # of the horizon: the way on may be a detour
 INSIDE_M, INSIDE_RAD = 0.002, 0.01  # kept of the body's bounds (7)

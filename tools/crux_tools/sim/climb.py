@@ -90,6 +90,8 @@ class ClimbResult:
     courses: tuple[Course, ...] = ()
     worst_interrupts: dict[str, int] | None = None
     """instructions, of the emulated boards"""
+    guide: dict[str, Any] | None = None
+    """what it did, as `--json` prints it"""
 
     @property
     def ok(self) -> bool:
@@ -123,6 +125,8 @@ class ClimbResult:
         }
         if self.worst_interrupts is not None:
             result["worst_interrupts"] = self.worst_interrupts
+        if self.guide is not None:
+            result["guide"] = self.guide
         if self.outcome.robot_on_wall is not None:
             result["robot_on_wall"] = self.outcome.robot_on_wall
         if self.courses:
@@ -257,7 +261,8 @@ def climb(
     courses = tuple(disturbance.courses) if disturbance is not None else ()
     further = guided.legs[1:] if guided is not None else []
     result = _judged([(0, plan), *further], plant, log, outcome, (last_words, unlogged), courses)
-    result = replace(result, bus=options.bus, worst_interrupts=interrupts)
+    said = guided.as_json() if guided is not None else None
+    result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said)
     return _logged(result, plant, _tags(options).get("world", ""))
 
 

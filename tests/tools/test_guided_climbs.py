@@ -1,0 +1,67 @@
+"""`crux bench guide`: what is drawn, and how ends are counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import load_scenario
+from crux_planner import plan as make_plan
+from crux_tools.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps
+
+SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
+
+
+@pytest.fixture(scope="module")
+def plan() -> Any:
+    return make_plan(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
+
+
+def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any) -> None:
+    for seed in range(20):
+        mishap, entry = drawn("hold-breaks", seed, plan)
+        assert mishap is not None
+        knot = plan.knots[mishap.knot]
+        assert min(limb.hold for limb in knot.limbs) >= 0
+        assert knot.limbs[mishap.limb].hold == mishap.hold
+        ((hold, broken),) = yaml.safe_load(entry)["holds"].items()
+        assert (int(hold), broken["breaks_at_s"]) == (mishap.hold, pytest.approx(2.0 + knot.time_s))
+
+
+def test_holds_that_are_elsewhere_or_smooth_are_not_those_of_the_start(plan: Any) -> None:
+    start = {limb.hold for limb in plan.knots[0].limbs}
+    assert {mishap.hold for mishap in mishaps(plan, breaks=False)}.isdisjoint(start)
+    assert start <= {mishap.hold for mishap in mishaps(plan, breaks=True)}
+
+
+def test_a_hold_that_the_goal_asks_for_has_no_other(plan: Any) -> None:
+    asked = {grasp["hold"] for grasp in yaml.safe_load(plan.scenario_yaml)["goal"]["grasps"].values()}
+    assert asked
+    for mishap in mishaps(plan, breaks=True):
+        assert not (mishap.has_other and plan.holds[mishap.hold].name in asked)
+
+
+def test_every_kind_is_a_world_of_its_own(plan: Any) -> None:
+    jobs = jobs_of(list(KINDS), 2, 7)
+    assert [(job.walls, job.seed) for job in jobs] == [(kind, seed) for kind in KINDS for seed in (7, 8)]
+    for job in jobs:
+        world = job.world.draw(job.seed, plan)
+        assert bool(world.sensors) == (job.walls == "ft-lost")
+        assert job.climb_command().endswith("--guide")
+    assert any(sensor.on in LIMB_NAMES for sensor in jobs[-1].world.draw(7, plan).sensors)
+
+
+def test_ends_are_counted_by_whether_there_was_another_hold() -> None:
+    def row(ok: bool, has_other: bool, body_m: float = 0.01, stood_s: tuple[float, ...] = ()) -> dict[str, Any]:
+        guide = {"plans": len(stood_s), "stood_s": list(stood_s)}
+        return {"climb": {"ok": ok, "has_other": has_other, "tracking": {"body_m": body_m}, "guide": guide}}
+
+    line = line_of([row(True, True, stood_s=(1.0, 4.0)), row(False, True, body_m=0.3), row(False, False)])
+    assert line == {
+        "climbs": 3, "at_goal": 1, "with_another_hold": 2, "of_these_at_goal": 1, "replanned": 1, "fell": 1,
+        "stood_s": {"median": 2.5, "most": 4.0},
+    }  # fmt: skip
