@@ -13,6 +13,7 @@ from crux_planner.checker import tolerances
 
 UNBOUNDED = 1e9
 """Stands for infinity, which JSON does not have."""
+_ROUNDING = 1e-9  # of an amount, relative
 
 
 @dataclass(frozen=True)
@@ -138,18 +139,19 @@ class Findings:
         detail: str = "",
     ) -> None:
         """Record residuals over time, shapes (T,) and (T,). Every unbroken run above tolerance gives one violation, at
-        its worst moment; a series without any gives one entry for `worst`. Entries of -inf mean "does not apply".
+        its worst moment, the first of equals; a series without any gives one entry for `worst`. Entries of -inf mean
+        "does not apply".
         """
         if amounts.size == 0:
             return
         tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
-        picks = [int(np.argmax(amounts))]  # of the first NaN, if there is any
+        values = np.where(np.isnan(amounts), np.inf, amounts)
+        picks = [_first_of_the_worst(values)]
         if amounts[picks[0]] == -np.inf:
             return
-        if not amounts[picks[0]] <= tolerance:
-            values = np.where(np.isnan(amounts), np.inf, amounts)
+        if values[picks[0]] > tolerance:
             edges = np.flatnonzero(np.diff(np.concatenate(([False], values > tolerance, [False])).astype(np.int8)))
-            picks = [int(a + np.argmax(values[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+            picks = [a + _first_of_the_worst(values[a:b]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         where: dict[str, Any] = {"tolerance": tolerance, "limb": limb, "finger": finger, "detail": detail}
         for i in picks:
             self.add(constraint, float(amounts[i]), unit, time_s=float(times_s[i]), **where)
@@ -157,3 +159,13 @@ class Findings:
     def worst(self) -> list[Violation]:
         """One entry a constraint, the least satisfied (relative to its tolerance) first."""
         return [entry for _, entry in sorted(self._worst.values(), key=lambda pair: -pair[0])]
+
+
+def _first_of_the_worst(values: NDArray[np.float64]) -> int:
+    """Values that rounding alone tells apart are equal: which is the largest would be the processor's choice."""
+    worst = float(values.max())
+    return (
+        int(np.argmax(values >= worst - _ROUNDING * max(1.0, abs(worst))))
+        if np.isfinite(worst)
+        else int(values.argmax())
+    )
