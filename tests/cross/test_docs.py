@@ -1,0 +1,67 @@
+"""The docs site: what it says of itself, and that it can be made (where `make docs` has installed its generator)."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from crux_tools import cli
+from crux_tools.paths import ROOT
+
+SOURCES = ("planner", "runtime", "firmware", "tools", "msgs")
+GENERATOR = ROOT / ".venv-docs" / "bin" / "python"
+CITED = re.compile(r"(?:(?i:equations?|of|and|to|by|satisf\w+|bounds?|under)) \((\d+[a-c]?)\)")
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("docs") / "source"
+    subprocess.run([sys.executable, ROOT / "docs" / "site" / "pages.py", folder], check=True)
+    return folder
+
+
+def test_every_equation_that_code_cites_is_explained() -> None:
+    explained = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    cited: dict[str, Path] = {}
+    for folder in SOURCES:
+        for path in (ROOT / folder).rglob("*"):
+            if path.suffix in {".py", ".hpp", ".cpp", ".h", ".c"}:
+                cited |= dict.fromkeys(CITED.findall(path.read_text(encoding="utf-8")), path)
+    assert {"2", "8b", "9a", "14", "19a"} <= set(cited)
+    missing = {number: path for number, path in cited.items() if f"({number})" not in explained}
+    assert not missing
+
+
+def test_every_fault_has_its_page(pages: Path) -> None:
+    for fault in yaml.safe_load((ROOT / "msgs" / "faults.yaml").read_text(encoding="utf-8"))["faults"]:
+        page = (pages / "faults" / f"{fault['name']}.md").read_text(encoding="utf-8")
+        for key in ("text", "cause", "do"):
+            assert fault[key][1:] in page
+        assert f"[{fault['name']}]({fault['name']}.md)" in (pages / "faults" / "index.md").read_text(encoding="utf-8")
+
+
+def test_commands_and_frames_are_all_there(pages: Path) -> None:
+    commands = (pages / "commands.md").read_text(encoding="utf-8")
+    for name, command in cli.COMMANDS.items():
+        assert f"## crux {name}\n" in commands, command
+        assert f"usage: crux {name}" in commands
+    frames = (pages / "can" / "frames.md").read_text(encoding="utf-8")
+    signals = set(re.findall(r"^ SG_ (\w+)", (ROOT / "msgs" / "can" / "crux.dbc").read_text(), re.MULTILINE))
+    assert {name for name in signals if f"`{name}`" not in frames} == set()
+
+
+@pytest.mark.skipif(not GENERATOR.exists(), reason="make docs has not installed its generator")
+def test_the_site_has_no_warning_and_needs_no_network(pages: Path, tmp_path: Path) -> None:
+    words = [GENERATOR, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", ROOT / "docs" / "site", pages, tmp_path]
+    environment = {"PYTHONPATH": ":".join(filter(None, sys.path)), "PATH": "/usr/bin:/bin"}
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "index.html").is_file()
+    for page in tmp_path.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"<(?:script|img|iframe)[^>]* src=\"(?:https?:)?//", text), page.name
+        assert not re.search(r"<link[^>]* href=\"(?:https?:)?//", text), page.name
