@@ -11,14 +11,6 @@ import numpy as np
 from crux_planner.model.arrays import Array
 
 _QUIET: dict[str, Any] = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.linear_solver": "mumps"}
-ONCE: dict[str, Any] = {
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.tol": 1e-4,
-    "ipopt.constr_viol_tol": 1e-7,
-    "ipopt.compl_inf_tol": 1e-3,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.max_iter": 300,
-}
 AGAIN: dict[str, Any] = {
     "ipopt.mu_strategy": "monotone",
     "ipopt.mu_init": 1e-3,
@@ -47,7 +39,7 @@ class NlpSolution:
 class Nlp:
     """min f(x, p) with bounds of x and of g(x, p), `nlp` as casadi has it; compiled once.
 
-    Options: `ONCE`, or `AGAIN` for one that is solved over and over from its last answer.
+    Options: `AGAIN` are those of one that is solved over and over from its last answer.
     """
 
     def __init__(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,17 +31,6 @@ POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
 
 
-class Equations(NamedTuple):
-    """The equations alone, as functions of casadi's columns."""
-
-    step: ca.Function  # (x, total, hands)
-    reach: ca.Function  # (x, grippers)
-    surface: ca.Function  # (u, fingers)
-    torques: ca.Function  # (x, q, grasp, numbers of the limb)
-    body_cost: ca.Function  # (x)
-    column_cost: ca.Function  # (u)
-
-
 @dataclass(frozen=True)
 class StageFunctions:
     """Equations of one problem, each vectorised over a leading axis."""
@@ -60,16 +49,6 @@ class StageFunctions:
     def scale(self) -> Array:
         """(5,) units of q: newtons and newton metres."""
         return np.array([1.0, 1.0, self.problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
-
-    @property
-    def equations(self) -> Equations:
-        """The same for a solver that differentiates by itself."""
-        x, total, hands = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("hands", 16)))
-        centre = centre_of_mass(self.problem, x, ca.vertsplit(hands, 4))
-        after = euler_step(x, total[0:3], total[3:6], centre, self.problem)
-        step = ca.Function("step", [x, total, hands], [after])
-        others = (self._reach, self._surface, self._torque_values, self._body_cost, self._column_cost)
-        return Equations(step, *[each.equation for each in others])
 
     def step(self, x: Array, total: Array, hands: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
         """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
