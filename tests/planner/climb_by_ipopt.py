@@ -57,7 +57,7 @@ class _Equations(NamedTuple):
         centre = centre_of_mass(functions.problem, x, ca.vertsplit(hands, 4))
         after = euler_step(x, total[0:3], total[3:6], centre, functions.problem)
         f = functions
-        others = (f._reach, f._surface, f._torque_values, f._body_cost, f._column_cost)
+        others = (f.reach, f.surface, f.torque_values, f.body_cost, f.column_cost)
         return cls(ca.Function("step", [x, total, hands], [after]), *map(_equation, others))
 
 

@@ -69,7 +69,7 @@ def foothold_ranges(
     way; `slack_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
     obstacle, or has no way past one.
     """
-    first, along, passing, last = stages = tuple(_everywhere() for _ in range(4))
+    first, along, passing, last = stages = [(np.full((4, 2), -np.inf), np.full((4, 2), np.inf)) for _ in range(4)]
     ranges = FootholdRanges(first, along, passing, last, np.ones(4, dtype=int), np.zeros(4))
     reach = _reach(robot, yaw_rad) + CLEARANCE_M
     for obstacle in obstacles:
@@ -108,10 +108,6 @@ def foothold_ranges(
         for name in (LIMB_NAMES[i] for i in np.flatnonzero((low > high).any(axis=1))):
             raise InfeasibleError("contacts", f"no foothold for {name} between the obstacles")
     return ranges
-
-
-def _everywhere() -> Bounds:
-    return np.full((4, 2), -np.inf), np.full((4, 2), np.inf)
 
 
 def _side(inside: Array) -> tuple[int, int]:

@@ -71,9 +71,8 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
         place = middle[:, None] + problem.boxes.half_m[:, None] * unit
         with np.errstate(invalid="ignore"):
-            moment = (
-                np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
-            )
+            moment = np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment())
+        moment /= problem.mass_kg
         known = ~np.isnan(moment).any(axis=0)
         place, moment = place[:, known], moment[:, known]
         ends.append((place.mean(axis=1), moment.mean(axis=1)))
@@ -86,9 +85,7 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:
-    """Bounds (4, 3), (4, 3) in the axes of the body's heading of grippers within `boxes`, and of those that swing above
-    them, off the body's origin.
-    """
+    """`level_spans` of grippers within `boxes`, and of those that swing above them."""
     return level_spans(problem.boxes, problem.gripper_height_m, problem.body.max_tilt_rad)
 
 
@@ -105,11 +102,8 @@ def level_spans(reach: Reach, height_m: tuple[float, float], tilt_rad: float) ->
     x = ((1.0 - c) * far[:, 0] + s * up) / c
     y = ((1.0 - c) * far[:, 1] + s * (s * (far[:, 0] + x) + up)) / c
     flat = reach.half_m[:2] + np.column_stack([x, y])
-    low, high = (
-        np.insert(reach.centre_b_m[:, :2] + sign * flat, 2, z, axis=1)
-        for sign, z in zip((-1, 1), height_m, strict=True)
-    )
-    return low, high
+    centre, (lowest, highest) = reach.centre_b_m[:, :2], height_m
+    return np.insert(centre - flat, 2, lowest, axis=1), np.insert(centre + flat, 2, highest, axis=1)
 
 
 def offset_bounds(

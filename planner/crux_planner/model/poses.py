@@ -78,10 +78,7 @@ def point_text(problem: Problem, position: Array) -> str:
 
 
 def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:
-    """Heading of the start in W, start and goal in its frame, within the body's bounds.
-
-    Raises ScenarioError and InfeasibleError.
-    """
+    """Heading of the start in W, start and goal in its frame, in bounds. Raises ScenarioError and InfeasibleError."""
     heading = scenario.start.body.rpy_rad[2]
     start, goal = (pose_in_heading_frame(each.body, heading) for each in (scenario.start, scenario.goal))
     check_body(scenario, body, start, goal)

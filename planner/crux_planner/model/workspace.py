@@ -143,9 +143,7 @@ def cache_folder() -> Path:
 
 
 def leaning_m(limb: Limb, tilt_rad: float) -> float:
-    """How much higher or lower in its frame a tilted body has grippers half a limb's length off their shoulders than
-    one that tilts no more than between level poses.
-    """
+    """How much higher or lower a body tilted beyond LEVEL_RAD has grippers half a limb's length off their shoulders."""
     lever = float(np.abs(limb.shoulder_b_m[:2]).max()) + (limb.upper_link_m + limb.lower_link_m) / 2
     return float(lever * max(tilt_rad - LEVEL_RAD, 0.0))
 
@@ -168,9 +166,8 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     boxes = box(centre * _mirror(limbs), half, wanted.max_tilt_rad)
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
         if not reachable(limb, _corners(middle, half), wanted).all():
-            raise WorkspaceError(
-                "the limbs are not mirror images of the first one, their acceptance boxes would differ"
-            )
+            text = "the limbs are not mirror images of the first one, their acceptance boxes would differ"
+            raise WorkspaceError(text)
     return boxes
 
 
@@ -237,16 +234,13 @@ def _vertices(normals: Array, most: Array) -> Array:
 
 
 def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[float, float]) -> Reach:
-    """All places of the wrists of grippers that grip: any yaw, tilts that the body may have, angles within the joint
-    limits, the wrist's left out.
-    """
+    """All places of wrists of grippers that grip: any yaw, the body's tilts, all but the wrist's joints in limits."""
     tilt, lows, highs = wanted.widest_tilt_rad, [], []
     above = {limb.wrist_to_gripper_m for limb in limbs}.pop()
     for limb in limbs:
         l1, l2 = limb.upper_link_m, limb.lower_link_m
-        q2, q3 = (
-            np.append(np.arange(limb.lower_rad[i], limb.upper_rad[i], _FINE_RAD), limb.upper_rad[i]) for i in (1, 2)
-        )
+        ranges = zip(limb.lower_rad[1:3], limb.upper_rad[1:3], strict=True)
+        q2, q3 = (np.append(np.arange(low, high, _FINE_RAD), high) for low, high in ranges)
         rounding = _FINE_RAD / 2 * (l1 + 2 * l2)
         radius = (l1 * np.cos(q2)[:, None] + l2 * np.cos(q2[:, None] - q3)).ravel()
         height = limb.shoulder_b_m[2] + (l1 * np.sin(q2)[:, None] + l2 * np.sin(q2[:, None] - q3)).ravel()

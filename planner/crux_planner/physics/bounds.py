@@ -120,9 +120,7 @@ def least_load_N(problem: WalkProblem) -> float:
 
 
 def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> tuple[Array, Array]:
-    """Normals (C, 2) and largest way along each (C,) of the polygon inside the circle of a step's longest way, with a
-    corner in the direction in which it leads.
-    """
+    """Normals (C, 2) and largest ways (C,) of a polygon in the circle of a step's longest way, a corner ahead."""
     ahead = float(np.arctan2(*(end - begin)[::-1]))
     angles = ahead + (2 * np.arange(_CORNERS) + 1) * np.pi / _CORNERS
     most = np.cos(np.pi / _CORNERS) * longest_step(problem, step)

@@ -131,7 +131,7 @@ class Planner:
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
         turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
-        found = plan_turning(turning, self._solve_and_check, TURNING_LOOKS)
+        found = plan_turning(turning, TURNING_LOOKS, self._solve_and_check)
         return None if found is None else found[0]
 
     def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:

@@ -52,9 +52,8 @@ class RefusedError(InfeasibleError):
         paces = dict.fromkeys(LIMB_NAMES, 1.0)
         for joint in report.joints:
             if joint.peak_speed_rad_s > joint.speed_limit_rad_s:
-                paces[joint.limb] = min(
-                    paces[joint.limb], PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
-                )
+                pace = PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
+                paces[joint.limb] = min(paces[joint.limb], pace)
         self.paces = tuple(paces.values())
 
 
@@ -159,9 +158,7 @@ def _team(worker: Worker) -> list[Worker]:
 
 
 def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | InfeasibleError:
-    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
-    fails or the scenario keeps them.
-    """
+    """The first of the walks found that is exact and passes the check, or why none is."""
     failure: InfeasibleError | None = None
     bound = BoundWorker(walk.worker, np.inf)
     for _ in range(ATTEMPTS):
@@ -185,9 +182,7 @@ def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | In
     """The exact problem and the check for a gait, whatever found it."""
     shorter, moving = walk_without_waiting(walk.problem, knots)
     shorter_walk = replace(walk, problem=shorter) if shorter.steps < walk.problem.steps else None
-    return without_waits(
-        walk, shorter_walk, lambda walk, wait: _finish_as_it_is(walk, bound, knots if wait else moving)
-    )
+    return without_waits(walk, shorter_walk, lambda of, wait: _finish_as_it_is(of, bound, knots if wait else moving))
 
 
 def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:

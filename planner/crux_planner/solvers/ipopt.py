@@ -43,11 +43,7 @@ class Nlp:
     """
 
     def __init__(
-        self,
-        nlp: dict[str, Any],
-        bounds: tuple[Array, Array],
-        row_bounds: tuple[Array, Array],
-        options: dict[str, Any],
+        self, nlp: dict[str, Any], bounds: tuple[Array, Array], row_bounds: tuple[Array, Array], options: dict[str, Any]
     ) -> None:
         self._solver = ca.nlpsol("nlp", "ipopt", nlp, {**_QUIET, **options})
         self._bounds = dict(zip(("lbx", "ubx", "lbg", "ubg"), (*bounds, *row_bounds), strict=True))
@@ -60,11 +56,6 @@ class Nlp:
             given["p"] = parameters
         result, stats = self._solver(**given, **self._bounds), self._solver.stats()
         self._last = {"x0": result["x"], "lam_x0": result["lam_x"], "lam_g0": result["lam_g"]}
-        return NlpSolution(
-            np.array(result["x"]).ravel(),
-            np.array(result["g"]).ravel(),
-            float(result["f"]),
-            int(stats["iter_count"]),
-            str(stats["return_status"]),
-            bool(stats["success"]),
-        )
+        x, rows = (np.array(result[name]).ravel() for name in ("x", "g"))
+        how = int(stats["iter_count"]), str(stats["return_status"]), bool(stats["success"])
+        return NlpSolution(x, rows, float(result["f"]), *how)

@@ -68,9 +68,7 @@ class Watch(ca.Callback):
 
 @dataclass(frozen=True)
 class Relaxed:
-    """An NLP in x with the relaxation as its parameter p, bounds of x and of its rows; `binaries` takes alpha from x,
-    in any shape.
-    """
+    """An NLP in x with the relaxation as its parameter p, bounds of x and its rows; `binaries` takes alpha from x."""
 
     nlp: dict[str, Any]
     bounds: tuple[Array, Array]

@@ -157,8 +157,7 @@ def _riccati(hessian: Array, slope: Array, free: Array, supply: Array, offset: A
 
 def _net(duals: Array) -> Array:
     """Of the rows: the lower bounds' duals less the upper bounds'."""
-    net: Array = duals[0] - duals[1]
-    return net
+    return np.asarray(duals[0] - duals[1])
 
 
 def _share(values: Array, steps: Array, bounded: Flags) -> float:

@@ -17,14 +17,7 @@ from crux_planner.model.gait import WalkMotion, nominal_footholds
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.bounds import (
-    apart_rows,
-    foothold_bounds,
-    least_load_N,
-    rate_steps,
-    step_rows,
-    walk_bounds,
-)
+from crux_planner.physics.bounds import apart_rows, foothold_bounds, least_load_N, rate_steps, step_rows, walk_bounds
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost, walk_cost
 from crux_planner.physics.walk_dynamics import euler_rates
 from crux_planner.solvers.sparse_blocks import Rows, skews
@@ -40,9 +33,7 @@ _PARTS = 4  # of an interval, at whose ends feet are looked at
 
 @dataclass(frozen=True)
 class WalkKnots(WalkMotion):
-    """x and u at the knots, J, J with the consensus term, and what a newton more or less would change where a foot is
-    off the ground (N, 4, 3).
-    """
+    """x, u, J, J with the consensus term, and what a newton would change where a foot is off the ground (N, 4, 3)."""
 
     problem: WalkProblem
     cost: float

@@ -34,9 +34,8 @@ class DynamicProgram:
             if merge:
                 holds = np.array([problem.contacts[group[0]].hold for group in groups])
                 _, first, of_group = np.unique(holds, return_index=True, return_inverse=True)
-                rank = np.argsort(np.argsort(first, kind="stable"), kind="stable")[
-                    of_group
-                ]  # the start's stays the first
+                order = np.argsort(first, kind="stable")
+                rank = np.argsort(order, kind="stable")[of_group]  # the start's stays the first
                 merged = np.full(len(first), np.iinfo(least.dtype).max)
                 np.minimum.at(merged, rank, least)
                 least, options = merged, np.append(rank, len(first))[options]

@@ -99,9 +99,7 @@ class Multipliers:
     def _body(
         self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None
     ) -> Array:
-        """Least of the body's part for boxes (P, 3) of pairs (P,), less the largest help of accelerations; multipliers
-        (6,) or (P, 6).
-        """
+        """Least of the body's part for boxes (P, 3) of pairs (P,), multipliers (6,) or (P, 6), and accelerations."""
         problem, about, cell = self.problem, self.about, self.nodes.cell[pairs]
         force, moment = multipliers[..., :3], multipliers[..., 3:]
         weight = problem.weight_N
@@ -132,9 +130,7 @@ class Multipliers:
     def _axis(self, axis: int, slope: Array, near: Array, far: Array) -> Array:
         """Least of Q (r - g)^2 + slope r for r in [near, far]."""
         weight, goal = self.problem.weights.position, self.problem.goal.body.position_m[axis]
-        r = (
-            np.clip(goal - slope / (2 * weight), near, np.maximum(near, far))
-            if weight > 0
-            else np.where(slope > 0, near, far)
-        )
+        r = np.where(slope > 0, near, far)
+        if weight > 0:
+            r = np.clip(goal - slope / (2 * weight), near, np.maximum(near, far))
         return np.asarray(weight * (r - goal) ** 2 + slope * r)

@@ -84,6 +84,7 @@ class Timeline:
         age[stride == 0] = 0
         self._younger = every_state - np.where(age > 1, stride, 0).sum(axis=1)
         self._older = every_state + np.where((age > 0) & (age < self._ages), stride, 0).sum(axis=1)
+        self._table, self._by_state = np.zeros(0), np.zeros(0)  # costs by node, given last, and by state
         self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(_LIMBS)]
 
     def _of_limb(self, limb: int, option: Indices, age: Indices) -> _Limb:
@@ -112,12 +113,11 @@ class Timeline:
         value[self._first[self._own[start]]] = 0.0
         kept: list[Array] = []
         recent: list[Array] = []
-        costs = _Expanded(self)
         for k in range(knots):
             if k % _KEPT == 0:
                 kept.append(value)
                 recent = []
-            value = value + costs.of(stage(k))
+            value = value + self._costs(stage(k))
             recent.append(value)
             value = self._step(value)
         least = float(value[self._first[self._own[ends]]].min(initial=np.inf))
@@ -127,30 +127,28 @@ class Timeline:
         """The least cost (knots, n) of a whole way that is on a node at a knot."""
         value = np.full(self.states, np.inf)
         value[self._first[self._own[ends]]] = 0.0
-        found, costs, recent = np.empty((way.knots, len(self._own))), _Expanded(self), way.recent
+        found, recent = np.empty((way.knots, len(self._own))), way.recent
         for part in reversed(range(len(way.kept))):
             first, end = part * _KEPT, min((part + 1) * _KEPT, way.knots)
             if end < way.knots:
                 recent, before = [], way.kept[part]
                 for k in range(first, end):
-                    before = before + costs.of(stage(k))
+                    before = before + self._costs(stage(k))
                     recent.append(before)
                     before = self._step(before)
             for k in reversed(range(first, end)):
                 value = self._step_back(value)
-                found[k] = self.by_nodes(recent[k - first] + value)
-                value = value + costs.of(stage(k))
+                found[k] = np.minimum.reduceat(recent[k - first] + value, self._first[:-1])[self._own]
+                value = value + self._costs(stage(k))
         return found
 
-    def by_nodes(self, value: Array) -> Array:
-        """The least (n,) over the time in the air."""
-        return np.asarray(np.minimum.reduceat(value, self._first[:-1])[self._own])
-
-    def expanded(self, by_nodes: Array) -> Array:
-        """By state; no knot may be spent where no node is."""
-        whole = np.full(len(self._codes), np.inf)
-        whole[self._own] = by_nodes
-        return np.asarray(whole[self._node])
+    def _costs(self, by_nodes: Array) -> Array:
+        """By state; the table given last is kept: most knots share theirs. No knot may be spent where no node is."""
+        if by_nodes is not self._table:
+            whole = np.full(len(self._codes), np.inf)
+            whole[self._own] = by_nodes
+            self._table, self._by_state = by_nodes, whole[self._node]
+        return self._by_state
 
     def _step(self, value: Array) -> Array:
         new: Array = value[self._younger]
@@ -172,20 +170,6 @@ class Timeline:
         for limb in self._limbs:
             value[limb.standing] = np.minimum(value[limb.standing], value[limb.lifted] + self._change)
         return np.asarray(value[self._older])
-
-
-class _Expanded:
-    """Costs by state; the table given last is kept, for most knots share theirs."""
-
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
-        self._table: Array | None = None
-        self._states = np.zeros(0)
-
-    def of(self, table: Array) -> Array:
-        if table is not self._table:
-            self._table, self._states = table, self._timeline.expanded(table)
-        return self._states
 
 
 def _groups(values: Indices) -> Indices:

@@ -32,9 +32,8 @@ from crux_planner.solvers.qp import Qp
 
 def lower_bound(problem: WalkProblem) -> float:
     """A number that J of no crawl is below."""
-    return max(
-        _forces_and_steps(problem) + _body(problem), crawl_bound(problem) + _heading(problem, heading_share(problem))
-    )
+    crawls = crawl_bound(problem) + _heading(problem, heading_share(problem))
+    return max(_forces_and_steps(problem) + _body(problem), crawls)
 
 
 def _forces_and_steps(problem: WalkProblem) -> float:

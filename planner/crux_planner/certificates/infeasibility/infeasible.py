@@ -71,9 +71,8 @@ class Proof:
         near: list[Grips] = list(map(tuple, stances.tolist()))
         self.goals = self.goal_poses.possible(near, self.reach.grips)
         if not self.goals:
-            text = (
-                f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
-            )
+            goal = self._goal_text()
+            text = f"no pose of the body at the goal {goal} has a hold of its own within reach of every limb"
             if near:
                 text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
@@ -116,9 +115,7 @@ class Proof:
         return InfeasibleError(reason.constraint, text)
 
     def _gap(self, most_turn_rad: float) -> str | None:
-        """Where on the straight way to the goal a limb has nothing in reach: that with most of it, of some that have as
-        much the first on the way; None: nowhere.
-        """
+        """Where on the straight way to the goal the limb that lacks most reach has nothing in reach; None: nowhere."""
         way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
         gaps = np.array([~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))])
         size, begin = gaps.sum(axis=1), gaps.argmax(axis=1)
@@ -178,14 +175,9 @@ class Proof:
             if self.apart[one, other] or self.palm is None:
                 continue
             gap = largest_gap(self.grips[one], self.grips[other], self.palm)
-            names = [
-                f"{LIMB_NAMES[limb]} on {self.problem.hold_names[self.hold[grip]]}"
-                for limb, grip in ((a, one), (b, other))
-            ]
-            text = (
-                f"start.grasps: the palms of {names[0]} and {names[1]} keep {1000 * gap:.1f} mm apart at most, "
-                "3 mm are needed"
-            )
+            on = [f"{LIMB_NAMES[i]} on {self.problem.hold_names[self.hold[g]]}" for i, g in ((a, one), (b, other))]
+            keep = f"the palms of {on[0]} and {on[1]} keep {1000 * gap:.1f} mm apart at most"
+            text = f"start.grasps: {keep}, 3 mm are needed"
             return InfeasibleError("clearance", text, proven=True)
         return None
 
@@ -205,6 +197,5 @@ class Proof:
 
     def _text(self, stance: Grips, without: int | None = None) -> str:
         names = self.problem.hold_names
-        return ", ".join(
-            f"{LIMB_NAMES[i]} {names[self.hold[g]]}" for i, g in enumerate(stance) if i != without and g != AIR
-        )
+        held = ((i, g) for i, g in enumerate(stance) if i != without and g != AIR)
+        return ", ".join(f"{LIMB_NAMES[i]} {names[self.hold[g]]}" for i, g in held)
