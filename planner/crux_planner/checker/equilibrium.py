@@ -59,9 +59,7 @@ def corrected_wrenches(
 
 
 def _least_squares(normal: Array, right: Array) -> Array:
-    """Least-norm solutions (6, T) of normal equations (6, 6, T), by the pseudoinverse where they come near to lacking
-    rank.
-    """
+    """Least-norm solutions (6, T) of normal equations (6, 6, T), by the pseudoinverse where they nearly lack rank."""
     factors = normal.copy()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         found = solved(factors, right)
@@ -83,16 +81,15 @@ def check_between_knots(
 
     `shared` has the corrected wrenches, `left` (T,) [Nm] is what no correction removes.
     """
-    samples, force, moment = shared, shared.force, shared.moment
+    samples, force = shared, shared.force
     for limb in range(4):
         stray = np.where(samples.load[:, limb] <= 0.0, np.linalg.norm(force[:, limb], axis=1), -np.inf)
         findings.add_series("air_force_between_knots", stray, samples.time_s, "N", limb=limb)
-    point_model = scene.point_model
     findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m")
     for limb in range(4):
         at = samples.interval
         bears = samples.load[:, limb] > 0.0
-        if point_model:
+        if scene.point_model:
             excess = cone_excess(
                 force[:, limb, :2],
                 np.zeros(len(at)),
@@ -104,33 +101,19 @@ def check_between_knots(
             )
             excess = np.maximum(excess, force[:, limb, 2] - plan.max_normal_N)
         else:
-            hanging = scene.spines_only.get(limb)
-            excess = _grasp_excess(plan, samples, loads, limb, hanging, force=force[:, limb], moment=moment[:, limb])
-        findings.add_series(
-            "limit_surface_between_knots",
-            np.where(bears, excess, -np.inf),
-            samples.time_s,
-            "N",
-            tolerance=tolerances.FRICTION_CONE_BETWEEN_KNOTS_N,
-            limb=limb,
-        )
+            excess = _grasp_excess(plan, samples, loads, limb, scene.spines_only.get(limb))
+        excess, tolerance = np.where(bears, excess, -np.inf), tolerances.FRICTION_CONE_BETWEEN_KNOTS_N
+        name = "limit_surface_between_knots"
+        findings.add_series(name, excess, samples.time_s, "N", tolerance=tolerance, limb=limb)
 
 
-def _grasp_excess(
-    plan: PlanArrays,
-    samples: Samples,
-    loads: FingerLoads,
-    limb: int,
-    hanging: int | None,
-    *,
-    force: Array,
-    moment: Array,
-) -> Array:
+def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: int, hanging: int | None) -> Array:
     """Newtons by which a gripper's wrench exceeds what its two fingers can carry, each with half the shear and twist,
     the finger that is pushed harder at the largest normal force: the other one presses less by the pull between them.
     Where finger `hanging` hangs on by its spines only it does not press, and the other one takes the pull alone.
     """
     axis, at = samples.opening_axis[:, limb], samples.interval
+    force, moment = samples.force[:, limb], samples.moment[:, limb]
     tangent = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     shear = 0.5 * np.stack([(force[:, :2] * tangent).sum(axis=1), force[:, 2]], axis=1)
     twist = 0.5 * (moment * axis).sum(axis=1)

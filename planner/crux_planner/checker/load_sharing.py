@@ -7,6 +7,7 @@ about the centre of mass. So a joint may be asked for more than the plan's wrenc
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -67,15 +68,9 @@ def check_torques(
         torque = limb.gravity_torque(motion.state, gravity_b) + limb.contact_torque(motion.state, *wrench_b)
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
         for joint, size in zip(limb.joints, torques[-1].T, strict=True):
-            findings.add_series(
-                "joint_torque_shared",
-                np.where(motion.reached, size - joint.effort, -np.inf),
-                samples.time_s,
-                "N m",
-                tolerance=tolerances.TORQUE_NM,
-                limb=index,
-                detail=joint.name,
-            )
+            beyond = np.where(motion.reached, size - joint.effort, -np.inf)
+            where: dict[str, Any] = {"tolerance": tolerances.TORQUE_NM, "limb": index, "detail": joint.name}
+            findings.add_series("joint_torque_shared", beyond, samples.time_s, "N m", **where)
     size = np.stack(torques)
     efforts = np.array([[joint.effort for joint in limb.joints] for limb in robot.limbs])
     i, row, j = np.unravel_index(int(np.argmax(size / efforts[:, None])), size.shape)

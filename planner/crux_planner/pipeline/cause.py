@@ -137,14 +137,10 @@ def _relaxations(climb: Climb) -> Iterator[_Relaxation]:
         yield _Relaxation("passage", f"of the size of {name}", 1.0, -0.05, 19, partial(_smaller, name), size)
     off, thinner = "m off every side of a gripper", "with grippers {:.0f} mm thinner on every side"
     yield _Relaxation("passage", off, 0.0, 0.001, 12, _thinner, lambda amount_m: thinner.format(1000 * amount_m))
-    yield _Relaxation(
-        "equilibrium", "times the friction", 1.0, 0.05, 40, _rougher, "with {:.2f} times the friction".format
-    )
-    stronger, further = (
-        "with {:.2f} times the motor torque",
-        "with {:.0f} mm more reach of a level body along and across it",
-    )
-    yield _Relaxation("torque", "times the motor torque", 1.0, 0.05, 20, _stronger, stronger.format)
+    factors = ("friction", "equilibrium", 40, _rougher), ("motor torque", "torque", 20, _stronger)
+    for what, by, most, relaxed in factors:
+        yield _Relaxation(by, f"times the {what}", 1.0, 0.05, most, relaxed, f"with {{:.2f}} times the {what}".format)
+    further = "with {:.0f} mm more reach of a level body along and across it"
     yield _Relaxation("reach", "m of reach", 0.0, 0.005, 20, _further, lambda amount_m: further.format(1000 * amount_m))
 
 

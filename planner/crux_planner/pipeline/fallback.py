@@ -20,11 +20,10 @@ from crux_planner.model.schedule import Move
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.solve_and_check import Climb, solve_and_check
+from crux_planner.search.ends import aimed, clear_start
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
 from crux_planner.search.stances import Oracles, ReachableSet
-from crux_planner.search.standing import clear_start
 from crux_planner.swing.swing_cache import SwingCache
 
 GREED = 3.0

@@ -13,8 +13,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips
-from crux_planner.certificates.infeasibility.palms import clashes, largest_gap
+from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips, clashes, largest_gap
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
