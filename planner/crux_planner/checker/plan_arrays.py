@@ -96,17 +96,6 @@ class PlanArrays:
         return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
 
     @cached_property
-    def gripper_force(self) -> Array:
-        """F = f1 + f2, (K, 4, 3)."""
-        return np.asarray(self.finger_force.sum(axis=2))
-
-    @cached_property
-    def gripper_moment(self) -> Array:
-        """M = sum (p - c) x f + m about the gripper centre, (K, 4, 3)."""
-        arm = self.finger_position - self.gripper_position[:, :, None, :]
-        return np.asarray((np.cross(arm, self.finger_force) + self.finger_moment).sum(axis=2))
-
-    @cached_property
     def gripped(self) -> NDArray[np.bool_]:
         """(K, 4): in stance on a hold that exists, by faces that exist."""
         exists = (self.hold >= 0) & (self.hold < len(self.cuboids.names))

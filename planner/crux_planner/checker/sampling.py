@@ -146,7 +146,9 @@ def _swing(
 
 def _blend(plan: PlanArrays, k: NDArray[np.int_], u: Array) -> tuple[Array, Array]:
     """Gripper forces and moments (T, 4, 3) by the blending rule of the wrenches."""
-    wrench = np.concatenate([plan.gripper_force, plan.gripper_moment], axis=2)
+    arm = plan.finger_position - plan.gripper_position[:, :, None, :]
+    about_centre = (np.cross(arm, plan.finger_force) + plan.finger_moment).sum(axis=2)
+    wrench = np.concatenate([plan.finger_force.sum(axis=2), about_centre], axis=2)
     wrench[-1] = wrench[-2]
     releases = np.zeros(plan.n_knots + 1, dtype=bool)
     for swing in swings(plan):

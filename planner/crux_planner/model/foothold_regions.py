@@ -131,5 +131,4 @@ def _reach(robot: Robot, yaw_rad: float) -> Array:
     palm = palm_shape(robot)
     fingers = np.array([robot.gripper.opening_m[0] + 2 * robot.gripper.pad_radius_m, robot.gripper.pad_radius_m])
     size = fingers if palm is None else np.maximum(fingers, [palm.half_length, palm.half_width])
-    turned: Array = size + np.sin(abs(yaw_rad)) * size[::-1]
-    return turned
+    return np.asarray(size + np.sin(abs(yaw_rad)) * size[::-1])

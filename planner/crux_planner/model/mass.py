@@ -26,8 +26,7 @@ def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> A
     """Places (n, 3) in W for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
     to_w, limbs = _limbs_in_body(problem, poses, hands)
     moment = problem.body_moment_kg_m + np.stack(limbs.first_moment(), axis=-1).sum(axis=0)
-    found: Array = poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg)
-    return found
+    return np.asarray(poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg))
 
 
 def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, dt_s: float) -> Array:
@@ -43,8 +42,7 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, 
     pull = np.full_like(places, -problem.gravity_w)
     pull[:, 1:-1] += np.diff(places, 2, axis=1) / dt_s**2
     moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
-    found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
-    return found
+    return np.asarray(np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None])
 
 
 def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
@@ -183,8 +181,7 @@ def centre_of_mass(robot: Robot, positions: dict[str, float]) -> Array:
     moment = np.zeros(3)
     for link, origin, rotation in _placed_links(robot, positions):
         moment += link.mass_kg * (origin + rotation @ np.array(link.com_m))
-    place: Array = moment / robot.total_mass_kg
-    return place
+    return np.asarray(moment / robot.total_mass_kg)
 
 
 def body_moment(robot: Robot) -> Array:
@@ -226,5 +223,4 @@ def _about_origin(link: Link, origin: Array, rotation: Array) -> Array:
 
 def _point_mass(mass_kg: float, place: Array) -> Array:
     """Inertia about the origin of a mass at a place (3,)."""
-    inertia: Array = mass_kg * (place @ place * np.eye(3) - np.outer(place, place))
-    return inertia
+    return np.asarray(mass_kg * (place @ place * np.eye(3) - np.outer(place, place)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
@@ -75,6 +76,16 @@ def point_text(problem: Problem, position: Array) -> str:
     """A place in W, for people."""
     x, y, z = rotation_z(problem.heading_rad) @ position
     return f"[{x:.2f}, {y:.2f}, {z:.3f}] m"
+
+
+def out_of_reach(problem: Problem, limb: int, hold: str, beyond_m: float) -> str:
+    """What to say of the nearest hold, or the one the goal names, that a limb does not reach at the goal."""
+    name, place = LIMB_NAMES[limb], point_text(problem, problem.goal.body.position_m)
+    if limb in problem.goal.grasps:
+        text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {place}: it is"
+    else:
+        text = f"no hold within reach of {name} for the goal body at {place}: the nearest, {hold}, is"
+    return f"{text} {1000 * beyond_m:.0f} mm outside {name}'s workspace"
 
 
 def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:

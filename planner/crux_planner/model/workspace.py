@@ -84,13 +84,11 @@ class Reach:
     @property
     def half_m(self) -> Array:
         """(3,) of that box."""
-        half: Array = self.extent_m[:, :3].max(axis=0)
-        return half
+        return np.asarray(self.extent_m[:, :3].max(axis=0))
 
     def beyond(self, limb: int, place_b_m: Array) -> Array:
         """(..., m) how far places (..., 3) in the body frame are outside, direction by direction."""
-        beyond: Array = np.abs(place_b_m @ self.directions.T - self.middle_m[limb]) - self.extent_m[limb]
-        return beyond
+        return np.asarray(np.abs(place_b_m @ self.directions.T - self.middle_m[limb]) - self.extent_m[limb])
 
 
 def box(centre_b_m: Array, half_m: Array, max_tilt_rad: float) -> Reach:
@@ -164,8 +162,9 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     low, high = _largest_box(limbs[0], wanted)
     centre, half = (low + high) / 2, (high - low) / 2
     boxes = box(centre * _mirror(limbs), half, wanted.max_tilt_rad)
+    corners = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1)
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
-        if not reachable(limb, _corners(middle, half), wanted).all():
+        if not reachable(limb, middle + corners * half, wanted).all():
             text = "the limbs are not mirror images of the first one, their acceptance boxes would differ"
             raise WorkspaceError(text)
     return boxes
@@ -229,8 +228,7 @@ def _vertices(normals: Array, most: Array) -> Array:
     pairs = np.stack([normals[a], normals[b]], axis=1)
     crossing = np.abs(np.linalg.det(pairs)) > 1e-9
     corners = np.linalg.solve(pairs[crossing], np.stack([most[a], most[b]], axis=1)[crossing][..., None])[..., 0]
-    found: Array = corners[(corners @ normals.T <= most + 1e-9).all(axis=1)]
-    return found
+    return np.asarray(corners[(corners @ normals.T <= most + 1e-9).all(axis=1)])
 
 
 def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[float, float]) -> Reach:
@@ -268,8 +266,7 @@ def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[f
 def _largest_cos(angles: Array) -> Array:
     """(n,) the largest cosine between the two angles of each pair (n, 2)."""
     whole = np.ceil(angles[:, 0] / (2 * np.pi)) * 2 * np.pi <= angles[:, 1]
-    largest: Array = np.where(whole, 1.0, np.cos(angles).max(axis=1))
-    return largest
+    return np.where(whole, 1.0, np.cos(angles).max(axis=1))
 
 
 def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
@@ -331,8 +328,3 @@ def largest_rectangle(mask: Flags) -> tuple[float, tuple[int, int, int, int]]:
     i = int(np.argmax(area))
     end = int(best_end[i])
     return float(area[i]), (int(first[i]), int(last[i]), end - int(best_run[i]) + 1, end)
-
-
-def _corners(centre: Array, half: Array) -> Array:
-    signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1)
-    return centre + signs * half

@@ -11,7 +11,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
-from crux_planner.model.poses import point_text
+from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.search.equilibrium import StaticEquilibrium
@@ -107,12 +107,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
-        place = point_text(problem, goal)
-        if limb not in problem.goal.grasps:
-            text = f"no hold within reach of {LIMB_NAMES[limb]} for the goal body at {place}: the nearest, {hold}, is"
-        else:
-            text = f"goal.grasps.{LIMB_NAMES[limb]}: {hold} is out of reach for the goal body at {place}: it is"
-        return LevelGoalError("reach", f"{text} {1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace")
+        return LevelGoalError("reach", out_of_reach(problem, limb, hold, beyond[nearest]))
     return None
 
 

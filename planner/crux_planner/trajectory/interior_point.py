@@ -70,7 +70,8 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         lacking = np.where(bounded, slack - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
         gap = float((point.slacks * point.duals)[bounded].sum()) / count
-        primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), stages.last_error(point.body))
+        off_end = float((stages.pinned * np.abs(point.body[-1] - stages.last)).max())
+        primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), off_end)
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP

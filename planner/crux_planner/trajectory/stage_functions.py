@@ -18,10 +18,10 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.cost import body_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench, next_pose
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.torque import held_torques, interval_torques
+from crux_planner.physics.torque import held_torques
 from crux_planner.solvers.mapped import Mapped, mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
@@ -125,9 +125,8 @@ class StageFunctions:
         """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers` of limbs."""
         sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
         x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-        gravity, dt = self.problem.gravity_w, self.problem.dt_s
-        torques = interval_torques(numbers, x, q * self.scale, grasp, gravity, dt)
-        return mapped("torque_values", arguments, [torques])
+        poses, load = (x[:POSE], next_pose(x, self.problem.dt_s)), (q * self.scale, grasp, self.problem.gravity_w)
+        return mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
 
     @cached_property
     def torques(self) -> Mapped:

@@ -125,10 +125,6 @@ class StageProblem:
         """(2, R): how far rows are inside their bounds; 1 where there is none."""
         return np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
 
-    def last_error(self, body: Array) -> float:
-        """How far off the fixed part of the last state is."""
-        return float((self.pinned * np.abs(body[-1] - self.last)).max())
-
     def empty_columns(self) -> Array:
         """(N, 4, 8) zeros."""
         return np.zeros((self.knots, 4, COLUMN))
@@ -136,8 +132,7 @@ class StageProblem:
     def next_states(self, body: Array, columns: Array) -> Array:
         """(N, 12): where (8) leads from every knot."""
         totals = np.einsum("klij,klj->ki", self.maps, columns[..., :WRENCH_INPUTS])
-        found: Array = self.functions.step(body[:-1], totals, self.hands, np.zeros((self.knots, BODY_STATES)))[0]
-        return found
+        return np.asarray(self.functions.step(body[:-1], totals, self.hands, np.zeros((self.knots, BODY_STATES)))[0])
 
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
         """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""

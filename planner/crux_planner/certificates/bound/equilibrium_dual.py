@@ -98,8 +98,7 @@ class EquilibriumDual:
 
     def _shifted(self, shift: Array, body: Array) -> Array:
         """What the body's part gains by shifted multipliers (..., 3), at least."""
-        gain: Array = (shift * (body - self._over * shift / 2)).sum(axis=-1)
-        return gain
+        return np.asarray((shift * (body - self._over * shift / 2)).sum(axis=-1))
 
 
 def _within(multipliers: Array) -> Array:

@@ -57,8 +57,7 @@ class Multipliers:
         else:
             multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
         body = self._body(multipliers_of_pairs, low, high, pairs, box)
-        value: Array = held + np.minimum.reduceat(body, first)
-        return value
+        return np.asarray(held + np.minimum.reduceat(body, first))
 
     def places(self, which: Indices) -> Array:
         """Least (len(which),) of Q for the body at a knot, whatever holds it."""

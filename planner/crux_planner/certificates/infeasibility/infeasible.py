@@ -17,9 +17,8 @@ from crux_planner.certificates.infeasibility.connection import AIR, Connection, 
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
-from crux_planner.model.arrays import Array
 from crux_planner.model.build import all_grips
-from crux_planner.model.poses import point_text
+from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.shapes import palm_shape
 from crux_planner.solvers import clock
@@ -58,7 +57,9 @@ class Proof:
                 return InfeasibleError("reach", f"no hold can be gripped by {name}", proven=True)
             beyond = self.reach.beyond_goal(limb)[usable]
             if beyond.min() > 0:
-                return self._out_of_reach(limb, usable, beyond, wanted is not None)
+                nearest = int(np.argmin(beyond))
+                hold = problem.hold_names[self.hold[usable[nearest]]]
+                return InfeasibleError("reach", out_of_reach(problem, limb, hold, beyond[nearest]), proven=True)
             ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
         if (crowded := self._crowded_start()) is not None:
             return crowded
@@ -182,17 +183,6 @@ class Proof:
 
     def _goal_text(self) -> str:
         return point_text(self.problem, self.problem.goal.body.position_m)
-
-    def _out_of_reach(self, limb: int, usable: list[int], beyond: Array, named: bool) -> InfeasibleError:
-        nearest = int(np.argmin(beyond))
-        hold = self.problem.hold_names[self.hold[usable[nearest]]]
-        name, far = LIMB_NAMES[limb], f"{1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace"
-        if named:
-            text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {self._goal_text()}: it is {far}"
-        else:
-            text = f"no hold within reach of {name} for the goal body at {self._goal_text()}: the nearest, {hold}, is "
-            text += far
-        return InfeasibleError("reach", text, proven=True)
 
     def _text(self, stance: Grips, without: int | None = None) -> str:
         names = self.problem.hold_names

@@ -136,8 +136,7 @@ class RelaxedReach:
         """(G,) how far each grip is out of a limb's reach at the goal, at the best heading; not positive: not."""
         low, high = self.goal.low[:, limb], self.goal.high[:, limb]
         beyond = np.maximum(low - self._goal_high[:, None], self._goal_low[:, None] - high)
-        least: Array = beyond.max(axis=2).min(axis=0)
-        return least
+        return np.asarray(beyond.max(axis=2).min(axis=0))
 
     def in_reach(self, limb: int, position_m: Array, most_turn_rad: float) -> Flags:
         """(P,) whether a body at positions (P, 3), of any tilt, has some grip in reach of a limb.
