@@ -1,7 +1,5 @@
 """(7): the polytopes of body and gripper states, from the robot description."""
 
-from __future__ import annotations
-
 import numpy as np
 from crux_contracts.robot import Robot
 

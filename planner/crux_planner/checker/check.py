@@ -1,7 +1,5 @@
 """The checker of exact P1: every constraint at every knot and between the knots, for the real robot."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -6,8 +6,6 @@ by the separating axis theorem for boxes. Pads, which pass closest, are followed
 Only what may be a violation, or the tightest place of its kind, is measured: bounds settle the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -2,8 +2,6 @@
 hold serves one limb at a time; swings have the structure of msgs/PLAN.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@ Euler with dt; along the plan the force and moment that all contacts must have t
 limbs as inverse kinematics places them. A foot must press for that, never pull.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.checker import tolerances

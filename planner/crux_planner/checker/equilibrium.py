@@ -9,8 +9,6 @@ demand must stay inside the exact limit surface for some normal force up to the 
 grasp force controller sets it from the demand.
 """
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

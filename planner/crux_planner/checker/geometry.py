@@ -4,8 +4,6 @@ Where there are many, matrices and vectors lie in memory component by component:
 for thousands of small matrices is several times faster than stacked matrix products.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

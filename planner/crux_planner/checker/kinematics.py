@@ -2,8 +2,6 @@
 plan's own clock within the speed limits, and the planned wrenches are held within the joints' torques.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ way.
 Only what may be a violation, or the tightest place of all, is measured: boxes around the parts settle the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations

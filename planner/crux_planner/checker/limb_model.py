@@ -4,8 +4,6 @@ Frames and signs are the URDF's. Everything is computed in the body frame B with
 B by the caller. Nothing here knows the closed form of the limb: chains are walked joint by joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from xml.etree import ElementTree

@@ -6,8 +6,6 @@ found component by component: w is in the sum if and only if shrinking |fx|, |fy
 leaves a point in the cone. No polytope, no tolerance of a solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

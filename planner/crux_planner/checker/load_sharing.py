@@ -4,8 +4,6 @@ Between the knots the body and a limb in the air move on under the plan's wrench
 about the centre of mass. So a joint may be asked for more than the plan's wrenches need.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

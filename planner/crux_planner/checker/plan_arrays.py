@@ -1,7 +1,5 @@
 """A plan's messages as arrays, once their form is sound."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """What the checker says about a plan: violations, the tightest value of every constraint, margins and joint loads."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from typing import Any
 

@@ -4,8 +4,6 @@ Own, vectorised reading of that page (the golden vectors of the contracts hold i
 looks at some thousand moments, and must not inherit a misreading from the code it checks.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

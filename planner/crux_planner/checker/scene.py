@@ -1,7 +1,5 @@
 """Whose plan this is: its hashes, the scenario inside, what that fixes, and that the plan's copies of it are true."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ Everything is expressed in the heading frame: W turned about its z so that the b
 not allow, an InfeasibleError.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ makes its first step to where that side and the next one meet; where the goal is
 it, the foot comes back by its last two steps, from where the next side and the far one meet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Everything is vectorised over any leading shape, in the body frame, and knows the robot only through its description.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from crux_contracts.robot import Limb
 

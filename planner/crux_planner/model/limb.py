@@ -5,8 +5,6 @@ cross products. Smooth wherever the limb is neither stretched nor folded, and th
 arrays and casadi's expressions: a vector here is a tuple of three of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

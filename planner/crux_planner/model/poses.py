@@ -1,7 +1,5 @@
 """What climbs and walks read from a scenario alike: poses in the heading frame, bounds of the body, weights of J."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

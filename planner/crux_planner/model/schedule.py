@@ -1,7 +1,5 @@
 """Which limb moves when: contacts of a sequence, and of every knot."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 The gripper stands with both pads on the surface; its frame is one pad radius above the foot point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -11,8 +11,6 @@ that grips, whatever its yaw and the body's tilt, up to the joint limits themsel
 wrist is at about the body's own height, so a tilt hardly moves it along the wall.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

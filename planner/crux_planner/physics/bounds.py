@@ -1,7 +1,5 @@
 """Equation (7): bounds of body states, wrenches and footholds; start, goal and ranges of yaw are bounds too."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array

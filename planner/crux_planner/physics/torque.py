@@ -4,8 +4,6 @@ tau_i = -axis_i . ((c - o_i) x F + M) - sum_j axis_i . ((com_j - o_i) x m_j g), 
 model.limb.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Equations (8a) and (8b) of a whole walk at once, in numpy: rates of the angles, and what a motion leaves open."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array

@@ -1,7 +1,5 @@
 """Attempt, see what fails, change something, attempt again: the one loop, with a table of remedies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 

@@ -6,8 +6,6 @@ goes first. What those give is a way: contacts in sequence and a body path in st
 of each search is counted in stances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial

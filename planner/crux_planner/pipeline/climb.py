@@ -1,7 +1,5 @@
 """Planning a climb: contact search, schedule, quasi-static body path, exact NLP, independent check."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What to tell the user when a start cannot be used or the search finds no way: which constraint, which limb, where."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

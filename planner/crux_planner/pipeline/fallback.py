@@ -3,8 +3,6 @@
 Proofs that no plan exists come first where they are quick, and last where they need a search.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import replace

@@ -4,8 +4,6 @@ A `Planner` keeps the problem in numbers, the oracles of the search with all the
 and the compiled equations. A plan made again starts at rest on a stance of the old one, and goes to the same goal.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Collection

@@ -1,7 +1,5 @@
 """From a schedule to a checked plan: body path, exact P1, message, check; and what is to blame where one is refused."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Planning a walk: gaits by local search on J or by one of the paper's methods; the exact problem; the check."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ body path is one sparse QP: first over the events of the sequence (each lift-off
 the body needs between them, then over all knots of the schedule, which starts the NLP.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

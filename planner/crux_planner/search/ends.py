@@ -6,8 +6,6 @@ limb the most. A scenario names hold and faces of a start grasp; grippers on nei
 middle so that one of them can leave.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ a small QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and
 axis.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ stance carry it in static balance. What a stance on all four limbs costs hardly 
 computed once a stance. Good enough to rank candidates at a few milliseconds each; the exact NLP has the last word.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any

@@ -4,8 +4,6 @@ A foot off the ground has a value in the QP, the pull of the dynamics' duals on 
 the ground has its share of the effort. Neighbours are tried in the order of what these values promise.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 

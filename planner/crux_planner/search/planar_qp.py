@@ -4,8 +4,6 @@ The body keeps its height. Normal forces are shares of the weight and lateral fo
 that (8) is two rows a knot; tilting and turning cost no force here, but they are as slow as there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

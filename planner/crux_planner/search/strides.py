@@ -1,7 +1,5 @@
 """How long a foot is in the air for its way and turn, and the gaits a search begins with: every order of the feet."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Nonlinear programs of casadi's, solved by ipopt."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

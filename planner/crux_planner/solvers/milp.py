@@ -1,7 +1,5 @@
 """A mixed-integer linear program put together piece by piece, solved by HiGHS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

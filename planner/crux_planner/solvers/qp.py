@@ -1,7 +1,5 @@
 """Quadratic programs, solved by PIQP."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

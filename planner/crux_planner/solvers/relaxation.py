@@ -4,8 +4,6 @@ After Stein, Oldenburg & Marquardt (2004): the NLP's one parameter bounds alpha 
 alpha that stand for "if in contact"; every run starts from the last answer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

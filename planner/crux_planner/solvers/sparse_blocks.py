@@ -1,7 +1,5 @@
 """Sparse matrices put together block by block, and products with cross-product matrices, many at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sp
 

@@ -4,8 +4,6 @@ A limb is three capsules, from shoulder to elbow, wrist and palm, where the clos
 a level body. Only cuboids higher than a palm's lowest place can be in their way: on most walls there are none.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -4,8 +4,6 @@ Equation (14) is kept over the whole way as msgs/PLAN.md reads it between knots,
 lowering run along the gripped faces with the fingers open, and everything in between is a polyline of one height.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which swings exist and which of them other grippers leave free; everything computed once and kept."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array

@@ -4,8 +4,6 @@ Solved stage by stage. Joint torques become constraints where they are found too
 climbs need few.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

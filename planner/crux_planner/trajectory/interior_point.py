@@ -5,8 +5,6 @@ only its neighbours. So columns are eliminated all at once by small inverses, an
 of the dynamics, by a Riccati recursion: time grows linearly with the knots and by a small factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns
 torques where they are asked for; one vector in this order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Long walks have motions that cost next to nothing, such as a slow bounce of the 
 After some rounds a term that vanishes at the answer keeps each one near the one before.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

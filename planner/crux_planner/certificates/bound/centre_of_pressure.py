@@ -14,8 +14,6 @@ what is left of multiplier . q costs no more than some part of J that is kept ba
 The centre of mass is off r by what limbs within (9a) make it, which multipliers of q pay for (`aside`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array

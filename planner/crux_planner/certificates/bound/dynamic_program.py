@@ -4,8 +4,6 @@ There what a limb does on a hold, which faces it grips and whether it changes th
 sixteenth of the states. What a way through a node costs is then the way through its holds with the node's own knot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ A plan that is D away from the goal (or turned by D) at some knot is at least D 
 earlier as long as that is farther than the start. Whatever else a plan costs comes on top.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.grasps import Grasps

@@ -1,7 +1,5 @@
 """Multipliers of force and moment for a set of grasps: the multipliers of a small convex QP of one knot."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.multipliers import FOLLOW, Multipliers

@@ -6,8 +6,6 @@ Over a_z its least is concave in sigma, so that chords are below it; on a chord 
 a simplex. Feet stand anywhere in their ranges, at every knot anew.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.centre_of_pressure import CentreOfPressure

@@ -9,8 +9,6 @@ first is bound.carrying, the second falls apart by axes over the boxes of bound.
 need not be trusted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.carrying import Carriers

@@ -5,8 +5,6 @@ the multipliers of a few sets, each taken to where the others are, bound the cos
 multipliers for a set decides how tight the bound is, not whether it holds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.grasps import Grasps

@@ -9,8 +9,6 @@ Between two knots first every limb that leaves its contact does so, then those l
 grasps less some of its limbs, is a node of the program too, where no knot may be spent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -15,8 +15,6 @@ Both hold for the planner's steps (walk.gait.Step): their shape, the least knots
 ones; the first also for the accelerations that the walk's margins allow.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -8,8 +8,6 @@ further. A part of the graph that holds the start but not the goal, or the goal 
 a proof.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 from dataclasses import dataclass, field

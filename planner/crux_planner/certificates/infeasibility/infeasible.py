@@ -3,8 +3,6 @@
 The way is looked for in the graph of `connection`, of all sets of grips that the relaxed P1 of `relaxed` allows.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

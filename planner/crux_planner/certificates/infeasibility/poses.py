@@ -6,8 +6,6 @@ program. Tilt, place and heading are the same for all limbs, where bounds of eac
 each. Boxes of angles are halved until all are shown to have no pose, or one is found.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ outside by tangents; grasps anywhere on their faces; what accelerations within t
 collisions, no torques.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
