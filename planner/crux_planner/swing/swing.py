@@ -146,12 +146,7 @@ def _clear_height(
 
 
 def _candidate_ways(
-    start: Contact,
-    end: Contact,
-    cuboids: Cuboids,
-    shape: GripperShape,
-    limits: SwingLimits,
-    body_line: Array | None,
+    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, body_line: Array | None
 ) -> list[list[Array]]:
     """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
     a, b = start.centre_w_m[:2], end.centre_w_m[:2]
