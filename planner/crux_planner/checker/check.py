@@ -10,12 +10,11 @@ from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
 from crux_planner.checker.contact import check_contact
 from crux_planner.checker.dynamics import centre_of_mass, check_dynamics, check_feet_press, net_wrench
-from crux_planner.checker.equilibrium import check_between_knots, tumble_margin
+from crux_planner.checker.equilibrium import check_between_knots, check_torques, shared_load, tumble_margin
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
-from crux_planner.checker.load_sharing import check_torques, shared_load
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings

@@ -19,8 +19,7 @@ from crux_planner.pipeline.refusals import CUTS, bent
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
-from crux_planner.trajectory.walk_exact import of_knots, solve
-from crux_planner.trajectory.walk_qp import WalkKnots
+from crux_planner.trajectory.walk_qp import WalkKnots, of_knots, solve
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
 PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough

@@ -24,14 +24,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crux_planner.certificates.bound.dynamic_program import DynamicProgram
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
-from crux_planner.certificates.bound.knot_qp import KnotQp
-from crux_planner.certificates.bound.multipliers import Multipliers
+from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
 from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
+from crux_planner.certificates.bound.timeline import DynamicProgram
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
