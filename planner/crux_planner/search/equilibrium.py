@@ -7,8 +7,6 @@ a small QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and
 axis.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,8 +30,7 @@ _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted c
 
 def clipped(position: Array, low: Array, high: Array) -> Array:
     """The position moved into bounds (m,) as far as these are along x, y and z."""
-    near: Array = np.clip(position, low[:3], high[:3])
-    return near
+    return np.asarray(np.clip(position, low[:3], high[:3]))
 
 
 class Query(NamedTuple):
@@ -75,12 +72,7 @@ class StaticEquilibrium:
         self._rows: dict[int, tuple[Array, Array]] = {}
 
     def position(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] | None = None
     ) -> Array | None:
         """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
 
@@ -106,13 +98,10 @@ class StaticEquilibrium:
 
     def mean_place(self, contacts: tuple[int, ...]) -> Array:
         """(3,) of these contacts."""
-        mean: Array = self.centres[list(contacts)].mean(axis=0)
-        return mean
+        return np.asarray(self.centres[list(contacts)].mean(axis=0))
 
     def centre(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
-        """(3, 3) A and (3,) b: the centre of mass of a body at r, its axes turned by `to_w`, is at A @ r + b where its
-        grippers' mean place is `grippers` (3,).
-        """
+        """(3, 3) A, (3,) b: A @ r + b is the centre of mass of a body at r, turned by `to_w`, grippers about (3,)."""
         follow = to_w @ self._follow @ to_w.T
         return np.eye(3) - follow, follow @ grippers + to_w @ self._rest
 
@@ -193,9 +182,8 @@ class StaticEquilibrium:
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
-        cost = np.concatenate(
-            [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
-        )
+        effort = np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))
+        cost = np.concatenate([np.full(3, _POSITION_WEIGHT), effort])
         linear = np.concatenate([-_POSITION_WEIGHT * wanted, np.zeros(n)])
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         if further is not None:

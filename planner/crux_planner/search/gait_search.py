@@ -4,8 +4,6 @@ A foot off the ground has a value in the QP, the pull of the dynamics' duals on 
 the ground has its share of the effort. Neighbours are tried in the order of what these values promise.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 
@@ -14,8 +12,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.planar_qp import FlatQp, FlatWalk
-from crux_planner.search.slots import Change, Slots
-from crux_planner.search.strides import Strides
+from crux_planner.search.slots import Change, Slots, Strides
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Team, Worker
 
