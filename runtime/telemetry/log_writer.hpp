@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <iterator>
 #include <memory>
 #include <string>
 
@@ -38,7 +39,18 @@ class LogWriter {
   /// Writes a message of `cycle` when its channel keeps this cycle.
   template <class Message>
   void write_due(crux_msgs::Channel channel, std::int64_t cycle, std::int64_t log_time_ns, const Message& message) {
-    if ((cycle - 1) % crux_msgs::channel_info(channel).log_every == 0) log_->write(channel, log_time_ns, message);
+    if (is_due(channel, cycle)) log_->write(channel, log_time_ns, message);
+  }
+  /// The same of a channel that has a topic for each limb.
+  template <class Messages>
+  void write_limbs_due(crux_msgs::Channel channel, std::int64_t cycle, std::int64_t log_time_ns,
+                       const Messages& messages) {
+    if (!is_due(channel, cycle)) return;
+    for (std::size_t limb = 0; limb < std::size(messages); ++limb)
+      log_->write(channel, log_time_ns, messages[limb], limb);
+  }
+  static bool is_due(crux_msgs::Channel channel, std::int64_t cycle) noexcept {
+    return (cycle - 1) % crux_msgs::channel_info(channel).log_every == 0;
   }
   void write_event(LoggedEvent& event, std::int64_t log_time_ns);
   void fail(const LogError& error);

@@ -156,6 +156,7 @@ def run_info(options: argparse.Namespace) -> int:
     from crux_tools.log.contents import contents_of
     from crux_tools.log.index import entry_of
     from crux_tools.telemetry import LogError
+    from crux_tools.telemetry.log_format import newer_format
 
     found = contents_of(options.log)
     try:
@@ -163,6 +164,8 @@ def run_info(options: argparse.Namespace) -> int:
     except LogError as error:
         note(f"crux log info: {error}")
         entry = None
+    if newer := newer_format(dict(pair for name, said in found.metadata if name == "crux" for pair in said.items())):
+        note(f"crux log info: {newer}")
     if options.json:
         print_json({"ok": True, "climb": None if entry is None else asdict(entry), **asdict(found)})
         return 0
