@@ -217,8 +217,8 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
         stance = limb.phase == limb.STANCE
         force = np.array(limb.finger_force_w_n).reshape(2, 3).sum(axis=0) * stance
         pose = {"gripper_position_w_m": list(limb.gripper_position_w_m)}
-        put(f"/{LIMB_NAMES[index]}/limb_reference", cycle, limb=index, phase=0 if stance else 4, load=float(stance), **pose,
-            gripper_yaw_w_rad=limb.gripper_yaw_w_rad, finger_opening_m=limb.finger_separation_m / 2,
+        put(f"/{LIMB_NAMES[index]}/limb_reference", cycle, limb=index, phase=0 if stance else 4, load=float(stance),
+            **pose, gripper_yaw_w_rad=limb.gripper_yaw_w_rad, finger_opening_m=limb.finger_separation_m / 2,
             force_w_n=force.tolist(), moment_w_nm=[0.0] * 3, friction=limb.friction)  # fmt: skip
         put(f"/{LIMB_NAMES[index]}/limb_telemetry", cycle, limb=index, **pose, gripper_quaternion_w=[1.0, 0, 0, 0],
             force_w_n=(force + story.force_error_n[index]).tolist(), moment_w_nm=[0.0] * 3,

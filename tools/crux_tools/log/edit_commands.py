@@ -174,6 +174,7 @@ def run_info(options: argparse.Namespace) -> int:
     if entry is not None:
         faults = ", ".join(dict.fromkeys(entry.faults)) or "none"
         rows += [("verdict", ": ".join(filter(None, (entry.verdict, entry.reason)))), ("faults", faults)]
+        rows += [("note", entry.note)] if entry.note else []
     rows += [(name, f"{key}: {value}") for name, said in found.metadata for key, value in said.items()]
     rows += [("attached", f"{name}, {size} bytes") for name, size in found.attachments.items()]
     width = max(len(what) for what, _ in rows)

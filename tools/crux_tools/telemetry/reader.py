@@ -32,6 +32,7 @@ from crux_tools.telemetry.log_format import newer_format
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it says itself
+NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
@@ -200,6 +201,9 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                     raw.times_ns[raw.home[record.channel_id]].append(record.log_time)
                 elif isinstance(record, Metadata) and record.name in METADATA:
                     raw.metadata = record.metadata | raw.metadata
+                elif isinstance(record, Metadata) and record.name == NOTE_METADATA:
+                    notes = (raw.metadata.get("note"), record.metadata.get("note"))
+                    raw.metadata["note"] = "; ".join(filter(None, notes))
                 elif isinstance(record, Attachment):
                     raw.attachments[record.name] = record.data
                 elif isinstance(record, Metadata) and record.name == END_METADATA:
