@@ -75,8 +75,8 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    if (name == "--overwrite") {
-      options.overwrite = true;
+    if (name == "--overwrite" || name == "--log-frames") {
+      (name == "--overwrite" ? options.overwrite : options.log_frames) = true;
       continue;
     }
     constexpr std::array<std::string_view, 10> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
@@ -116,6 +116,8 @@ usage: crux-runtime [options]
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)
   --overwrite       replace the log that is there already
+  --log-frames      the CAN frames of every cycle into the log as well, not
+                    of the seconds around a fault alone
   --note TEXT       words of yours for the log; crux log ls and crux report
                     show them
   --tag KEY=VALUE   something the log is to say of itself; may be repeated

@@ -71,6 +71,7 @@ void LogWriter::write(CycleRecord& record) {
   write_limbs_due(Channel::kBusHealth, cycle, t, record.health);
   if (result.has_fault) log_->write(Channel::kFault, t, result.fault);
   write_due(Channel::kCycleTiming, cycle, t, record.timing);
+  frames_.take(record, *log_);
 }
 
 }  // namespace crux

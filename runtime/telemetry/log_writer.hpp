@@ -9,6 +9,7 @@
 
 #include "exchange/cycle_record.hpp"
 #include "exchange/spsc_ring.hpp"
+#include "telemetry/frame_recorder.hpp"
 #include "telemetry/mcap_log.hpp"
 
 namespace crux {
@@ -17,8 +18,9 @@ class LogWriter {
  public:
   /// @param log where to write; without one the records are only taken and freed
   /// @param broken set when it can be written no more
-  LogWriter(SpscRing<CycleRecord>& records, std::unique_ptr<McapLog> log, std::atomic<bool>& broken)
-      : records_(records), log_(std::move(log)), broken_(broken) {}
+  /// @param all_frames the CAN frames of every cycle, not of the seconds around a fault alone
+  LogWriter(SpscRing<CycleRecord>& records, std::unique_ptr<McapLog> log, std::atomic<bool>& broken, bool all_frames)
+      : records_(records), log_(std::move(log)), broken_(broken), frames_(all_frames) {}
 
   /// Writes until `ended` is set and the queue is empty, then ends the file. After the first error it goes on taking
   /// records, so that nobody waits for it.
@@ -58,6 +60,7 @@ class LogWriter {
   SpscRing<CycleRecord>& records_;
   std::unique_ptr<McapLog> log_;
   std::atomic<bool>& broken_;
+  FrameRecorder frames_;
   Metadata end_;
   std::string error_;
 };

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from crux_contracts.channels import LOG_FORMAT
@@ -13,7 +14,7 @@ from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry import LogError, read_log
 from made_up_climb import Story, write_log
 
-SHORT = {"ready_cycles": 3, "wait_cycles": 0, "holding_cycles": 3}
+SHORT: dict[str, Any] = {"ready_cycles": 3, "wait_cycles": 0, "holding_cycles": 3}
 NEWER = {"format": str(LOG_FORMAT + 1), "version": "9.1.0", "commit": "abcdef"}
 SENTENCE = (
     f"the log is of format {LOG_FORMAT + 1} (written by crux 9.1.0, commit abcdef), this crux knows formats up to "

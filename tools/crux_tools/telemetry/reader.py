@@ -48,6 +48,7 @@ ADDED = {
 PER_LIMB = ("/limb_reference", "/limb_telemetry")  # shared_topic() of each limb's
 STATE_TOPIC = "/robot_state"
 EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
+CAN_FRAMES = "/can_frames"  # too many to be decoded one by one: see can_frames.py
 PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -221,6 +222,8 @@ def _decode(raw: _Raw, path: Path) -> Channels:
     messages: dict[str, list[Any]] = {}
     times_ns: dict[str, np.ndarray] = {}
     for channel_id, channel in raw.channels.items():
+        if channel.topic == CAN_FRAMES:
+            continue
         schema = raw.schemas.get(channel.schema_id)
         payloads = raw.payloads.get(channel_id, [])
         if schema is None or channel.message_encoding != "cdr":
@@ -243,22 +246,22 @@ def _decode(raw: _Raw, path: Path) -> Channels:
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
-    """The channels of an MCAP file in profile ros2, all or those in `topics`; those of the limbs under their shared
-    topic, whatever topics the log has.
+    """The channels of an MCAP file in profile ros2, all (but CAN frames) or those in `topics`; those of the limbs under
+    their shared topic, whatever topics the log has.
 
     Raises LogError when the file is no such file; a cut-off end only leaves `end` out.
     """
-    return _decode(_opened(path, topics), path)
+    return _decode(_opened(path, lambda topic: topic != CAN_FRAMES and (topics is None or topic in topics)), path)
 
 
 def read_payloads(path: Path, topics: set[str]) -> Payloads:
     """The messages of some topics, not decoded. Raises LogError as `read_channels` does."""
-    return _payloads(_opened(path, topics), topics)
+    return _payloads(_opened(path, topics.__contains__), topics)
 
 
 def read_both(path: Path) -> tuple[Channels, Payloads]:
-    """All channels, decoded and not. Raises LogError as `read_channels` does."""
-    raw = _opened(path, None)
+    """All channels, decoded (but CAN frames) and not. Raises LogError as `read_channels` does."""
+    raw = _opened(path, lambda _topic: True)
     return _decode(raw, path), _payloads(raw, {channel.topic for channel in raw.channels.values()})
 
 
@@ -272,13 +275,13 @@ def _payloads(raw: _Raw, topics: set[str]) -> Payloads:
     return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments)
 
 
-def _opened(path: Path, topics: set[str] | None) -> _Raw:
+def _opened(path: Path, wanted: Callable[[str], bool]) -> _Raw:
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
     if not path.exists():
         raise LogError(f"{path}: no such file")
     try:
-        return _read_raw(path, lambda topic: topics is None or topic in topics)
+        return _read_raw(path, wanted)
     except PermissionError as error:
         raise LogError(f"{path}: may not be read (permission denied)") from error
 
