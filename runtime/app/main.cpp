@@ -111,7 +111,7 @@ int run(const Options& options) {
   RuntimeExchange exchange;
   SpscRing<CycleRecord> records(kLogQueue);
   OperatorServer server(options.lcm_url, robot, exchange);
-  LogWriter log_writer(records, open_log(options, robot), exchange.log_broken);
+  LogWriter log_writer(records, open_log(options, robot), exchange.log_broken, options.log_frames);
   const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
   handle_signals(exchange.stop);
   CycleReport report;

@@ -75,12 +75,12 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    if (name == "--overwrite") {
-      options.overwrite = true;
+    if (name == "--overwrite" || name == "--log-frames") {
+      (name == "--overwrite" ? options.overwrite : options.log_frames) = true;
       continue;
     }
-    constexpr std::array<std::string_view, 9> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
-                                                        "--lcm",   "--log", "--guard-time", "--tag"};
+    constexpr std::array<std::string_view, 10> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
+                                                         "--lcm",   "--log", "--guard-time", "--tag",      "--note"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -93,6 +93,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
+    if (name == "--note") options.tags.emplace_back("note", value);
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
   complete_buses(options);
@@ -115,6 +116,10 @@ usage: crux-runtime [options]
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)
   --overwrite       replace the log that is there already
+  --log-frames      the CAN frames of every cycle into the log as well, not
+                    of the seconds around a fault alone
+  --note TEXT       words of yours for the log; crux log ls and crux report
+                    show them
   --tag KEY=VALUE   something the log is to say of itself; may be repeated
   --version         prints version and commit
   --help            prints this

@@ -44,9 +44,9 @@ TEST(Options, EveryOptionIsRead) {
 }
 
 TEST(Options, TagsAndOverwriteAreRead) {
-  const Options options = parse({"--overwrite", "--tag", "seed=7", "--tag", "why=a=b"});
+  const Options options = parse({"--overwrite", "--tag", "seed=7", "--tag", "why=a=b", "--note", "new rubber"});
   EXPECT_TRUE(options.overwrite);
-  EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}}));
+  EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}, {"note", "new rubber"}}));
 }
 
 TEST(Options, MistakesAreNamed) {

@@ -71,6 +71,8 @@ class ClimbOptions:
     """plans again where the robot holds for a cause that planning can mend"""
     note: str = ""
     """the user's own words, for the log"""
+    log_frames: bool = False
+    """the CAN frames of every cycle into the log, not of the seconds around a fault alone"""
 
 
 @dataclass(frozen=True)
@@ -275,7 +277,7 @@ def _power_on(
     boards: EmulatedBoards | None,
 ) -> tuple[RuntimeProcess | RuntimeHere, OperatorLink, FirmwareNodes]:
     """Runtime and nodes on the buses of `options`; the plan is loaded and START given for START_CYCLE."""
-    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options))
+    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options), options.log_frames)
     runtime: RuntimeProcess | RuntimeHere
     if options.bus == "memory":
         nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards, options.world))

@@ -26,13 +26,16 @@ STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
 
-def runtime_arguments(robot_dir: Path, log: Path, commands: str, tags: dict[str, str]) -> list[str]:
+def runtime_arguments(
+    robot_dir: Path, log: Path, commands: str, tags: dict[str, str], log_frames: bool = False
+) -> list[str]:
     """What crux-runtime is told wherever it runs. A log that is there already is replaced.
 
-    `commands`: each or broadcast; `tags`: what the log is to say of itself.
+    `commands`: each or broadcast; `tags`: what the log is to say of itself; `log_frames`: CAN frames of every cycle.
     """
     said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
-    return ["--robot", str(robot_dir), "--log", str(log), "--overwrite", "--commands", commands, *said]
+    more = ["--log-frames"] if log_frames else []
+    return ["--robot", str(robot_dir), "--log", str(log), "--overwrite", "--commands", commands, *more, *said]
 
 
 def log_reason(said: str) -> str:
