@@ -79,6 +79,10 @@ Options parse_options(std::span<const char* const> arguments) {
       options.overwrite = true;
       continue;
     }
+    if (name == "--calibrate") {
+      options.calibrate = true;
+      continue;
+    }
     constexpr std::array<std::string_view, 9> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
                                                         "--lcm",   "--log", "--guard-time", "--tag"};
     if (std::ranges::find(kNames, name) == kNames.end())
@@ -111,6 +115,7 @@ usage: crux-runtime [options]
   --pace PACE       clock: real time; bus: lockstep, a cycle follows
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)
+  --calibrate       tune the admittance's gains while climbing         (they stay as robot.yaml has them)
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)

@@ -26,6 +26,7 @@ struct Options {
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
   std::string log;         ///< empty: none
   bool overwrite = false;  ///< a log that is there already
+  bool calibrate = false;  ///< the admittance's gains
   Metadata tags;           ///< what the log is to say of itself besides
   std::string command_line;
   CycleOptions cycle{Pace::kClock, std::chrono::seconds(1)};

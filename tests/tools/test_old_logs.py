@@ -34,7 +34,10 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         [("/limb_telemetry", "float64 utilisation"), ("/limb_telemetry", "float64 slip_m")],
         ("/limb_telemetry", "float64 borne_friction"),
     ),
-    "7-grasps": ([("/limb_telemetry", "float64 borne_friction")], None),
+    "7-grasps": (
+        [("/limb_telemetry", "float64 borne_friction")],
+        ("/limb_telemetry", "float64[6] admittance_gains"),
+    ),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

@@ -77,6 +77,7 @@ def recompute(path: Path) -> Comparison:
             commit = log.metadata.get("commit", "unknown")
             raise UsageError(f"{path}: {topic} is of another crux (commit {commit}), which alone can compute it again")
     given, cycles, missing_cycle = _given(log)
+    switches = ["--calibrate"] if log.metadata.get("calibrates") == "yes" else []
     described = robot_of(log.metadata.get("robot", ""), log.attachments)
     with described as robot, tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
         for topic, payload in given:
@@ -84,7 +85,7 @@ def recompute(path: Path) -> Comparison:
             records.write(payload)
         records.seek(0)
         with subprocess.Popen(
-            [built(BINARY), robot.folder], stdin=records, stdout=subprocess.PIPE, stderr=errors
+            [built(BINARY), robot.folder, *switches], stdin=records, stdout=subprocess.PIPE, stderr=errors
         ) as core:
             assert core.stdout is not None
             try:

@@ -26,13 +26,16 @@ STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
 
-def runtime_arguments(robot_dir: Path, log: Path, commands: str, tags: dict[str, str]) -> list[str]:
+def runtime_arguments(
+    robot_dir: Path, log: Path, commands: str, tags: dict[str, str], calibrate: bool = False
+) -> list[str]:
     """What crux-runtime is told wherever it runs. A log that is there already is replaced.
 
     `commands`: each or broadcast; `tags`: what the log is to say of itself.
     """
     said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
-    return ["--robot", str(robot_dir), "--log", str(log), "--overwrite", "--commands", commands, *said]
+    switches = ["--overwrite", *(["--calibrate"] if calibrate else [])]
+    return ["--robot", str(robot_dir), "--log", str(log), *switches, "--commands", commands, *said]
 
 
 def log_reason(said: str) -> str:
