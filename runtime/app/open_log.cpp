@@ -97,6 +97,7 @@ std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription
                                {"commit", crux_msgs::kCommit},
                                {"robot", robot.name},
                                {"robot_sha256", robot.sha256},
+                               {"calibrates", robot.calibrates ? "yes" : "no"},
                                {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"},
                                {"started_utc", utc_text(now_ns(CLOCK_REALTIME))},
                                {"utc_minus_monotonic_ns", std::to_string(utc_minus_monotonic_ns())},

@@ -75,8 +75,12 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    if (name == "--overwrite" || name == "--log-frames") {
-      (name == "--overwrite" ? options.overwrite : options.log_frames) = true;
+    const std::array<std::pair<std::string_view, bool*>, 3> switches = {{{"--overwrite", &options.overwrite},
+                                                                         {"--log-frames", &options.log_frames},
+                                                                         {"--calibrate", &options.calibrate}}};
+    if (const auto* given = std::ranges::find(switches, name, &std::pair<std::string_view, bool*>::first);
+        given != switches.end()) {
+      *given->second = true;
       continue;
     }
     constexpr std::array<std::string_view, 10> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
@@ -112,6 +116,7 @@ usage: crux-runtime [options]
   --pace PACE       clock: real time; bus: lockstep, a cycle follows
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)
+  --calibrate       tune the admittance's gains while climbing         (they stay as robot.yaml has them)
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)

@@ -27,6 +27,7 @@ struct Options {
   std::string log;          ///< empty: none
   bool overwrite = false;   ///< a log that is there already
   bool log_frames = false;  ///< CAN frames of every cycle
+  bool calibrate = false;   ///< the admittance's gains
   Metadata tags;            ///< what the log is to say of itself besides
   std::string command_line;
   CycleOptions cycle{Pace::kClock, std::chrono::seconds(1)};

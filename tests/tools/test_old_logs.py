@@ -36,7 +36,10 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         ("/limb_telemetry", "float64 borne_friction"),
     ),
     "7-grasps": ([("/limb_telemetry", "float64 borne_friction")], ("/LF/limb_telemetry", "int8 limb")),
-    "8-frames": ([("/LF/limb_telemetry", "int8 limb"), ("/can_frames", "uint8[] data")], None),
+    "8-frames": (
+        [("/LF/limb_telemetry", "int8 limb"), ("/can_frames", "uint8[] data")],
+        ("/LF/limb_telemetry", "float64[6] admittance_gains"),
+    ),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

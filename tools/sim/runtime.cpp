@@ -46,6 +46,7 @@ Options options_of(std::span<const char* const> arguments) {
 RobotDescription robot_of(const Options& options) {
   Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
+  loaded.value().calibrates = options.calibrate;
   return std::move(loaded.value());
 }
 

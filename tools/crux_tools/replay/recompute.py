@@ -79,6 +79,7 @@ def recompute(path: Path) -> Comparison:
             whose = f"{topic} is of another crux (commit {commit}), which alone can compute it again"
             raise UsageError(f"{path}: {newer_format(log.metadata) or whose}")
     given, cycles, missing_cycle = _given(log)
+    switches = ["--calibrate"] if log.metadata.get("calibrates") == "yes" else []
     described = robot_of(log.metadata.get("robot", ""), log.attachments)
     with described as robot, tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
         for topic, payload in given:
@@ -86,7 +87,7 @@ def recompute(path: Path) -> Comparison:
             records.write(payload)
         records.seek(0)
         with subprocess.Popen(
-            [built(BINARY), robot.folder], stdin=records, stdout=subprocess.PIPE, stderr=errors
+            [built(BINARY), robot.folder, *switches], stdin=records, stdout=subprocess.PIPE, stderr=errors
         ) as core:
             assert core.stdout is not None
             try:

@@ -97,6 +97,11 @@ def add_parser(subparsers: Any) -> None:
         "does on the robot (--bus memory)",
     )
     parser.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="tune the admittance's gains from the wrench errors while climbing (runtime/README.md says how)",
+    )
+    parser.add_argument(
         "--emulate",
         metavar="NODES",
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
@@ -190,8 +195,8 @@ def run(options: argparse.Namespace) -> int:
     if options.guide and bus != "memory":
         raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
     wanted = ClimbOptions(
-        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.note,
-        options.log_frames,
+        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.calibrate,
+        options.note, options.log_frames,
     )  # fmt: skip
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)

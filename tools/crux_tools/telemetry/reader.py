@@ -41,7 +41,7 @@ ADDED = {
     "/cycle_timing": {"answer_ns"},
     "/limb_telemetry": {
         *("utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"),
-        *("borne_friction", "slip_friction", "compliance_m_n"),
+        *("borne_friction", "slip_friction", "compliance_m_n", "admittance_gains"),
     },
     "/robot_state": {"motion", "speed_scale", "verified_time_s", "unbalanced_force_w_n", "unbalanced_moment_w_nm"},
 }
