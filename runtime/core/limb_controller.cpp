@@ -280,10 +280,10 @@ void LimbController::drive(const LimbReference& reference, const Wrench& wrench_
   }
 }
 
-double LimbController::finger_residual_N(const LimbReference& reference) const noexcept {
+double LimbController::finger_residual_N(const LimbReference& reference, bool begun) const noexcept {
   const bool rest = std::abs(finger_speed_m_s_) < kFingersRest_m_s;
   const bool touches = wrench_W().force_N.norm() >= control_.unload_force_N;  // a hold, in passing
-  if (finds_no_hold(reference)) return 0.0;                                   // they stand at their own stop
+  if (finds_no_hold(reference, begun)) return 0.0;                            // they stand at their own stop
   if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
   return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
 }
@@ -294,8 +294,9 @@ double LimbController::torque_share() const noexcept {
   return share;
 }
 
-bool LimbController::finds_no_hold(const LimbReference& reference) const noexcept {
-  return reference.closing() && finger_opening_m_ < reference.finger_opening_m - kNarrower_m &&
+bool LimbController::finds_no_hold(const LimbReference& reference, bool begun) const noexcept {
+  const bool seeks = begun ? reference.closing() : reference.gripping();
+  return seeks && finger_opening_m_ < reference.finger_opening_m - kNarrower_m &&
          finger_force_N_ < control_.contact_force_N;
 }
 

@@ -125,11 +125,12 @@ class LimbController {
   /// What the finger force measured lacks of that [N], and all of it where the fingers are open in the air and the F/T
   /// sensor feels nothing. Fingers that move tell nothing, nor does a force that is more: a self-locking screw keeps
   /// its squeeze when it is told to loosen.
-  double finger_residual_N(const LimbReference& reference) const noexcept;
+  double finger_residual_N(const LimbReference& reference, bool begun) const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
-  /// The fingers, on their way to a hold, are further closed than it is wide, and press on nothing.
-  bool finds_no_hold(const LimbReference& reference) const noexcept;
+  /// The fingers, on their way to a hold or, before the plan has begun, on one, are further closed than it is wide, and
+  /// press on nothing.
+  bool finds_no_hold(const LimbReference& reference, bool begun) const noexcept;
   double finger_opening_m() const { return finger_opening_m_; }
   /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
   /// force are two sensors.

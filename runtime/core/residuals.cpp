@@ -87,8 +87,8 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.finger_force_N[l] = std::max(limbs_[l].finger_force_N(), limbs_[l].expected_finger_force_N());
     errors.least_force_N[l] = limbs_[l].least_finger_force_N();
     errors.closes_on_nothing[l] = limbs_[l].closes_on_nothing();
-    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N(reference_.limbs[l]);
-    errors.finds_no_hold[l] = started_ && limbs_[l].finds_no_hold(reference_.limbs[l]);
+    errors.finger_residual_N[l] = plan_->point_feet ? 0.0 : limbs_[l].finger_residual_N(reference_.limbs[l], started_);
+    errors.finds_no_hold[l] = !plan_->point_feet && limbs_[l].finds_no_hold(reference_.limbs[l], started_);
     errors.opening_m[l] = limbs_[l].finger_opening_m();
     errors.hold_m[l] = reference_.limbs[l].finger_opening_m;
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;

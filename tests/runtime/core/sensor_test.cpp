@@ -241,6 +241,23 @@ TEST_F(Sensors, AHoldThatIsNotThereIsMissingAndNoSensorIsBlamed) {
   EXPECT_EQ(run_.result.reference[0].load, 0.0);
 }
 
+TEST(Start, AHoldThatIsNotThereIsMissingBeforeTheClimbBegins) {
+  Climber run{sample_plan()};
+  ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
+  run.step(command_t::START);
+  for (int i = 0; i < 3000 && !run.result.has_fault; ++i) {
+    crux_msgs::control_input_t& in = run.plant.input();
+    in.finger_opening_m[1] = std::max(run.result.output.finger_opening_m[1], robot().gripper.min_opening_m);
+    in.finger_force_n[1] = 0.0;
+    run.step();
+  }
+  ASSERT_TRUE(run.result.has_fault);
+  EXPECT_EQ(run.result.fault.code, static_cast<int>(FaultCode::kHoldMissing));
+  EXPECT_EQ(run.result.fault.limb, 1);
+  EXPECT_LT(run.result.fault.value, run.result.fault.limit);
+  EXPECT_EQ(run.result.state.plan_time_s, 0.0);
+}
+
 TEST_F(Sensors, ACycleThatBeginsTooLateIsTold) {
   const double limit_s = robot().supervisor.max_late_s;
   run_.plant.input().late_s = 0.9 * limit_s;
