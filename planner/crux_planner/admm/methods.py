@@ -15,12 +15,13 @@ from crux_planner.admm.contact_block import ContactBlock
 from crux_planner.admm.limb_block import LimbBlock
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.walk_benchmark import WalkBenchmark
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.admm.walk_limb_block import FootBlock
 from crux_planner.admm.walk_limbs import WalkLimbs
 from crux_planner.admm.windows import Windows
+from crux_planner.model.problem import Problem
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.search.stances import Oracles
+from crux_planner.pipeline.walk_contacts import WalkContacts
+from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers.relaxation import RELAXATIONS
 from crux_planner.solvers.worker import Team, Worker, crew
 from crux_planner.trajectory.consensus import Scales
@@ -28,14 +29,21 @@ from crux_planner.trajectory.knot_qp import KnotSolution
 from crux_planner.trajectory.walk_qp import WalkKnots
 
 RHO, MULTI_RHO, WALK_RHO = 10.0, 40.0, 1.5
-ITERATIONS, MULTI_ITERATIONS, WALK_MULTI_ITERATIONS = 10, 40, 60
-SCALES, WALK_SCALES = Scales(), Scales(force=0.03)
+ITERATIONS, MULTI_ITERATIONS, WALK_MULTI_ITERATIONS = 20, 40, 60
+SCALES, WALK_SCALES = Scales(position=3.0, orientation=3.0, force=0.007, moment=0.5), Scales(force=0.03)
 MULTI_SCALES = Scales(position=3.0)  # limbs that know nothing of the body follow it faster so
 
 
 @dataclass(frozen=True)
-class Task(Settings, Oracles):
-    """A climb with what has been computed of it, and the method's settings."""
+class Task(Settings):
+    """A climb on the grid of its contact blocks, and the method's settings."""
+
+    windows: Windows
+
+    @property
+    def problem(self) -> Problem:
+        """P1."""
+        return self.windows.problem
 
 
 @dataclass(frozen=True)
@@ -47,9 +55,9 @@ class WalkTask(Settings):
 
 
 def decide_two_block(task: Task) -> Decided[KnotSolution]:
-    """Equation (19), but for a contact block that begins with the search of `auto` and has (8b) in its MIP."""
-    contacts = ContactBlock(task, moments=task.moments, scales=SCALES)
-    return two_block(contacts, MotionBlock(task.problem, scales=SCALES), task, RHO, ITERATIONS)
+    """Equation (19)."""
+    contacts, motion = ContactBlock(task.windows, scales=SCALES), MotionBlock(task.problem, scales=SCALES)
+    return two_block(contacts, motion, task, RHO, ITERATIONS)
 
 
 def decide_walk_two_block(task: WalkTask) -> Decided[WalkKnots]:
@@ -60,10 +68,10 @@ def decide_walk_two_block(task: WalkTask) -> Decided[WalkKnots]:
 
 def decide_multi_block(task: Task) -> Decided[KnotSolution]:
     """P3: one contact block a limb in parallel processes, a shortest path and no MIP, and one NLP."""
-    windows = Windows(task.problem, task.reachable, task.swings)
+    windows, balance = task.windows, StaticEquilibrium(task.problem, task.problem.friction_share)
     with crew(len(LIMB_NAMES) - 1, LimbBlock.__module__, log=task.report) as workers:
-        blocks = Team(workers, LimbBlocks, LimbBlock, windows, task.equilibrium)
-        limbs = ClimbLimbs(windows, task.equilibrium, blocks, MULTI_SCALES, task.deadline)
+        blocks = Team(workers, LimbBlocks, LimbBlock, windows, balance)
+        limbs = ClimbLimbs(windows, balance, blocks, MULTI_SCALES, task.deadline)
         motion = MotionBlock(task.problem, scales=MULTI_SCALES, body_weight=1.0)
         return multi_block(limbs, motion, task, MULTI_RHO, MULTI_ITERATIONS)
 
@@ -78,11 +86,7 @@ def decide_walk_multi_block(task: WalkTask) -> Decided[WalkKnots]:
 
 def decide_benchmark(task: Task | WalkTask) -> Decided[Any]:
     """P1 as one NLP."""
-    benchmark: Benchmark | WalkBenchmark
-    if isinstance(task, WalkTask):
-        benchmark = WalkBenchmark(task.problem)
-    else:
-        benchmark = Benchmark(Windows(task.problem, task.reachable, task.swings))
+    benchmark = WalkBenchmark(task.problem) if isinstance(task, WalkTask) else Benchmark(task.windows)
     knots, iterations = benchmark.solve(task.deadline, task.report)
     return Decided(knots=knots, relaxations=dict(zip(RELAXATIONS, iterations, strict=True)))
 

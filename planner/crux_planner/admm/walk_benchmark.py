@@ -20,11 +20,11 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE
 from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.bounds import FEET_APART_M, least_load_N, rate_steps, walk_bounds
 from crux_planner.physics.cost import FORCE_SHARE, walk_cost
 from crux_planner.physics.limit_surface import SMOOTHING_N
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.solvers.relaxation import Relaxed
 from crux_planner.trajectory.walk_qp import WalkKnots
 

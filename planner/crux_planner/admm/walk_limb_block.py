@@ -15,10 +15,10 @@ from crux_contracts import LIMB_NAMES
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Step, longest_step
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.bounds import least_load_N
 from crux_planner.physics.cost import FORCE_SHARE
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot
 from crux_planner.trajectory.consensus import Scales
 
 _LONGEST_AIR = 12  # knots

@@ -8,9 +8,9 @@ from crux_planner.admm.admm import ContactPlan, Motion
 from crux_planner.admm.walk_limb_block import FootPlan
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
+from crux_planner.model.slots import LEAST_GAP, Slots
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.gait_search import FlatSearch
-from crux_planner.search.slots import LEAST_GAP, Slots
 from crux_planner.solvers.worker import Team
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import WalkKnots

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
@@ -19,6 +18,7 @@ from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, walk_message
 from crux_planner.pipeline.refusals import CUTS, bent
 from crux_planner.pipeline.session import Session, method_settings
+from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
 from crux_planner.trajectory.walk_exact import of_knots, solve

@@ -9,8 +9,8 @@ import numpy as np
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.gait import LEAST_AIR, Step, longest_step, most_turn
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 
 LONGEST_STRIDE = 0.9  # of the workspace's length, in the gaits that are tried first
 _MORE_GAP = 2  # knots between two steps beyond the least, where there is time

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
 import pytest
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
+from crux_planner.method_report import climb_report
 from crux_planner.pipeline.entry import plan
-from crux_planner.search.stances import Oracles
 from scenes import scene, wall
+
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 
 @pytest.mark.parametrize("method", ["two_block", "multi_block"])
@@ -29,9 +36,28 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     assert shown["cost"] <= shown["method_report"]["cost"] + 0.05
 
 
+def test_the_residuals_of_two_block_fall_from_a_cold_start() -> None:
+    report = climb_report(load_scenario(SCENES / "climb-four-holds.yaml"), "two_block", iterations=6, to_the_end=True)
+    forces = [each["force_rms_N"] for each in report.decided.history]
+    positions = [each["position_rms_m"] for each in report.decided.history]
+    assert len(forces) == 6
+    assert forces[0] > 2.0  # the NLP has moments to correct: the MIP knows of none
+    assert all(later < before for before, later in pairwise(forces))
+    assert forces[-1] < forces[0] / 8
+    assert positions[-1] < positions[0] / 4
+
+
+def test_two_block_begins_without_the_search_of_auto() -> None:
+    """Nothing of it is even imported."""
+    searches = "[name for name in sys.modules if name.startswith('crux_planner.search')]"
+    code = f"import sys, crux_planner.admm.contact_block; print({searches})"
+    shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert shown.strip() == "[]"
+
+
 def test_iterations_are_limited() -> None:
     small = scene(30)
-    task = Task(**vars(Oracles.of(small.problem)), deadline=small.later, iterations=2)
+    task = Task(small.windows, deadline=small.later, iterations=2)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged

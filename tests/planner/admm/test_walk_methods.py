@@ -12,13 +12,13 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import plan
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.admm.walk_limb_block import FootBlock, FootPlan
 from crux_planner.model.gait import Step, longest_step, straight_motion
+from crux_planner.model.slots import Slots
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
 from crux_planner.physics.cost import walk_cost
+from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.search.gait_search import FlatSearch
-from crux_planner.search.slots import Slots
 from crux_planner.solvers import clock
 from crux_planner.trajectory import walk_exact as exact
 from crux_planner.trajectory.consensus import Eta, Scales

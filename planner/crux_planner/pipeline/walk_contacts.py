@@ -17,11 +17,11 @@ import numpy as np
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait, straight_motion
+from crux_planner.model.slots import Change, Slots
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.search.planar_qp import FlatWalk
-from crux_planner.search.slots import Change, Slots
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Team, Worker
 from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
