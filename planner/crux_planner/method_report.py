@@ -33,9 +33,9 @@ __all__ = [
 
 LIMIT_S = 300.0
 METHODS_HERE = """what the paper's methods are here:
-  two_block    on climbs equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start; the
-               MIP's gait goes by windows of 5 knots; on walks it has no MIP, but auto's search over gaits
-  multi_block  has no MIP: a shortest path a limb on climbs, a limb's steps all looked at on walks
+  two_block    equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start; HiGHS takes no
+               quadratic MIP, so squares are tangents; contacts change between windows of some knots only
+  multi_block  P3: such a MIP a limb, without the body, an NLP, projection, duals; on most scenes it does not converge
   benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
   all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
 

@@ -11,9 +11,11 @@ on the ADMM's iteration, only the cost does.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.windows import Arc, Swinging, Windows
 from crux_planner.model.arrays import Array, Indices
@@ -23,6 +25,7 @@ from crux_planner.solvers.milp import Milp, MilpResult
 
 SHARES = 6  # q of one contact
 SQUARED = 5  # s1, s2, m / k, n1, n2
+ALL = tuple(range(len(LIMB_NAMES)))
 _TANGENTS_N = (
     np.array([-24.0, -10.0, 10.0, 24.0]),
     np.array([-24.0, -10.0, 10.0, 24.0]),
@@ -62,27 +65,30 @@ class Decision:
 
 
 class HullMilp:
-    """The rows of P2a on windows."""
+    """The rows of P2a on windows; of some limbs alone, without what ties them to the others and the body."""
 
-    def __init__(self, windows: Windows, balance: StaticBalance) -> None:
-        self.windows, self.balance = windows, balance
+    def __init__(self, windows: Windows, balance: StaticBalance, limbs: Sequence[int] = ALL) -> None:
+        self.windows, self.balance, self.limbs = windows, balance, limbs
         self.milp = Milp()
         low, high = windows.body_range()
         self.body = np.stack([self.milp.variables(3, low, high) for _ in range(windows.count)])
         self.body_squares = np.stack([self.milp.variables(3, 0.0, np.inf) for _ in range(windows.count)])
-        self.held: list[list[dict[int, int]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.arcs: list[Indices] = []
-        for limb in range(4):
+        self.held: list[list[dict[int, int]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.arcs = [self.milp.variables(len(windows.arcs[limb]), 0.0, 1.0) for limb in range(len(ALL))]
+        for limb in limbs:
             self._flow(limb)
-            self._reach(limb)
         for t in range(windows.count):
-            self._one_gripper_a_hold(t)
-            self._out_of_the_way(t)
             self._wrenches(t)
-            self._forces(t)
-        self._body_motion()
+        if limbs == ALL:  # what ties them together
+            for limb in limbs:
+                self._reach(limb)
+            for t in range(windows.count):
+                self._one_gripper_a_hold(t)
+                self._out_of_the_way(t)
+                self._forces(t)
+            self._body_motion()
 
     def solve(
         self, cost: WindowCost, *, gap: float, time_limit_s: float, start: list[Swinging] | None = None
@@ -91,7 +97,7 @@ class HullMilp:
         hint = None
         if start is not None:
             hint = np.full(self.milp.size, np.nan)
-            for limb in range(4):
+            for limb in self.limbs:
                 for t, contact in enumerate(self.windows.held(limb, start)):
                     for c, column in self.held[t][limb].items():
                         hint[column] = float(c == contact)
@@ -101,7 +107,7 @@ class HullMilp:
         """What a result says."""
         assert result.values is not None
         swings = []
-        for limb in range(4):
+        for limb in self.limbs:
             taken = [arc for arc, column in self._limb_arcs(limb) if result.values[column] > 0.5]
             swings += [self.windows.swinging(limb, arc) for arc in sorted(taken, key=lambda arc: arc.first)]
         return Decision(swings, result.values[self.body], result.objective, result.bound, result.values)
@@ -127,7 +133,6 @@ class HullMilp:
 
     def _flow(self, limb: int) -> None:
         windows, milp, start = self.windows, self.milp, self.windows.problem.start_contacts[limb]
-        self.arcs.append(milp.variables(len(windows.arcs[limb]), 0.0, 1.0))
         last = windows.count - 1
         for t in range(windows.count):
             for c in windows.contacts[limb]:
@@ -169,7 +174,7 @@ class HullMilp:
 
     def _one_gripper_a_hold(self, t: int) -> None:
         problem, by_hold = self.windows.problem, dict[int, list[int]]()
-        for limb in range(4):
+        for limb in self.limbs:
             for c, column in self.held[t][limb].items():
                 by_hold.setdefault(problem.contacts[c].hold, []).append(column)
             for arc, column in self._limb_arcs(limb):
@@ -180,9 +185,9 @@ class HullMilp:
 
     def _out_of_the_way(self, t: int) -> None:
         """No swing passes a gripper that stands in its way."""
-        for limb in range(4):
+        for limb in self.limbs:
             over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
-            for other in range(4):
+            for other in self.limbs:
                 for c, held in self.held[t][other].items():
                     blocked = [column for arc, column in over if self.windows.blocks(limb, arc, other, c)]
                     if blocked:
@@ -193,7 +198,7 @@ class HullMilp:
         directions = balance.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
         high = np.array([*[_FORCE_BOUND_N] * 3, *[balance.max_normal_N] * 3])
         low = np.array([-high[0], -high[1], -high[2], 0.0, 0.0, 0.0])
-        for limb in range(4):
+        for limb in self.limbs:
             for c, held in self.held[t][limb].items():
                 q = milp.variables(SHARES, low, high)
                 squares = milp.variables(SQUARED, 0.0, np.inf)
@@ -216,7 +221,7 @@ class HullMilp:
         unit = np.array([1.0, 1.0, self.windows.problem.patch.k_m, 1.0, 1.0])
         for t in range(self.windows.count):
             knots = range(*self.windows.span(t))
-            for limb in range(4):
+            for limb in self.limbs:
                 for c in self.held[t][limb]:
                     known = [wrenches[k][limb] for k in knots if schedule.contacts[k][limb] == c]
                     for i, d in enumerate(np.mean(known, axis=0) / unit if known else ()):
@@ -232,7 +237,7 @@ class HullMilp:
     def _forces(self, t: int) -> None:
         """(8a), at rest."""
         columns, parts, weight = list[int](), list[Array](), self.windows.problem.weight_N
-        for limb in range(4):
+        for limb in self.limbs:
             for c, q in self.wrench[t][limb].items():
                 force = self.balance.maps[c, :3]
                 columns += map(int, q[[0, 1, 3, 4]])
@@ -261,7 +266,7 @@ class HullMilp:
         vector = np.zeros(self.milp.size)
         vector[self.body], vector[self.body_squares] = cost.body_linear, cost.body_square
         for t in range(self.windows.count):
-            for limb in range(4):
+            for limb in self.limbs:
                 for c, held in self.held[t][limb].items():
                     vector[held] = cost.held[t, limb, c]
                     vector[self.wrench[t][limb][c]] = cost.linear[t, limb, c]

@@ -90,8 +90,7 @@ class WalkBenchmark:
         feet = p.reshape(n + 1, _FEET, 3)
         footholds = np.vstack([problem.start_feet_w_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
         forces = FORCE_UNIT_N * u[:n].reshape(n, _FEET, 3) * gait.stance[:n, :, None]
-        cost = walk_cost(problem, gait, x, forces)
-        return WalkKnots(gait, x, forces, footholds, problem, cost, cost, np.zeros((n, _FEET, 3)))
+        return WalkKnots(gait, x, forces, footholds, problem, walk_cost(problem, gait, x, forces))
 
     def _bounds(self) -> tuple[Array, Array]:
         problem, n = self.problem, self.problem.steps

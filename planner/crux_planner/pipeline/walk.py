@@ -140,7 +140,7 @@ def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = WALK_METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
+            decided = WALK_METHODS[method](WalkTask(problem, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait
