@@ -8,7 +8,7 @@ BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python test-sweeps lint format bench firmware fuzz lock clean anew
+.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -73,6 +73,16 @@ format: setup ## bring Python, C and C++ into the project's form
 	$(BIN)/ruff check --fix-only -q
 	$(BIN)/ruff format -q
 	$(BIN)/clang-format -i $(CPP_FILES)
+
+docs: programs ## the docs site: build/docs/index.html
+	@tools/setup/docs_environment
+	@rm -rf build/docs
+	@$(BIN)/python docs/site/pages.py build/docs-source
+	@PYTHONPATH=$$($(BIN)/python -c 'import sys; print(*sys.path[1:], sep=":")') \
+	  .venv-docs/bin/python -m sphinx -q -W --keep-going -c docs/site -d build/docs-cache build/docs-source build/docs
+
+sbom: setup ## the software bill of materials: build/crux.cdx.json
+	@$(BIN)/python tools/setup/sbom.py build/crux.cdx.json
 
 bench: build ## reproduce the figures of merit
 	$(BIN)/crux bench all

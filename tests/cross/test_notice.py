@@ -13,9 +13,10 @@ from crux_tools.paths import ROOT
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-LINKED, STATIC, IMAGES, USER, DEVELOPMENT = range(1, 6)  # the tables of NOTICE
+LINKED, STATIC, IMAGES, USER, DEVELOPMENT, DOCS = range(1, 7)  # the tables of NOTICE
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PROGRAMS = ("runtime/app/crux-runtime", "runtime/app/crux-recompute", "firmware/libcrux_nodes.so")
+INSTALLED = ("requirements.lock", "uv.lock.txt")
 LOADED = """
 import importlib, pathlib, pkgutil
 for name in ("crux_contracts", "crux_planner", "crux_tools"):
@@ -41,9 +42,8 @@ def is_gpl(licence: str) -> bool:
     return any(part.startswith("GPL-") and " WITH " not in part for part in re.split(" AND | OR ", licence))
 
 
-def locked() -> set[str]:
-    locks = ("requirements.lock", "uv.lock.txt")
-    text = "".join((ROOT / "tools" / "setup" / name).read_text(encoding="utf-8") for name in locks)
+def locked(*locks: str) -> set[str]:
+    text = "".join((ROOT / "tools" / "setup" / name).read_text(encoding="utf-8") for name in locks or INSTALLED)
     return {canonicalize_name(name) for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)}
 
 
@@ -72,6 +72,7 @@ def test_the_licence_is_apache_everywhere() -> None:
 def test_every_locked_package_is_in_notice_and_no_other() -> None:
     development = set(table(DEVELOPMENT)) - {"googletest", "nlohmann-json"}  # from Debian
     assert set(table(USER)) | development == locked()
+    assert set(table(DOCS)) == locked("docs.lock") - set(table(USER)) - development
     crates = re.findall(r'^name = "(.*)"', (ROOT / "runtime/telemetry/mcap_c/Cargo.lock.in").read_text(), re.MULTILINE)
     assert set(table(STATIC)) - {"Eigen", "Monocypher", "PIQP"} == set(crates) - {"mcap_c"}
 

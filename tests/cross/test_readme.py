@@ -17,7 +17,8 @@ from crux_tools.paths import ROOT, SCENARIOS
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMPONENTS = ("msgs", "planner", "runtime", "firmware", "tools", "tests")
 OTHER_PAGES = [*(page for component in COMPONENTS for page in sorted((ROOT / component).rglob("*.md")))]
-OTHER_PAGES += [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PROJECT_PAGES = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "CODE_OF_CONDUCT.md", "examples/README.md")
+OTHER_PAGES += [*(ROOT / page for page in PROJECT_PAGES), *sorted((ROOT / "docs").rglob("*.md"))]
 GLOSSARY = ROOT / "docs" / "glossary.md"
 PAGES = [ROOT / "README.md", *OTHER_PAGES]
 MAX_PICTURE_BYTES = 400_000

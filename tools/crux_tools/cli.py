@@ -7,7 +7,7 @@ import importlib
 import sys
 import tomllib
 import traceback
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +54,7 @@ COMMANDS: dict[str, Command] = {
     "log": Command("logs: for other tools, listed, cut, merged, recovered, played", "crux_tools.log.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
     "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
+    "completion": Command("print a script that completes this command in a shell", "crux_tools.completion"),
 }
 EPILOG = """a first climb:
   crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
@@ -77,7 +78,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _parser(chosen: str | None) -> argparse.ArgumentParser:
+def parser_with(chosen: Container[str]) -> argparse.ArgumentParser:
+    """The parser of `crux`; only the chosen commands are imported and have their options."""
     parser = argparse.ArgumentParser(
         prog="crux",
         description="Plan and run climbs of limbed robots with grippers.",
@@ -87,7 +89,7 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and the commit that was built")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
-        if name == chosen:
+        if name in chosen:
             module = importlib.import_module(command.module)
             getattr(module, command.adder)(subparsers)
         else:
@@ -129,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = words[0] if words and words[0] in COMMANDS else ""
     as_json = "--json" in words[: words.index("--") if "--" in words else len(words)]
     try:
-        options = _parser(chosen).parse_args(words)
+        options = parser_with({chosen}).parse_args(words)
         return int(getattr(importlib.import_module(COMMANDS[chosen].module), COMMANDS[chosen].runner)(options))
     except KeyboardInterrupt:
         return _error(chosen, "interrupted", as_json, INTERRUPTED)

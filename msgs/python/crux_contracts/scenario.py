@@ -16,6 +16,7 @@ Defaults of optional keys
 | rpy_deg of start and goal | [0, 0, 0] |
 | goal.body.tolerance_m, tolerance_deg | 0.01, 3 |
 | goal.grasps | none |
+| uncertainty | nothing is uncertain; of its keys 0, sigmas 1 |
 | planner.method | auto |
 | planner.limit_surface | cone: (2) exactly; inner: a polytope within it; paper: (11), partly outside (2) |
 | planner.rho, iterations, time_limit_s, seed, weights, margins | the planner's own |
@@ -175,6 +176,17 @@ class Horizon:
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """What a plan has to hold for: each number is how far off, either way, something may be (`sigmas` in it)."""
+
+    friction: float = 0.0  # share of every face's friction
+    hold_position_m: float = 0.0  # along x and y of W, each
+    hold_yaw_rad: float = 0.0
+    mass_kg: float = 0.0
+    centre_of_mass_m: float = 0.0  # along each axis
+
+
+@dataclass(frozen=True)
 class PlannerOptions:
     """None: the planner's own choice."""
 
@@ -201,6 +213,7 @@ class Scenario:
     goal: Goal
     horizon: Horizon
     planner: PlannerOptions
+    uncertainty: Uncertainty | None
     yaml_text: str = field(repr=False)
     path: str = "scenario"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeVar, cast
 
@@ -28,6 +29,7 @@ from .scenario import (
     Scenario,
     ScenarioError,
     Start,
+    Uncertainty,
     Wall,
 )
 from .scenario_checks import check_cuboids, check_grasps
@@ -73,7 +75,7 @@ class _Reader:
         keys = check.members(
             root,
             ["version", "name", "robot", "wall", "contact", "start", "goal", "horizon"],
-            ["holds", "obstacles", "planner"],
+            ["holds", "obstacles", "uncertainty", "planner"],
         )
         contact = self._of(keys, "contact", self._contact)
         result = {
@@ -87,6 +89,7 @@ class _Reader:
             "goal": self._of(keys, "goal", lambda node: self._goal(node, contact)),
             "horizon": self._of(keys, "horizon", self._horizon),
             "planner": self._of(keys, "planner", self._planner) or PlannerOptions(),
+            "uncertainty": self._of(keys, "uncertainty", lambda node: self._uncertainty(node, contact)),
         }
         for relations in (check_cuboids, check_grasps):  # a wrong value would bring forth more mistakes than were made
             if not check.problems:
@@ -266,6 +269,21 @@ class _Reader:
         keys = self.check.members(node, ["steps", "dt_s"])
         steps = self._of(keys, "steps", lambda n: self.check.integer(n, 1, MAX_STEPS)) or 1
         return Horizon(steps, self._number(keys, "dt_s", 1.0, 0.01, 20.0, "s"))
+
+    def _uncertainty(self, node: Node, contact: Contact | None) -> Uncertainty:
+        check = self.check
+        if contact and contact.model == "point":
+            check.note_at(node, "", "", "does not go with contact.model point: only climbs are planned so")
+        named = ["friction", "hold_position_m", "hold_yaw_deg", "mass_kg", "centre_of_mass_m"]
+        keys = check.members(node, [], [*named, "sigmas"])
+        sigmas = self._number(keys, "sigmas", 1.0, 0.0, 10.0, above=True)
+        most = (0.95, 0.05, 30.0, 20.0, 0.1)
+        units = ("", "m", "degrees", "kg", "m")
+        read = [
+            sigmas * self._number(keys, name, 0.0, 0.0, high / sigmas, unit)
+            for name, high, unit in zip(named, most, units, strict=True)
+        ]
+        return Uncertainty(read[0], read[1], math.radians(read[2]), *read[3:])
 
     def _planner(self, node: Node) -> PlannerOptions:
         check = self.check

@@ -26,6 +26,7 @@ from crux_planner.checker.report import CheckReport, Findings
 from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.checker.scene import Scene, read_scene
 from crux_planner.checker.terminal import check_ends
+from crux_planner.checker.uncertainty import check_uncertainty
 
 FOOT_WINDOW = 0.5
 """Of a knot's interval: over so long a foot has to press in the mean. What is shorter its pads and joints soften."""
@@ -84,3 +85,5 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
     body = body_parts(samples, model.body)
     check_clearance(samples, plan.cuboids, limbs, body, point_model=point, findings=findings)
     check_limb_clearance(samples, limbs, body, findings)
+    if scene.uncertainty is not None:
+        check_uncertainty(plan, scene, loads, robot, findings)

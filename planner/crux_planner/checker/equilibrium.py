@@ -25,17 +25,21 @@ from crux_planner.checker.scene import Scene
 
 
 def corrected_wrenches(
-    samples: Samples, twist_length_m: float, about_w_m: Array, net: tuple[Array, Array] | None
+    samples: Samples,
+    twist_length_m: float,
+    about_w_m: Array,
+    net: tuple[Array, Array] | None,
+    *,
+    point_model: bool = False,
 ) -> tuple[Array, Array, Array]:
     """Gripper forces and moments (T, 4, 3) after the least correction that balances the moment about the places
     `about_w_m` (T, 3) without changing the total force, and the residual (T,) [Nm] that no correction of the limbs in
-    stance removes. Point feet are given the total force and moment `net`, (T, 3) each, and no twists.
+    stance removes. With `net` the total force and moment are these, (T, 3) each; point feet have no twists.
 
     `twist_length_m` weighs a twist [Nm] against a force [N], as the controller's own sharing of loads does.
     """
     force, moment, axis = (v.transpose(1, 2, 0) for v in (samples.force, samples.moment, samples.opening_axis))
     arm = (samples.gripper_position - about_w_m[:, None, :]).transpose(1, 2, 0)  # (4, 3, T), as the others
-    point_model = net is not None
     share, directions = samples.load.T, 3 if point_model else 4
     lack = np.zeros((6, len(samples.time_s)))
     if net is not None:

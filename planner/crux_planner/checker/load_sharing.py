@@ -48,7 +48,7 @@ def shared_load(
 
     `net` are the force and moment that point feet must have together; None for grasps, whose forces sum as planned.
     """
-    force, moment, left = corrected_wrenches(samples, twist_length_m, centre_w_m, net)
+    force, moment, left = corrected_wrenches(samples, twist_length_m, centre_w_m, net, point_model=net is not None)
     if net is not None:
         force = along_plane(samples.gripper_position, force)
     return replace(samples, force=force, moment=moment), left

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from crux_contracts.scenario import BodyPose, Hold, Scenario, ScenarioError, parse_scenario
+from crux_contracts.scenario import BodyPose, Hold, Scenario, ScenarioError, Uncertainty, parse_scenario
 from crux_contracts.scenario import Grasp as ScenarioGrasp
 
 from crux_planner.checker import tolerances
@@ -50,6 +50,7 @@ class Scene:
     patch_radius_m: float
     spines_only: dict[int, int]  # by limb, the finger (1 or 2) that must not press
     ends: Ends
+    uncertainty: Uncertainty | None
 
 
 def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | None:
@@ -77,7 +78,14 @@ def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | Non
     )
     contact = scenario.contact
     spines_only = {LIMB_NAMES.index(limb): finger for limb, finger in contact.spines_only.items()}
-    return Scene(contact.model == "point", scenario.wall.friction, contact.patch_radius_m, spines_only, ends)
+    return Scene(
+        contact.model == "point",
+        scenario.wall.friction,
+        contact.patch_radius_m,
+        spines_only,
+        ends,
+        scenario.uncertainty,
+    )
 
 
 def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findings) -> bool:

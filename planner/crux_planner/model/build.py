@@ -81,7 +81,7 @@ def build_problem(
     contacts += [_in_air(limb, scenario, heading, cuboids, shape) for limb in scenario.start.air]
     begin = start_contacts(scenario, contacts, unusable)
     contact, (tolerance_m, tolerance_rad) = scenario.contact, (scenario.goal.tolerance_m, scenario.goal.tolerance_rad)
-    return Problem(
+    problem = Problem(
         steps=scenario.horizon.steps,
         dt_s=scenario.horizon.dt_s,
         gravity_w=rotation_z(-heading) @ np.array(scenario.wall.gravity_w_m_s2),
@@ -111,6 +111,7 @@ def build_problem(
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,
     )
+    return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
 
 
 def _gripper_shape(robot: Robot) -> GripperShape:

@@ -15,6 +15,8 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.schedule import SpeedLimits, Stance
 
 if TYPE_CHECKING:
+    from crux_contracts.scenario import Uncertainty
+
     from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
     from crux_planner.model.cuboids import Cuboids
     from crux_planner.model.limb import LimbMasses
@@ -142,9 +144,11 @@ class Problem(CentroidalProblem):
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
+    surface_reserve_N: float = 0.0  # kept of each finger's limit surface in the exact NLP
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
     tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
+    nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
     turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
     @property
@@ -165,6 +169,22 @@ class Problem(CentroidalProblem):
     def may_end(self, limb: int, contact: Contact) -> bool:
         """Whether the goal lets a limb end on a contact: on any, where it names none."""
         return contact.bears and self.goal.grasps.get(limb) in (None, (contact.hold, contact.pair))
+
+    def sure_of(self, known: Uncertainty) -> Problem:
+        """The same with rows as much tighter as friction, mass and the places of holds are uncertain.
+
+        What a mass that is elsewhere asks for depends on the plan: the check says it, and `surface_reserve_N` grows.
+        """
+        heavier, reach, off_m = 1.0 + known.mass_kg / self.mass_kg, self.limb_reach, known.hold_position_m
+        return replace(
+            self,
+            boxes=self.boxes.less(off_m),
+            limb_reach=replace(reach, box=reach.box.less(off_m), inner=reach.inner.less(off_m)),
+            friction_share=(1.0 - known.friction) * self.friction_share,
+            torque_limits_Nm=self.torque_limits_Nm / heavier,
+            last_torques_Nm=self.last_torques_Nm / heavier,
+            nominal=self,
+        )
 
     def aimed(self) -> Problem:
         """The same with the body's last pose near the middle of the goal's tolerance."""

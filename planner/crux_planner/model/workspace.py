@@ -18,7 +18,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +86,11 @@ class Reach:
         """(3,) of that box."""
         half: Array = self.extent_m[:, :3].max(axis=0)
         return half
+
+    def less(self, aside_m: float) -> Reach:
+        """The part in which a gripper stays when it moves by as much along both x and y, of W or any turned about z."""
+        along_wall = np.hypot(self.directions[:, 0], self.directions[:, 1])
+        return replace(self, extent_m=self.extent_m - 2**0.5 * aside_m * along_wall)
 
     def beyond(self, limb: int, place_b_m: Array) -> Array:
         """(..., m) how far places (..., 3) in the body frame are outside, direction by direction."""

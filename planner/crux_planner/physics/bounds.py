@@ -78,9 +78,14 @@ def reach_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
 
 
 def wrench_bounds(problem: Problem, contact: Contact) -> tuple[Array, Array]:
-    """Bounds (5,) of (s1, s2, m, n1, n2) of a gripper that holds on to `contact`."""
+    """Bounds (5,) of (s1, s2, m, n1, n2) of a gripper that holds on to `contact`.
+
+    What a finger keeps in reserve of its limit surface it presses more: the cone's apex stays out of reach of solvers.
+    """
     press, free = problem.friction_share * problem.patch.max_normal_N, np.full(3, np.inf)
-    low, high = LEAST_NORMAL_N * contact.may_press, press * contact.may_press
+    friction = problem.friction_share * contact.grip_friction
+    reserve = np.divide(problem.surface_reserve_N, friction, out=np.zeros(2), where=friction > 0.0)
+    low, high = (LEAST_NORMAL_N + reserve) * contact.may_press, press * contact.may_press
     return np.concatenate([-free, low]), np.concatenate([free, high])
 
 

@@ -41,6 +41,7 @@ class PlanResult:
     method: str = "auto"
     seconds: float = 0.0
     gap: float | None = None
+    nominal_cost: float | None = None  # J of the same contacts where nothing is uncertain
     history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
     method_report: dict[str, Any] | None = None  # what a method reached before the exact NLP
     timing: dict[str, float] = field(default_factory=dict)
@@ -94,6 +95,7 @@ class PlanResult:
             "method": self.method,
             "seconds": round(self.seconds, 3),
             "cost": self.cost,
+            "nominal_cost": self.nominal_cost,
             "gap": self.gap,
             "scope": None if self.gap is None else self.scope,
             "steps": self.steps,

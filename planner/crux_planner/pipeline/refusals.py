@@ -25,8 +25,10 @@ from crux_planner.physics.speed_limits import WANTED_N
 from crux_planner.trajectory.solution import WalkSolution
 
 BETWEEN_KNOTS = "limit_surface_between_knots"
-_TORQUES = ("joint_torque", "joint_torque_shared")
+_TORQUES = ("joint_torque", "joint_torque_shared", "joint_torque_uncertain")
+_UNCERTAIN = "limit_surface_uncertain"
 _MORE, _LEAST_EASED = 1.5, 0.02  # of what a joint lacks it is to give less; and at least of its torque
+_MORE_RESERVE = 1.1  # of what the limit surface lacks
 _LEAST_CUT = 0.8  # of the speed is left at most, so that every cut counts
 _BEGUN, _BLENDED = 0.1, 0.45  # of an interval: its own motion counts from, that of the one before to
 _STILL_M_S = 1e-4  # slower is no motion
@@ -51,7 +53,7 @@ def slowed(
     `contacts` and `speed_m_s` (N + 1,), the largest component of the body's velocity, are those of the plan's knots.
     """
     cut = dict(speed_limits)
-    for violation in (each for each in report.violations if each.constraint not in _TORQUES):
+    for violation in (each for each in report.violations if each.constraint not in (*_TORQUES, _UNCERTAIN)):
         if violation.constraint != BETWEEN_KNOTS or violation.time_s is None:
             return None
         k = min(int(violation.time_s / dt_s + 1e-9), len(speed_m_s) - 2)
@@ -68,11 +70,16 @@ def slowed(
 
 
 def eased(problem: Problem, report: CheckReport) -> Problem | None:
-    """The climb with less of the joints that are asked for too much between the knots or as the controller shares the
-    load; None where that is not all that is wrong, or a joint has nothing left to give.
+    """The climb with less of the joints that are asked for too much between the knots, as the controller shares the
+    load or where it is uncertain, and with more in reserve of the limit surface for that; None where that is not all
+    that is wrong, or a joint has nothing left to give.
     """
     limits, last = problem.torque_limits_Nm.copy(), problem.last_torques_Nm.copy()
+    reserve_N = problem.surface_reserve_N
     for violation in report.violations:
+        if violation.constraint == _UNCERTAIN:
+            reserve_N = max(reserve_N, problem.surface_reserve_N + _MORE_RESERVE * violation.amount)
+            continue
         if violation.constraint not in _TORQUES or violation.limb is None:
             return None
         limb = LIMB_NAMES.index(violation.limb)
@@ -83,7 +90,7 @@ def eased(problem: Problem, report: CheckReport) -> Problem | None:
         if allowed <= 0.0:
             return None
         limits[limb, joint], last[limb, joint] = (min(allowed, each[limb, joint]) for each in (limits, last))
-    return replace(problem, torque_limits_Nm=limits, last_torques_Nm=last)
+    return replace(problem, torque_limits_Nm=limits, last_torques_Nm=last, surface_reserve_N=reserve_N)
 
 
 def bent(problem: WalkProblem, solution: WalkSolution, report: CheckReport) -> WalkProblem | None:

@@ -24,7 +24,7 @@ from crux_planner.search.improve import improve
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
 from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
-from crux_planner.trajectory.solution import Start, start_from_path
+from crux_planner.trajectory.solution import Solution, Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
@@ -171,7 +171,19 @@ def _finish_as_it_is(
         refused = _refused(report)
         refused = refused if slow in (None, dict(problem.speed_limits)) else TooFast(refused, slow or {})
         return refused.blaming(_blamed(report, schedule, problem))
-    return PlanResult.of(message, report, solution, schedule.gait, work)
+    result = PlanResult.of(message, report, solution, schedule.gait, work)
+    if problem.nominal is not None:
+        result.nominal_cost = _cost_without(problem.nominal, climb, schedule, solution)
+    return result
+
+
+def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: Solution) -> float | None:
+    """J of the same contacts where nothing is uncertain."""
+    problem = replace(nominal, steps=climb.problem.steps, goal=climb.problem.goal)
+    with climb.work.part("price", 0.9):
+        start = Start(solution.body, solution.wrenches, near=True)
+        found = solve_within_torques(problem, schedule, start, climb.deadline)
+    return found.cost if found.solved else None
 
 
 def gait(schedule: Schedule) -> str:

@@ -17,7 +17,7 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.physics.bounds import body_bounds, reach_bounds, wrench_bounds
 from crux_planner.physics.dynamics import WRENCH_INPUTS
 from crux_planner.physics.torque import INTERVAL_TORQUES
-from crux_planner.trajectory.stage_functions import COLUMN, POSE, SPINE_WEIGHT, StageFunctions
+from crux_planner.trajectory.stage_functions import COLUMN, FORCE_SCALE_N, POSE, SPINE_WEIGHT, StageFunctions
 
 PINNED = 1e8  # weight that holds what is fixed
 _RELAXED = 1e-8  # bounds give so much, so that there is an inside
@@ -84,7 +84,7 @@ class StageProblem:
         self.fixed: Flags = column_low >= column_high
         self.fixed_value = np.where(self.fixed, column_low, 0.0)
         column_low, column_high = np.where(self.fixed, -np.inf, column_low), np.where(self.fixed, np.inf, column_high)
-        surface_low = np.where(self.rough, 0.0, -np.inf)
+        surface_low = np.where(self.rough, problem.surface_reserve_N / FORCE_SCALE_N, -np.inf)
         torque = np.tile(problem.torque_limits_Nm[self.limited[1]], 2)
         lows = [body_low, reach_low, column_low, surface_low, -torque]
         highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque]

@@ -18,7 +18,7 @@ from crux_planner.physics import dynamics
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import scheduled
 from crux_planner.search.stances import Oracles, search
-from crux_planner.solvers import clock
+from crux_planner.solvers import clock, ipopt
 from crux_planner.trajectory import exact, nlp, stage_functions
 from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point
@@ -140,7 +140,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pyt
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
     functions = StageFunctions(problem)
-    monkeypatch.setattr(nlp, "ONCE", {**nlp.ONCE, "ipopt.tol": 1e-7, "ipopt.compl_inf_tol": 1e-6})
+    monkeypatch.setattr(nlp, "ONCE", {**ipopt.ONCE, "ipopt.tol": 1e-7, "ipopt.compl_inf_tol": 1e-6})
     other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 60.0, 300)
     monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)

@@ -22,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
             "their parameters, their firmware.",
             "crux can check --measure 2",
             "crux can param LF.joint3",
-            "crux can ACTION --help",
+            "crux can up --help",
         ),
     )
     actions = parser.add_subparsers(dest="can_action", metavar="ACTION", required=True)

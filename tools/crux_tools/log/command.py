@@ -22,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
             "played on LCM, and written for other tools.",
             "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
-            "crux log ACTION --help",
+            "crux log cut --help",
         ),
     )
     actions = parser.add_subparsers(dest="log_action", metavar="ACTION", required=True)

@@ -1,0 +1,150 @@
+"""The plan at the corners of what the scenario calls uncertain.
+
+Looked at once an interval, in its middle, where a knot's wrenches act whole. The controller feels another weight, or a
+centre of mass that is elsewhere, and shares it by the least change of forces and twists; of friction and of how a hold
+is turned it knows nothing, so the planned squeeze has to do, on the limbs that bear. Holds that are elsewhere move the
+forces: corners are those of the box that holds all moments which that and the centre of mass can make, so some of them
+may be beyond what can happen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from crux_contracts.robot import Robot
+from crux_contracts.scenario import Uncertainty
+
+from crux_planner.checker.equilibrium import corrected_wrenches
+from crux_planner.checker.geometry import Array, turned_back
+from crux_planner.checker.kinematics import LimbMotion, check_kinematics
+from crux_planner.checker.limb_model import WholeRobot, load_model
+from crux_planner.checker.limit_surface import FingerLoads, cone_excess
+from crux_planner.checker.momentum import centre_of_mass
+from crux_planner.checker.plan_arrays import PlanArrays
+from crux_planner.checker.report import Findings
+from crux_planner.checker.sampling import Samples, sample_at
+from crux_planner.checker.scene import Scene
+
+WHOLE = 0.45  # of an interval: wrenches of the knot before have blended out, those of the next not begun
+_REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position")
+
+
+def check_uncertainty(plan: PlanArrays, scene: Scene, loads: FingerLoads, robot: Robot, findings: Findings) -> None:
+    """Limit surface, joint torques and reach at every corner; what is beyond is a violation with `uncertain` in its
+    name.
+    """
+    known = scene.uncertainty
+    assert known is not None
+    model, continuous_Nm = load_model(robot), np.array(robot.servo.continuous_torque_Nm)
+    samples = sample_at(plan, np.arange(plan.n_knots - 1), np.full(plan.n_knots - 1, WHOLE))
+    motions, _ = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, Findings())
+    centre = centre_of_mass(samples, model, [motion.state for motion in motions])
+    surface, torque = np.full((2, 4, len(samples.time_s)), -np.inf), _no_torques(model, samples)
+    for force, moment in _corners(samples, centre, known, model.mass_kg, robot.control.twist_length_m):
+        shared = replace(samples, force=force, moment=moment)
+        for turned_rad in {known.hold_yaw_rad, -known.hold_yaw_rad}:
+            surface = np.maximum(surface, _surface_excess(plan, scene, loads, samples, shared, turned_rad))
+        for limb, worst in enumerate(torque):
+            np.maximum(worst, _torque_excess(model, limb, motions[limb], shared, plan.gravity_w), out=worst)
+    bears = samples.load.T > 0.0
+    for limb in range(4):
+        for finger in (0, 1):
+            excess = np.where(bears[limb], surface[finger, limb], -np.inf)
+            findings.add_series("limit_surface_uncertain", excess, samples.time_s, "N", limb=limb, finger=finger + 1)
+        for joint, lacks in zip(model.limbs[limb].joints, torque[limb].T, strict=True):
+            findings.add_series("joint_torque_uncertain", lacks, samples.time_s, "N m", limb=limb, detail=joint.name)
+    _check_reach(samples, known, model, plan.gravity_w, continuous_Nm, findings)
+
+
+def _corners(
+    samples: Samples, centre_w_m: Array, known: Uncertainty, mass_kg: float, twist_length_m: float
+) -> list[tuple[Array, Array]]:
+    """Gripper forces and moments (T, 4, 3) that the controller makes of the plan's at every corner.
+
+    The whole force grows with the mass; the moment about the centre of mass is then off by where that and the holds
+    are, each component by as much as all of them together can make.
+    """
+    size = np.abs(samples.force)
+    total, each = samples.force.sum(axis=1), size.sum(axis=1)
+    along = np.abs(total)
+    aside = known.centre_of_mass_m * (along.sum(axis=1, keepdims=True) - along)
+    moved = known.hold_position_m * np.stack([each[:, 2], each[:, 2], each[:, 0] + each[:, 1]], axis=1)
+    masses = sorted({1.0 + known.mass_kg / mass_kg, 1.0 - known.mass_kg / mass_kg})
+    found = []
+    for grown, signs in product(masses, product((-1.0, 1.0), repeat=3)):
+        net = (grown * total, np.array(signs) * (grown * aside + moved))
+        found.append(corrected_wrenches(samples, twist_length_m, centre_w_m, net)[:2])
+    return found
+
+
+def _surface_excess(
+    plan: PlanArrays, scene: Scene, loads: FingerLoads, planned: Samples, shared: Samples, turned_rad: float
+) -> Array:
+    """(2, 4, T) [N] by which each finger's wrench is beyond the limit surface of its face with the least friction, with
+    the planned squeeze, on holds that are turned by `turned_rad`.
+    """
+    known, knots = scene.uncertainty, planned.interval
+    assert known is not None
+    yaw = planned.gripper_yaw + turned_rad
+    axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
+    tangent = np.stack([-axis[..., 1], axis[..., 0]], axis=-1)
+    shear = 0.5 * np.stack([(shared.force[..., :2] * tangent).sum(axis=-1), shared.force[..., 2]], axis=-1)
+    twist = 0.5 * (shared.moment * axis).sum(axis=-1)
+    pull = (shared.force * axis).sum(axis=-1) - (planned.force * planned.opening_axis).sum(axis=-1)
+    shares = np.full((2, 4, 1), 0.5)
+    for limb, finger in scene.spines_only.items():
+        shares[:, limb] = 1.0
+        shares[finger - 1, limb] = 0.0
+    excess = np.empty((2, *pull.T.shape))
+    for finger, sign in ((0, 1.0), (1, -1.0)):
+        normal = loads.normal_N[knots, :, finger] + sign * shares[finger].T * pull
+        beyond = cone_excess(
+            shear,
+            twist,
+            normal,
+            friction=(1.0 - known.friction) * loads.friction[knots, :, finger],
+            patch_k_m=plan.patch_k_m,
+            spine_shear_N=loads.spine_shear_N[knots, :, finger],
+            spine_twist_Nm=loads.spine_twist_Nm[knots, :, finger],
+        )
+        excess[finger] = np.maximum(beyond, np.maximum(-normal, normal - plan.max_normal_N)).T
+    return excess
+
+
+def _no_torques(model: WholeRobot, samples: Samples) -> list[Array]:
+    return [np.full((len(samples.time_s), len(limb.joints)), -np.inf) for limb in model.limbs]
+
+
+def _torque_excess(model: WholeRobot, index: int, motion: LimbMotion, shared: Samples, gravity_w: Array) -> Array:
+    """(T, J) [N m] by which the joints of a limb are asked for more than they can give."""
+    limb = model.limbs[index]
+    wrench_b = [turned_back(shared.rotation, part[:, index]) for part in (shared.force, shared.moment)]
+    torque = limb.gravity_torque(motion.state, turned_back(shared.rotation, gravity_w))
+    torque = torque + limb.contact_torque(motion.state, *wrench_b)
+    beyond = np.abs(torque) - np.array([joint.effort for joint in limb.joints])
+    return np.where(motion.reached[:, None], beyond, -np.inf)
+
+
+def _check_reach(
+    samples: Samples, known: Uncertainty, model: WholeRobot, gravity_w: Array, continuous_Nm: Array, findings: Findings
+) -> None:
+    """Every gripper where its hold is, all of them off to one side."""
+    off, turned = known.hold_position_m, known.hold_yaw_rad
+    for x, y, yaw in product(sorted({off, -off}), sorted({off, -off}), sorted({turned, -turned})):
+        moved = replace(
+            samples,
+            gripper_position=samples.gripper_position + np.array([x, y, 0.0]),
+            gripper_yaw=samples.gripper_yaw + yaw,
+        )
+        there = Findings()
+        check_kinematics(moved, model, gravity_w, continuous_Nm, there)
+        for worst in (each for each in there.worst() if each.constraint in _REACH):
+            at = (
+                f"hold {1e3 * x:+.0f}, {1e3 * y:+.0f} mm and {np.degrees(yaw):+.1f} degrees off {worst.detail}".rstrip()
+            )
+            limb = None if worst.limb is None else [each.name for each in model.limbs].index(worst.limb)
+            findings.add(
+                f"{worst.constraint}_uncertain", worst.amount, worst.unit, limb=limb, time_s=worst.time_s, detail=at
+            )
