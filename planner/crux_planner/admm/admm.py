@@ -126,7 +126,7 @@ def two_block(contacts: Contacts[K], motion: Motion, given: Settings, rho: float
         target = delta - epsilon
         if run.ends(plan.knots, Residuals.of(plan.eta - delta)):
             break
-    return run.decided
+    return run.decided()
 
 
 def multi_block(
@@ -143,7 +143,7 @@ def multi_block(
         of_limbs, of_motion = of_limbs + eta - copy, of_motion + delta - copy
         if run.ends(plan.knots.with_body(delta.body), Residuals.of(eta - delta, body=False)):
             break
-    return run.decided
+    return run.decided()
 
 
 class Iterations(Generic[K]):
@@ -153,11 +153,13 @@ class Iterations(Generic[K]):
         self._given = given
         self._decided: Decided[K] | None = None
 
-    @property
     def decided(self) -> Decided[K]:
-        """After the last iteration."""
-        assert self._decided is not None
-        return self._decided
+        """After the last iteration; says so where it has not come within the thresholds."""
+        run = self._decided
+        assert run is not None
+        if not run.converged:
+            self._given.report(f"not converged after {run.iterations} iterations")
+        return run
 
     def ends(self, knots: K, residuals: Residuals) -> bool:
         """Note an iteration and report it; whether it is the last."""

@@ -82,10 +82,12 @@ def test_limbs_alone_meet_the_forces_of_their_copy_on_the_limit_surface() -> Non
 def test_multi_block_says_that_it_did_not_converge() -> None:
     """Limbs that know of one another by the shared copy alone fly together on a symmetric wall."""
     small = scene(30)
-    task = Task(windows=small.windows, deadline=small.later, iterations=2)
+    lines: list[str] = []
+    task = Task(windows=small.windows, deadline=small.later, iterations=2, report=lines.append)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged
+    assert lines[-1] == "not converged after 2 iterations"
 
 
 def test_the_benchmark_says_when_it_ran_out_of_time() -> None:
