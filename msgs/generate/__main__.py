@@ -13,7 +13,7 @@ from crux_contracts import node_parameters, node_services
 
 from . import can_c, cdr_cpp, parameters_c, python_side, ros2msg, services_c, tables_cpp, write_changed
 from .lcm_types import LcmSyntaxError, Struct, parse_files
-from .tables import TableError, read_channels, read_faults
+from .tables import TableError, read_channels, read_faults, read_log_format
 
 MSGS = Path(__file__).resolve().parents[1]
 
@@ -36,19 +36,20 @@ def _run_lcm_gen(files: list[Path], out: Path) -> None:
 
 def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     channels = read_channels(MSGS / "channels.yaml", structs)
+    log_format = read_log_format(MSGS / "channels.yaml")
     faults = read_faults(MSGS / "faults.yaml", structs["robot_state_t"])
     cpp = out / "cpp/crux_msgs"
     write_changed(cpp / "cdr.hpp", cdr_cpp.header(structs))
     write_changed(out / "cpp/cdr.cpp", cdr_cpp.source(structs))
     runtimes = [channel for channel in channels if channel.writer != "simulation"]
-    write_changed(cpp / "channels.hpp", tables_cpp.channels_header(runtimes, structs))
+    write_changed(cpp / "channels.hpp", tables_cpp.channels_header(runtimes, structs, log_format))
     write_changed(cpp / "faults.hpp", tables_cpp.faults_header(faults))
     write_changed(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
     python = out / "python/crux_msgs"
     write_changed(python / "__init__.pyi", python_side.stub(structs))
     write_changed(python / "py.typed", "")
     write_changed(python / "channel_names.py", python_side.channel_names_module(channels))
-    write_changed(python / "tables.py", python_side.tables_module(structs, channels, faults))
+    write_changed(python / "tables.py", python_side.tables_module(structs, channels, faults, log_format))
     for struct in structs.values():
         write_changed(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))
 

@@ -36,11 +36,11 @@ def stub(structs: dict[str, Struct]) -> str:
     return "from collections.abc import Sequence\nfrom typing import ClassVar\n\n" + "\n".join(classes)
 
 
-def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: list[Fault]) -> str:
+def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: list[Fault], log_format: int) -> str:
     """crux_msgs/tables.py: plain data, wrapped with types by crux_contracts.channels."""
     members = {s.name: [(f.name, f.type, f.dimension) for f in s.fields] for s in structs.values()}
     schemas = {s.name: (s.schema_name, definition(s, structs)) for s in structs.values()}
-    rows = [(c.name, c.type, c.rate_Hz, c.writer, c.logged, c.topic) for c in channels]
+    rows = [(c.name, c.type, c.rate_Hz, c.writer, c.logged, c.topic, c.per_limb) for c in channels]
     fault_rows = [(f.code, f.name, f.to, f.text) for f in faults]
     help_rows = {f.code: (f.cause, f.do) for f in faults}
 
@@ -51,6 +51,7 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
     return "\n".join(
         [
             '"""Generated from msgs/ by msgs/generate. Do not edit."""\n',
+            f"LOG_FORMAT: int = {log_format}\n",
             "# type -> (schema name, ros2msg definition)",
             listing("SCHEMAS", "dict[str, tuple[str, str]]", [f"{k!r}: {v!r}" for k, v in schemas.items()], "{}"),
             "# type -> [(member, LCM type, None | fixed length | name of the length member)]",
@@ -60,8 +61,8 @@ def tables_module(structs: dict[str, Struct], channels: list[Channel], faults: l
                 [f"{k!r}: {v!r}" for k, v in members.items()],
                 "{}",
             ),
-            "# (name, type, rate_Hz, writer, logged, topic); rate -1: when something happens, 0: only logged",
-            listing("CHANNELS", "list[tuple[str, str, float, str, bool, str]]", [repr(r) for r in rows], "[]"),
+            "# (name, type, rate_Hz, writer, logged, topic, per_limb); rate -1: when something happens, 0: only logged",
+            listing("CHANNELS", "list[tuple[str, str, float, str, bool, str, bool]]", [repr(r) for r in rows], "[]"),
             "# (code, name, supervisor state that follows, text)",
             listing("FAULTS", "list[tuple[int, str, str, str]]", [repr(r) for r in fault_rows], "[]"),
             "# code -> (cause, what to do)",

@@ -21,7 +21,8 @@ class TableError(Exception):
 @dataclass(frozen=True)
 class Channel:
     """`rate_Hz` is EVENT_RATE for a message sent when something happens, 0 for one that is only logged. Of a logged
-    channel every `log_every`-th control cycle is in the log."""
+    channel every `log_every`-th control cycle is in the log, `per_limb` on a topic for each limb: /LF and so on before
+    `topic`."""
 
     name: str
     type: str
@@ -30,6 +31,7 @@ class Channel:
     logged: bool
     topic: str
     log_every: int
+    per_limb: bool
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,22 @@ class Fault:
     do: str
 
 
-def _load(path: Path, key: str) -> list[dict[str, Any]]:
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+def read_log_format(path: Path) -> int:
+    number = _document(path).get("log_format")
+    if not isinstance(number, int) or number < 1:
+        raise TableError(f"{path}: log_format is {number!r}, must be a whole number from 1 on")
+    return number
+
+
+def _document(path: Path) -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     if document.get("version") != 1:
         raise TableError(f"{path}: version must be 1")
-    entries: list[dict[str, Any]] = document[key]
+    return document
+
+
+def _load(path: Path, key: str) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = _document(path)[key]
     return entries
 
 
@@ -63,11 +76,14 @@ def read_channels(path: Path, structs: dict[str, Struct]) -> list[Channel]:
             entry["logged"],
             entry["topic"] if entry["logged"] else "",
             int(entry.get("log_every", 1)),
+            bool(entry.get("per_limb", False)),
         )
         if channel.type not in structs:
             raise TableError(f"{path}: {channel.name} carries the unknown type {channel.type}")
         if channel.writer not in WRITERS:
             raise TableError(f"{path}: {channel.name} is written by {channel.writer}, must be one of {WRITERS}")
+        if channel.per_limb and "limb" not in {field.name for field in structs[channel.type].fields}:
+            raise TableError(f"{path}: {channel.name} is per_limb, but {channel.type} has no member 'limb'")
         if channel.log_every < 1:
             raise TableError(f"{path}: {channel.name} has log_every {channel.log_every}, must be 1 or more")
         channels.append(channel)

@@ -13,11 +13,11 @@ def _camel(name: str) -> str:
     return "".join(part.capitalize() for part in name.lower().split("_"))
 
 
-def channels_header(channels: list[Channel], structs: dict[str, Struct]) -> str:
+def channels_header(channels: list[Channel], structs: dict[str, Struct], log_format: int) -> str:
     entries = "\n".join(
         f'    ChannelInfo{{Channel::k{_camel(c.name.removeprefix("CRUX_"))}, "{c.name}", "{c.type}", '
         f'"{structs[c.type].schema_name}", "{c.topic}", {c.rate_Hz}, Writer::k{_camel(c.writer)}, '
-        f"{str(c.logged).lower()}, {c.log_every}}},"
+        f"{str(c.logged).lower()}, {c.log_every}, {str(c.per_limb).lower()}}},"
         for c in channels
     )
     names = ", ".join(f"k{_camel(c.name.removeprefix('CRUX_'))}" for c in channels)
@@ -32,6 +32,7 @@ namespace crux_msgs {{
 enum class Channel : std::uint8_t {{ {names} }};
 enum class Writer : std::uint8_t {{ kTools, kRuntime }};
 
+inline constexpr int kLogFormat = {log_format};
 inline constexpr double kEventRate = -1.0;  // sent when something happens
 
 struct ChannelInfo {{
@@ -44,6 +45,7 @@ struct ChannelInfo {{
   Writer writer;
   bool logged;
   int log_every;           // control cycles, counted from the first
+  bool per_limb;           // in the log each limb has a topic of its own: /LF and so on before `topic`
 }};
 
 inline constexpr std::array<ChannelInfo, {len(channels)}> kChannels = {{{{

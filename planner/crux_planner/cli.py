@@ -40,37 +40,17 @@ def add_plan_parser(subparsers: Any) -> None:
     )
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help="a scenario file (YAML)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PLAN.mcap", help="where the plan goes")
-    parser.add_argument(
-        "--method",
-        choices=METHODS,
-        default=None,
-        metavar="M",
-        help=f"{', '.join(METHODS)}; default: the scenario's, else auto",
-    )
-    parser.add_argument(
-        "--time-limit",
-        type=_positive,
-        default=None,
-        metavar="S",
-        help="seconds of computing (CPU time of the planner and its workers) that it may take; default: the "
-        f"scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}",
-    )
-    parser.add_argument(
-        "--prove",
-        type=_positive,
-        default=None,
-        metavar="S",
-        help="on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)",
-    )
-    parser.add_argument(
-        "--from", dest="running", type=Path, default=None, metavar="PLAN.mcap", help="plan again from a stance of this"
-    )
-    parser.add_argument(
-        "--at", type=_seconds, default=None, metavar="S", help="with --from: the first stance from then on (default: 0)"
-    )
-    parser.add_argument(
-        "--without", action="append", default=[], metavar="HOLD", help="with --from: a hold that is lost (repeatable)"
-    )
+    add = parser.add_argument
+    add("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)}; default: the scenario's, else auto")
+    limit = "seconds of computing (CPU time of the planner and its workers) that it may take"
+    usual = f"default: the scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}"
+    add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
+    prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
+    add("--prove", type=_positive, metavar="S", help=prove)
+    add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")
+    add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
+    lost = "with --from: a hold that is lost (repeatable)"
+    add("--without", action="append", default=[], metavar="HOLD", help=lost)
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object on standard output")
     parser.set_defaults(func=run_plan)
 
@@ -93,17 +73,16 @@ def run_plan(args: argparse.Namespace) -> int:
         robot = load_robot(scenario.robot)
         look_at_outputs({"-o": args.output}, (args.scenario, args.running))
         with _progress() as (report, log):
-            if args.running is not None:
+            if args.running is not None or scenario.start.air:
                 from crux_planner.pipeline.replan import Planner
 
                 again = Planner(scenario, robot)
                 limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
-                result = again.replan(read_plan(args.running), args.at or 0.0, without=args.without, log=log, **limit)
-            elif scenario.start.air:
-                from crux_planner.pipeline.replan import Planner
-
-                limit = {} if args.time_limit is None else {"time_limit_s": args.time_limit}
-                result = Planner(scenario, robot).plan(log=log, **limit)
+                if args.running is None:
+                    result = again.plan(log=log, **limit)
+                else:
+                    running = read_plan(args.running)
+                    result = again.replan(running, args.at or 0.0, without=args.without, log=log, **limit)
             else:
                 from crux_planner.pipeline.entry import plan
 
@@ -177,22 +156,17 @@ def _show(result: PlanResult, output: Path) -> None:
     )
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
-    print(
-        f"planned and checked in {result.seconds:.2f} s ({parts}), {result.iterations} iterations, "
-        f"cost {result.cost:.3f}"
-    )
+    took = f"planned and checked in {result.seconds:.2f} s ({parts})"
+    print(f"{took}, {result.iterations} iterations, cost {result.cost:.3f}")
     if result.gap is not None:
-        print(
-            f"proven {result.scope}: no plan of {result.steps} steps costs less than "
-            f"{100 * (1 - result.gap):.0f} % of that"
-        )
+        proven = f"proven {result.scope}: no plan of {result.steps} steps costs less than"
+        print(f"{proven} {100 * (1 - result.gap):.0f} % of that")
     if result.nominal_cost is not None:
         less = 100 * (1 - result.nominal_cost / result.cost)
         print(f"holds for all of the scenario's uncertainty; the same contacts cost {less:.0f} % less without it")
     if margin is not None:
-        squeeze = (
-            "" if is_walk(result.plan) else " with the plan's squeeze, as J's forces; the robot presses so or harder"
-        )
+        pressed = " with the plan's squeeze, as J's forces; the robot presses so or harder"
+        squeeze = "" if is_walk(result.plan) else pressed
         print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N{squeeze}")
 
 

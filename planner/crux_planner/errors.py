@@ -74,9 +74,8 @@ class HorizonError(InfeasibleError):
 def unsolved(gait: str, status: str) -> InfeasibleError:
     """Why the exact problem of a gait was left without a solution; `status` is the solver's."""
     if "Time" in status:
-        return InfeasibleError(
-            TIME_LIMIT, f"no time was left for the exact problem of the gait {gait}; allow more with --time-limit"
-        )
+        text = f"no time was left for the exact problem of the gait {gait}; allow more with --time-limit"
+        return InfeasibleError(TIME_LIMIT, text)
     return InfeasibleError("dynamics", f"no solution of the exact problem was found for the gait {gait} ({status})")
 
 

@@ -14,6 +14,7 @@ namespace crux {
 namespace {
 
 using namespace std::chrono_literals;
+using crux_msgs::can_frames_t;
 using crux_msgs::command_t;
 using crux_msgs::robot_state_t;
 using std::chrono::nanoseconds;
@@ -94,7 +95,7 @@ bool CycleLoop::wake_nodes() {
 }
 
 void CycleLoop::send_wake_up() noexcept {
-  for (int l = 0; l < kLimbs; ++l) buses_[l]->send(limbs_[l].pack_wake_up());
+  for (std::size_t l = 0; l < limbs_.size(); ++l) send(l, limbs_[l].pack_wake_up());
 }
 
 bool CycleLoop::hear_first_answers() noexcept {
@@ -192,7 +193,7 @@ void CycleLoop::take_command(crux_msgs::control_input_t& input) noexcept {
 
 void CycleLoop::compute(CycleRecord& record) noexcept {
   const std::int64_t begin_ns = now_ns();
-  ++cycle_;
+  if (++cycle_ == 1) tape_.clear();  // what woke the nodes is no cycle's
   record.has_cycle = true;
   record.log_time_ns = cycle_time_ns(cycle_);
   record.input.cycle = cycle_;
@@ -285,12 +286,18 @@ void CycleLoop::send(CycleRecord& record) noexcept {
   host_state_ = host_state;
   const auto cycle = static_cast<std::uint32_t>(cycle_);
   const bool may_ask = cycle_ % identify_cycles_ == 0;
-  for (int l = 0; l < kLimbs; ++l) {
+  for (std::size_t l = 0; l < limbs_.size(); ++l) {
     const bool beat = due || (may_ask && !limbs_[l].identified());
-    buses_[l]->send(limbs_[l].pack_cycle(record.result.output, cycle, beat ? &heartbeat : nullptr));
+    send(l, limbs_[l].pack_cycle(record.result.output, cycle, beat ? &heartbeat : nullptr));
   }
   report_nodes();
   record.timing.send_ns = now_ns() - begin_ns;
+}
+
+void CycleLoop::send(std::size_t limb, std::span<const Frame> frames) noexcept {
+  const std::size_t taken = buses_[limb]->send(frames);
+  const std::int64_t host_ns = now_ns();
+  for (const Frame& frame : frames.first(taken)) tape_.add(static_cast<int>(limb), can_frames_t::SENT, frame, host_ns);
 }
 
 void CycleLoop::report_nodes() noexcept {
@@ -301,18 +308,24 @@ void CycleLoop::report_nodes() noexcept {
 }
 
 void CycleLoop::receive() noexcept {
-  for (int l = 0; l < kLimbs; ++l) {
+  for (std::size_t l = 0; l < limbs_.size(); ++l) {
     for (std::size_t n = frames_.size(); n == frames_.size();) {
       n = buses_[l]->receive(frames_);
-      for (std::size_t i = 0; i < n; ++i) {
-        NodeNotice notice;
-        if (!limbs_[l].take(frames_[i], notice)) continue;
-        if (NodeNotice* slot = exchange_.notices.back()) {
-          *slot = notice;
-          exchange_.notices.push();
-        }
-      }
+      const std::int64_t host_ns = n > 0 ? now_ns() : 0;
+      for (std::size_t i = 0; i < n; ++i) hear(l, frames_[i], host_ns);
     }
+  }
+}
+
+void CycleLoop::hear(std::size_t limb, const Frame& frame, std::int64_t host_ns) noexcept {
+  const bool echo = limbs_[limb].is_echo(frame);
+  if (!echo || frame.stamp_ns != 0)
+    tape_.add(static_cast<int>(limb), echo ? can_frames_t::ECHO : can_frames_t::RECEIVED, frame, host_ns);
+  NodeNotice notice;
+  if (!limbs_[limb].take(frame, notice)) return;
+  if (NodeNotice* slot = exchange_.notices.back()) {
+    *slot = notice;
+    exchange_.notices.push();
   }
 }
 
@@ -358,6 +371,7 @@ void CycleLoop::push(CycleRecord& record) noexcept {
     return;
   }
   events_.move_to(record.events);
+  tape_.move_to(record.frames);
   logged_cycle_ = cycle_;
   records_.push();
 }

@@ -72,7 +72,9 @@ class CycleLoop : private PlanTaker {
   void compute(CycleRecord& record) noexcept;
   void send(CycleRecord& record) noexcept;
   void report_health(CycleRecord& record) const noexcept;
+  void send(std::size_t limb, std::span<const Frame> frames) noexcept;
   void receive() noexcept;
+  void hear(std::size_t limb, const Frame& frame, std::int64_t host_ns) noexcept;
   void report_nodes() noexcept;
   bool collect_answers() noexcept;
   [[nodiscard]] bool all_answered() const noexcept;
@@ -104,6 +106,7 @@ class CycleLoop : private PlanTaker {
   OperatorDesk desk_;
   EventList events_;
   std::array<Frame, 64> frames_{};
+  FrameTape tape_;                  ///< frames since the last record
   CycleRecord* turning_ = nullptr;  ///< turn(): the cycle whose answers have not been taken yet
   bool awake_ = false;              ///< turn(): all nodes have answered once
   CycleRecord spare_;               ///< pace clock: for a cycle that the log has no room for

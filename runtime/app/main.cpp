@@ -99,8 +99,9 @@ void print_report(const CycleReport& report, const CycleLoop& loop) {
 }
 
 int run(const Options& options) {
-  const Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
+  Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
+  loaded.value().calibrates = options.calibrate;
   const RobotDescription& robot = loaded.value();
   std::vector<Claim> claims;  // until the end: no second runtime on the same LCM address or bus
   if (!options.lcm_url.starts_with("memq:")) claims.emplace_back(options.lcm_url);
@@ -111,7 +112,7 @@ int run(const Options& options) {
   RuntimeExchange exchange;
   SpscRing<CycleRecord> records(kLogQueue);
   OperatorServer server(options.lcm_url, robot, exchange);
-  LogWriter log_writer(records, open_log(options, robot), exchange.log_broken);
+  LogWriter log_writer(records, open_log(options, robot), exchange.log_broken, options.log_frames);
   const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
   handle_signals(exchange.stop);
   CycleReport report;

@@ -92,10 +92,12 @@ std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription
   if (std::filesystem::exists(options.log, unknown) && !std::filesystem::is_regular_file(options.log, unknown))
     throw LogError("log " + options.log + ": is no file that a log can be written to");
   auto log = std::make_unique<McapLog>(options.overwrite ? options.log : free_name(options.log));
-  log->write_metadata("crux", {{"version", CRUX_VERSION},
+  log->write_metadata("crux", {{"format", std::to_string(crux_msgs::kLogFormat)},
+                               {"version", CRUX_VERSION},
                                {"commit", crux_msgs::kCommit},
                                {"robot", robot.name},
                                {"robot_sha256", robot.sha256},
+                               {"calibrates", robot.calibrates ? "yes" : "no"},
                                {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"},
                                {"started_utc", utc_text(now_ns(CLOCK_REALTIME))},
                                {"utc_minus_monotonic_ns", std::to_string(utc_minus_monotonic_ns())},

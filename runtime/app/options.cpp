@@ -75,12 +75,16 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    if (name == "--overwrite") {
-      options.overwrite = true;
+    const std::array<std::pair<std::string_view, bool*>, 3> switches = {{{"--overwrite", &options.overwrite},
+                                                                         {"--log-frames", &options.log_frames},
+                                                                         {"--calibrate", &options.calibrate}}};
+    if (const auto* given = std::ranges::find(switches, name, &std::pair<std::string_view, bool*>::first);
+        given != switches.end()) {
+      *given->second = true;
       continue;
     }
-    constexpr std::array<std::string_view, 9> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
-                                                        "--lcm",   "--log", "--guard-time", "--tag"};
+    constexpr std::array<std::string_view, 10> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
+                                                         "--lcm",   "--log", "--guard-time", "--tag",      "--note"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -93,6 +97,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
+    if (name == "--note") options.tags.emplace_back("note", value);
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
   complete_buses(options);
@@ -111,10 +116,15 @@ usage: crux-runtime [options]
   --pace PACE       clock: real time; bus: lockstep, a cycle follows
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)
+  --calibrate       tune the admittance's gains while climbing         (they stay as robot.yaml has them)
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)
   --overwrite       replace the log that is there already
+  --log-frames      the CAN frames of every cycle into the log as well, not
+                    of the seconds around a fault alone
+  --note TEXT       words of yours for the log; crux log ls and crux report
+                    show them
   --tag KEY=VALUE   something the log is to say of itself; may be repeated
   --version         prints version and commit
   --help            prints this

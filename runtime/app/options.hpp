@@ -24,9 +24,11 @@ struct Options {
   std::string robot = "msgs/robots/scaler";  ///< folder with robot.yaml
   std::array<std::string, kLimbs> buses;     ///< by limb, in the order LF, RF, LR, RR
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
-  std::string log;         ///< empty: none
-  bool overwrite = false;  ///< a log that is there already
-  Metadata tags;           ///< what the log is to say of itself besides
+  std::string log;          ///< empty: none
+  bool overwrite = false;   ///< a log that is there already
+  bool log_frames = false;  ///< CAN frames of every cycle
+  bool calibrate = false;   ///< the admittance's gains
+  Metadata tags;            ///< what the log is to say of itself besides
   std::string command_line;
   CycleOptions cycle{Pace::kClock, std::chrono::seconds(1)};
 };

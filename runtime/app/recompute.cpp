@@ -87,16 +87,20 @@ void recompute(const RobotDescription& robot) {
 }  // namespace
 
 int main(int count, char** arguments) {
-  if (count != 2) {
-    std::fputs("usage: crux-recompute ROBOT_FOLDER <records >results; `crux replay LOG --check` starts it\n", stderr);
+  const bool calibrates = count == 3 && std::string(arguments[2]) == "--calibrate";
+  if (count != 2 && !calibrates) {
+    std::fputs(
+        "usage: crux-recompute ROBOT_FOLDER [--calibrate] <records >results; `crux replay LOG --check` starts it\n",
+        stderr);
     return kWrongUsage;
   }
   try {
-    const Result<RobotDescription> robot = load_robot((std::filesystem::path(arguments[1]) / "robot.yaml").string());
+    Result<RobotDescription> robot = load_robot((std::filesystem::path(arguments[1]) / "robot.yaml").string());
     if (!robot) {
       std::fprintf(stderr, "crux-recompute: %s\n", robot.reason().c_str());
       return kWrongUsage;
     }
+    robot.value().calibrates = calibrates;
     recompute(robot.value());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "crux-recompute: %s\n", error.what());

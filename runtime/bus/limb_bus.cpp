@@ -164,13 +164,16 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
   return false;
 }
 
-/// Our own frames come back on buses that echo. One that is no echo was sent by another host.
-void LimbBus::take_from_host(const Frame& frame) noexcept {
+bool LimbBus::is_echo(const Frame& frame) const noexcept {
   const std::span<const Frame> sent(frames_.data(), n_frames_);
-  const bool echo = frame.own || std::ranges::any_of(sent, [&](const Frame& own) {
-                      return own.id == frame.id && std::ranges::equal(own.payload(), frame.payload());
-                    });
-  if (!echo) {
+  return frame.own || std::ranges::any_of(sent, [&](const Frame& own) {
+           return own.id == frame.id && std::ranges::equal(own.payload(), frame.payload());
+         });
+}
+
+/// One that is no echo was sent by another host.
+void LimbBus::take_from_host(const Frame& frame) noexcept {
+  if (!is_echo(frame)) {
     ++statistics_.foreign;
     foreign_host_ = true;
   } else if (frame.id == CRUX_CAN_ID_SYNC || frame.id == CRUX_CAN_ID_BROADCAST) {

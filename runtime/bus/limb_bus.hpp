@@ -73,6 +73,9 @@ class LimbBus {
   /// Judges and files one received frame. Returns true and fills `notice` when an operator should hear of it.
   bool take(const Frame& frame, NodeNotice& notice) noexcept;
 
+  /// A frame that this host sent itself and its bus brought back.
+  [[nodiscard]] bool is_echo(const Frame& frame) const noexcept;
+
   /// Every node has told this run who it is, and is the right one. Until then each heartbeat asks one of the others, in
   /// turn. Who was silent for longer than silent_cycles, or has restarted, is asked again.
   [[nodiscard]] bool identified() const noexcept { return identified_nodes_ == kAllNodes; }

@@ -31,8 +31,11 @@ class Admittance {
     rotation_rad_ = rotation_rad;
   }
 
+  const AdmittanceParameters& parameters() const { return parameters_; }
   const Vector3& offset_m() const { return offset_m_; }
   const Vector3& rotation_rad() const { return rotation_rad_; }
+  const Vector3& speed_m_s() const { return speed_m_s_; }
+  const Vector3& rate_rad_s() const { return rate_rad_s_; }
 
  private:
   AdmittanceParameters parameters_;

@@ -23,6 +23,7 @@ constexpr double kTestedLoad = 1e-3;
 ControlCore::ControlCore(const RobotDescription& robot)
     : robot_(robot),
       limbs_{LimbController(robot, 0), LimbController(robot, 1), LimbController(robot, 2), LimbController(robot, 3)},
+      calibration_(robot.calibrates ? std::make_unique<Calibration>(robot) : nullptr),
       correction_(robot.control.body_gain_1_s, robot.control.max_body_correction_m,
                   robot.control.max_body_rotation_rad),
       localisation_(robot.localisation),
@@ -210,6 +211,10 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
 
 void ControlCore::engage(const PlanReference& reference) noexcept {
   for (int l = 0; l < kLimbs; ++l) limbs_[l].engage(reference.limbs[l], body_.body_W());
+  if (calibration_) {
+    calibration_->restart();
+    for (LimbController& limb : limbs_) limb.set_gains(robot_.admittance);
+  }
   correction_.reset(body_.body_W(), reference.body_W);
   if (!started_) {
     PerLimb<Vector3> arms_W_m;
@@ -283,6 +288,14 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
   return internal_errors(errors, positions_W_m, loads, com_W_m_, robot_.control.moment_length_m);
 }
 
+void ControlCore::calibrate(double dt_s) noexcept {
+  if (!calibration_ || plan_->point_feet) return;
+  PerLimb<Yielding> translations, rotations;
+  for (int l = 0; l < kLimbs; ++l) translations[l] = limbs_[l].translation(), rotations[l] = limbs_[l].rotation();
+  if (!calibration_->update(translations, rotations, dt_s)) return;
+  for (LimbController& limb : limbs_) limb.set_gains(calibration_->gains());
+}
+
 void ControlCore::localise(const PlanReference& reference, double dt_s) noexcept {
   // Point feet find no place on the map, and learn no sensor's bias.
   if (plan_->point_feet || !started_) return;
@@ -324,6 +337,7 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   if (faults_.force_torque_well(in)) {
     const PerLimb<Wrench> errors = wrench_errors(reference, engagement);
     for (int l = 0; l < kLimbs; ++l) limbs_[l].comply(reference.limbs[l], errors[l], body_.body_W().rotation, dt_s);
+    calibrate(dt_s);
   }
   press_holds(reference, dt_s);
   for (int l = 0; l < kLimbs; ++l) {

@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "core/body_estimator.hpp"
+#include "core/calibration.hpp"
 #include "core/compliance_estimator.hpp"
 #include "core/fault_monitor.hpp"
 #include "core/grasp_retry.hpp"
@@ -78,6 +79,8 @@ class ControlCore {
   void find_hold_again(int command, double dt_s) noexcept;
   void localise(const PlanReference& reference, double dt_s) noexcept;
   void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;
+  /// Other gains for the admittances, where they are to be calibrated.
+  void calibrate(double dt_s) noexcept;
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
   /// Share of its load that a limb bears; nothing once it has lost its hold.
   double load(int limb, const LimbReference& reference) const noexcept;
@@ -110,6 +113,7 @@ class ControlCore {
   RobotDescription robot_;
   std::unique_ptr<const PreparedPlan> plan_;
   PerLimb<LimbController> limbs_;
+  std::unique_ptr<Calibration> calibration_;  ///< none where the gains stay
   BodyEstimator body_;
   BodyCorrection correction_;
   MapLocalisation localisation_;

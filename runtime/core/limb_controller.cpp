@@ -221,8 +221,13 @@ Capacity LimbController::capacity(const Contact& contact, const Matrix3& rotatio
 
 void LimbController::comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB,
                             double dt_s) noexcept {
+  const bool follows = (ik_.limited & kIkNoConvergence) == 0;
+  translation_ = {reference.gripping() && follows, error_W.force_N, admittance_.offset_m(), Vector3::Zero()};
+  rotation_ = {translation_.counts, error_W.moment_Nm, admittance_.rotation_rad(), Vector3::Zero()};
   if (reference.gripping() || reference.closing()) {
-    admittance_.step(error_W, dt_s, (ik_.limited & kIkNoConvergence) == 0);
+    admittance_.step(error_W, dt_s, follows);
+    translation_.speed = admittance_.speed_m_s();
+    rotation_.speed = admittance_.rate_rad_s();
     return;
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
@@ -354,6 +359,14 @@ void LimbController::write(const Pose& body_W, const Wrench& wrench_reference_W,
     out.tare_force_g_n[i] = wrench_.bias_G().force_N[i];
     out.tare_moment_g_nm[i] = wrench_.bias_G().moment_Nm[i];
   }
+  const AdmittanceParameters& a = admittance_.parameters();
+  const std::array<double, 6> gains = {a.mass_kg,
+                                       a.damping_Ns_m,
+                                       a.stiffness_N_m,
+                                       a.inertia_kg_m2,
+                                       a.rotational_damping_Nms_rad,
+                                       a.rotational_stiffness_Nm_rad};
+  std::copy(gains.begin(), gains.end(), out.admittance_gains);
   out.grasp_force_reference_n = grasp_.force_reference_N();
   out.grasp_force_n = finger_force_N_;
   out.ik_limited = static_cast<std::int8_t>(ik_.limited);

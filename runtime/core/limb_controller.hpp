@@ -7,6 +7,7 @@
 #include <crux_msgs/limb_telemetry_t.hpp>
 
 #include "core/admittance.hpp"
+#include "core/calibration.hpp"
 #include "core/encoder_watch.hpp"
 #include "core/grasp_force.hpp"
 #include "core/inverse_kinematics.hpp"
@@ -72,6 +73,13 @@ class LimbController {
   /// Yields to the wrench error on a hold, and to what it runs against in the air, where offsets fade; learns the F/T
   /// bias in free swing.
   void comply(const LimbReference& reference, const Wrench& error_W, const Matrix3& rotation_WB, double dt_s) noexcept;
+
+  /// What comply() did last: its translation and its rotation.
+  const Yielding& translation() const { return translation_; }
+  const Yielding& rotation() const { return rotation_; }
+
+  /// Gains of comply() from now on.
+  void set_gains(const AdmittanceParameters& gains) noexcept { admittance_.set_parameters(gains); }
 
   /// Presses with `force_N` on a hold, opens in the air.
   void grasp(const LimbReference& reference, double force_N, double dt_s) noexcept;
@@ -163,6 +171,7 @@ class LimbController {
   EncoderWatch encoders_;
   Admittance admittance_;
   GraspController grasp_;
+  Yielding translation_, rotation_;
 
   // Measured.
   JointVector q_rad_ = JointVector::Zero();

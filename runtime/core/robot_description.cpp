@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
 
 #include "core/hash.hpp"
 #include "core/robot_meaning.hpp"
+#include "core/stability.hpp"
 #include "core/yaml_reader.hpp"
 
 namespace crux {
@@ -176,7 +178,16 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                       .max_speed_m_s = a.positive("max_speed_m_s"),
                       .max_rate_rad_s = a.positive("max_rate_rad_s"),
                       .max_offset_m = a.positive("max_offset_m"),
-                      .max_rotation_rad = a.positive("max_rotation_rad")};
+                      .max_rotation_rad = a.positive("max_rotation_rad"),
+                      .environment_N_m = a.positive("environment_N_m"),
+                      .environment_Nm_rad = a.positive("environment_Nm_rad"),
+                      .delay_s = a.positive("delay_s")};
+
+  const YamlReader k = file.section("calibration");
+  robot.calibration = {.window_s = k.positive("window_s"),
+                       .tolerated_N = k.positive("tolerated_N"),
+                       .tolerated_Nm = k.positive("tolerated_Nm"),
+                       .max_change = k.positive("max_change")};
 
   const YamlReader c = file.section("control");
   robot.control = {.force_filter_s = c.positive("force_filter_s"),
@@ -241,6 +252,28 @@ void read_parameters(const YamlReader& file, RobotDescription& robot) {
                       .persistence_s = s.positive("persistence_s")};
 }
 
+void check_damping(const YamlReader& admittance, const std::string& key, double damping, double least,
+                   const std::string& environment, double delay_s) {
+  if (damping >= least) return;
+  std::ostringstream reason;
+  reason << admittance.at(key) << " is " << damping << "; against " << kGainMargin << " times " << environment
+         << ", felt " << delay_s << " s late, it is stable from " << std::setprecision(4) << least << " on";
+  throw std::runtime_error(reason.str());
+}
+
+void check_stability(const YamlReader& admittance, const RobotDescription& robot) {
+  const AdmittanceParameters& a = robot.admittance;
+  const double most_s = kMostDelay_cycles / robot.can.rate_Hz;
+  if (a.delay_s > most_s)
+    throw std::runtime_error(admittance.at("delay_s") + " is " + std::to_string(a.delay_s) + "; it must be at most " +
+                             std::to_string(most_s));
+  check_damping(admittance, "damping_Ns_m", a.damping_Ns_m,
+                least_damping(a.mass_kg, a.stiffness_N_m, a.environment_N_m, a.delay_s), "environment_N_m", a.delay_s);
+  check_damping(admittance, "rotational_damping_Nms_rad", a.rotational_damping_Nms_rad,
+                least_damping(a.inertia_kg_m2, a.rotational_stiffness_Nm_rad, a.environment_Nm_rad, a.delay_s),
+                "environment_Nm_rad", a.delay_s);
+}
+
 RobotDescription read_robot(const std::string& yaml_path) {
   const std::string yaml_bytes = read_file(yaml_path);
   YAML::Node root;
@@ -260,6 +293,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
   RobotDescription robot;
   robot.name = file.text("name");
   read_parameters(file, robot);
+  check_stability(file.section("admittance"), robot);
 
   const UrdfReader urdf(urdf_path, urdf_bytes);
   robot.sha256 = sha256_hex(robot_meaning(root, urdf_bytes));

@@ -71,6 +71,20 @@ struct AdmittanceParameters {
   double max_rate_rad_s = 0.0;
   double max_offset_m = 0.0;
   double max_rotation_rad = 0.0;
+  double environment_N_m = 0.0;  ///< the stiffest that a gripper may meet
+  double environment_Nm_rad = 0.0;
+  double delay_s = 0.0;  ///< until what it does is felt as a force
+};
+
+/// The longest delay that calibration can reckon with.
+inline constexpr int kMostDelay_cycles = 64;
+
+/// Of the calibration of those gains.
+struct CalibrationParameters {
+  double window_s = 0.0;
+  double tolerated_N = 0.0;
+  double tolerated_Nm = 0.0;
+  double max_change = 0.0;
 };
 
 struct ControlParameters {
@@ -154,6 +168,8 @@ struct RobotDescription {
   GripperDescription gripper;
   ForceTorqueDescription force_torque;
   AdmittanceParameters admittance;
+  CalibrationParameters calibration;
+  bool calibrates = false;  ///< not of the file: whoever starts the core switches it on
   ControlParameters control;
   LocalisationParameters localisation;
   StanceParameters stance;

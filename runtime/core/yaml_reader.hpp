@@ -19,6 +19,9 @@ class YamlReader {
 
   YamlReader section(const std::string& key) const { return {child(key), where_ + ": " + key}; }
 
+  /// Where `key` stands, as messages say it.
+  std::string at(const std::string& key) const { return where_ + ": " + key; }
+
   std::string text(const std::string& key) const { return scalar<std::string>(key, "a text"); }
   int integer(const std::string& key) const { return scalar<int>(key, "a whole number"); }
 
@@ -59,8 +62,6 @@ class YamlReader {
   }
 
  private:
-  std::string at(const std::string& key) const { return where_ + ": " + key; }
-
   YAML::Node child(const std::string& key) const {
     const YAML::Node found = node_[key];
     if (!found) throw std::runtime_error(where_ + ": key '" + key + "' is missing");

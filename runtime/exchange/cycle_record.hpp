@@ -8,6 +8,7 @@
 #include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/control_input_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"
+#include "exchange/frame_tape.hpp"
 #include "exchange/operator_exchange.hpp"
 
 namespace crux {
@@ -20,6 +21,7 @@ struct CycleRecord {
   CycleResult result;
   PerLimb<crux_msgs::bus_health_t> health{};
   crux_msgs::cycle_timing_t timing{};
+  FrameTape frames;  ///< since the record before
 };
 
 }  // namespace crux

@@ -66,11 +66,12 @@ void LogWriter::write(CycleRecord& record) {
   write_due(Channel::kControlInput, cycle, t, record.input);
   write_due(Channel::kControlOutput, cycle, t, result.output);
   write_due(Channel::kRobotState, cycle, t, result.state);
-  for (const auto& reference : result.reference) write_due(Channel::kLimbReference, cycle, t, reference);
-  for (const auto& telemetry : result.telemetry) write_due(Channel::kLimbTelemetry, cycle, t, telemetry);
-  for (const auto& health : record.health) write_due(Channel::kBusHealth, cycle, t, health);
+  write_limbs_due(Channel::kLimbReference, cycle, t, result.reference);
+  write_limbs_due(Channel::kLimbTelemetry, cycle, t, result.telemetry);
+  write_limbs_due(Channel::kBusHealth, cycle, t, record.health);
   if (result.has_fault) log_->write(Channel::kFault, t, result.fault);
   write_due(Channel::kCycleTiming, cycle, t, record.timing);
+  frames_.take(record, *log_);
 }
 
 }  // namespace crux

@@ -16,38 +16,6 @@ constexpr const char* kProfile = "ros2";
 constexpr const char* kSchemaEncoding = "ros2msg";
 constexpr const char* kMessageEncoding = "cdr";
 
-std::string_view schema_of(const ChannelInfo& info) {
-  switch (info.channel) {
-    case Channel::kPlanPiece:
-      return crux_msgs::Ros2Schema<crux_msgs::plan_piece_t>::kDefinition;
-    case Channel::kCommand:
-      return crux_msgs::Ros2Schema<crux_msgs::command_t>::kDefinition;
-    case Channel::kAcknowledgement:
-      return crux_msgs::Ros2Schema<crux_msgs::acknowledgement_t>::kDefinition;
-    case Channel::kStatus:
-      return crux_msgs::Ros2Schema<crux_msgs::status_t>::kDefinition;
-    case Channel::kPlan:
-      return crux_msgs::Ros2Schema<crux_msgs::plan_t>::kDefinition;
-    case Channel::kRobotState:
-      return crux_msgs::Ros2Schema<crux_msgs::robot_state_t>::kDefinition;
-    case Channel::kLimbReference:
-      return crux_msgs::Ros2Schema<crux_msgs::limb_reference_t>::kDefinition;
-    case Channel::kLimbTelemetry:
-      return crux_msgs::Ros2Schema<crux_msgs::limb_telemetry_t>::kDefinition;
-    case Channel::kControlInput:
-      return crux_msgs::Ros2Schema<crux_msgs::control_input_t>::kDefinition;
-    case Channel::kControlOutput:
-      return crux_msgs::Ros2Schema<crux_msgs::control_output_t>::kDefinition;
-    case Channel::kCycleTiming:
-      return crux_msgs::Ros2Schema<crux_msgs::cycle_timing_t>::kDefinition;
-    case Channel::kBusHealth:
-      return crux_msgs::Ros2Schema<crux_msgs::bus_health_t>::kDefinition;
-    case Channel::kFault:
-      return crux_msgs::Ros2Schema<crux_msgs::fault_t>::kDefinition;
-  }
-  return {};
-}
-
 }  // namespace
 
 void McapLog::Deleter::operator()(McapWriter* writer) const noexcept {
@@ -62,12 +30,15 @@ McapLog::McapLog(const std::string& path) : path_(path) {
   for (std::size_t i = 0; i < kChannels.size(); ++i) {
     const ChannelInfo& info = kChannels[i];
     if (!info.logged) continue;
-    const std::string_view text = schema_of(info);
-    const std::int32_t schema =
-        checked(mcap_c_add_schema(writer_.get(), std::string(info.schema_name).c_str(), kSchemaEncoding,
-                                  reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
-    ids_[i] = static_cast<std::uint16_t>(checked(mcap_c_add_channel(
-        writer_.get(), static_cast<std::uint16_t>(schema), std::string(info.topic).c_str(), kMessageEncoding)));
+    const auto [name, text] = crux_msgs::ros2_schema(info.type);
+    const auto schema = static_cast<std::uint16_t>(
+        checked(mcap_c_add_schema(writer_.get(), std::string(name).c_str(), kSchemaEncoding,
+                                  reinterpret_cast<const std::uint8_t*>(text.data()), text.size())));
+    for (std::size_t limb = 0; limb < (info.per_limb ? kLimbNames.size() : 1); ++limb) {
+      const std::string topic = (info.per_limb ? "/" + std::string(kLimbNames[limb]) : "") + std::string(info.topic);
+      streams_[i][limb].id = static_cast<std::uint16_t>(
+          checked(mcap_c_add_channel(writer_.get(), schema, topic.c_str(), kMessageEncoding)));
+    }
   }
 }
 
@@ -78,10 +49,10 @@ std::int32_t McapLog::checked(std::int32_t result) {
   throw LogError("log " + path_ + ": cannot be written: " + error.data());
 }
 
-void McapLog::write_bytes(Channel channel, std::int64_t log_time_ns, std::size_t size) {
-  const auto i = static_cast<std::size_t>(channel);
-  checked(mcap_c_write(writer_.get(), ids_[i], sequences_[i]++, static_cast<std::uint64_t>(log_time_ns), buffer_.data(),
-                       size));
+void McapLog::write_bytes(Channel channel, std::size_t limb, std::int64_t log_time_ns, std::size_t size) {
+  Stream& stream = streams_[static_cast<std::size_t>(channel)][limb];
+  checked(mcap_c_write(writer_.get(), stream.id, stream.sequence++, static_cast<std::uint64_t>(log_time_ns),
+                       buffer_.data(), size));
 }
 
 void McapLog::write_metadata(const std::string& name, const Metadata& metadata) {

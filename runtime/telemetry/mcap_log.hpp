@@ -1,4 +1,4 @@
-// telemetry.mcap: messages as CDR with ros2msg schemas, one MCAP channel a logged channel of msgs/channels.yaml.
+// telemetry.mcap: messages as CDR with ros2msg schemas, the channels of msgs/channels.yaml that are logged.
 #pragma once
 
 #include <array>
@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/reason.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "crux_msgs/channels.hpp"
 
@@ -31,11 +32,12 @@ class McapLog {
   /// @throws LogError
   explicit McapLog(const std::string& path);
 
+  /// @param limb of a channel that has a topic for each limb
   template <class Message>
-  void write(crux_msgs::Channel channel, std::int64_t log_time_ns, const Message& message) {
+  void write(crux_msgs::Channel channel, std::int64_t log_time_ns, const Message& message, std::size_t limb = 0) {
     const std::size_t size = crux_msgs::cdr_size(message);
     if (buffer_.size() < size) buffer_.resize(size);
-    write_bytes(channel, log_time_ns, crux_msgs::encode_cdr(message, buffer_));
+    write_bytes(channel, limb, log_time_ns, crux_msgs::encode_cdr(message, buffer_));
   }
 
   /// @throws LogError as all below
@@ -55,13 +57,18 @@ class McapLog {
     void operator()(McapWriter* writer) const noexcept;
   };
 
-  void write_bytes(crux_msgs::Channel channel, std::int64_t log_time_ns, std::size_t size);
+  /// A topic of the log.
+  struct Stream {
+    std::uint16_t id = 0;
+    std::uint32_t sequence = 0;
+  };
+
+  void write_bytes(crux_msgs::Channel channel, std::size_t limb, std::int64_t log_time_ns, std::size_t size);
   std::int32_t checked(std::int32_t result);
 
   std::string path_;
   std::unique_ptr<McapWriter, Deleter> writer_;
-  std::array<std::uint16_t, crux_msgs::kChannels.size()> ids_{};
-  std::array<std::uint32_t, crux_msgs::kChannels.size()> sequences_{};
+  std::array<PerLimb<Stream>, crux_msgs::kChannels.size()> streams_{};
   std::vector<std::uint8_t> buffer_;
 };
 

@@ -40,7 +40,7 @@ class MessageGolden : public testing::Test {
 };
 
 using AllTypes =
-    testing::Types<crux_msgs::acknowledgement_t, crux_msgs::bus_health_t, crux_msgs::command_t,
+    testing::Types<crux_msgs::acknowledgement_t, crux_msgs::bus_health_t, crux_msgs::can_frames_t, crux_msgs::command_t,
                    crux_msgs::control_input_t, crux_msgs::control_output_t, crux_msgs::cycle_timing_t,
                    crux_msgs::fault_t, crux_msgs::hold_t, crux_msgs::limb_knot_t, crux_msgs::limb_reference_t,
                    crux_msgs::limb_telemetry_t, crux_msgs::plan_knot_t, crux_msgs::plan_piece_t, crux_msgs::plan_t,

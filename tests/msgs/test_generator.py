@@ -87,6 +87,7 @@ def test_can_databases_that_break_our_rules_are_refused(tmp_path: Path, pattern:
         ("CRUX_FAULT", "CRUX_PLAN", "share one name"),
         ("writer: tools", "writer: nobody", "is written by nobody"),
         ("version: 1", "version: 2", "version must be 1"),
+        ("topic: /plan", "topic: /plan, per_limb: true", "plan_t has no member 'limb'"),
     ],
 )
 def test_channel_tables_that_contradict_themselves_are_refused(

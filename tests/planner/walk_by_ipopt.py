@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from climb_by_ipopt import ONCE
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.gait import longest_step
@@ -23,7 +24,7 @@ from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, body_cost, w
 from crux_planner.physics.dynamics import centre_of_mass, euler_step, on_feet, rotation
 from crux_planner.physics.limit_surface import SMOOTHING_N
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.solvers.ipopt import ONCE, Nlp, NlpSolution
+from crux_planner.solvers.ipopt import Nlp, NlpSolution
 from crux_planner.trajectory.solution import WalkSolution
 from crux_planner.trajectory.stage_functions import FORCE_SCALE_N
 from crux_planner.trajectory.walk_qp import WalkKnots

@@ -9,9 +9,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import CHANNELS, log_topics
 from crux_contracts.robot import load_robot
 from crux_msgs import hold_t, limb_knot_t, plan_knot_t, plan_t
-from crux_msgs.tables import CHANNELS, SCHEMAS
+from crux_msgs.tables import SCHEMAS
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 
@@ -144,9 +146,10 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True, attac
         for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():
             writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
         schemas = {
-            topic: writer.register_msgdef(*SCHEMAS[type_])
-            for _, type_, _, who, logged, topic in CHANNELS
-            if logged and who != "simulation"
+            topic: writer.register_msgdef(*SCHEMAS[channel.type])
+            for channel in CHANNELS
+            if channel.writer != "simulation"
+            for topic in log_topics(channel)
         }
 
         def put(topic: str, at: int, /, **fields: Any) -> None:
@@ -214,10 +217,10 @@ def _put_cycle(put: Any, plan: plan_t, story: Story, cycle: int, plan_cycles: in
         stance = limb.phase == limb.STANCE
         force = np.array(limb.finger_force_w_n).reshape(2, 3).sum(axis=0) * stance
         pose = {"gripper_position_w_m": list(limb.gripper_position_w_m)}
-        put("/limb_reference", cycle, limb=index, phase=0 if stance else 4, load=float(stance), **pose,
-            gripper_yaw_w_rad=limb.gripper_yaw_w_rad, finger_opening_m=limb.finger_separation_m / 2,
+        put(f"/{LIMB_NAMES[index]}/limb_reference", cycle, limb=index, phase=0 if stance else 4, load=float(stance),
+            **pose, gripper_yaw_w_rad=limb.gripper_yaw_w_rad, finger_opening_m=limb.finger_separation_m / 2,
             force_w_n=force.tolist(), moment_w_nm=[0.0] * 3, friction=limb.friction)  # fmt: skip
-        put("/limb_telemetry", cycle, limb=index, **pose, gripper_quaternion_w=[1.0, 0, 0, 0],
+        put(f"/{LIMB_NAMES[index]}/limb_telemetry", cycle, limb=index, **pose, gripper_quaternion_w=[1.0, 0, 0, 0],
             force_w_n=(force + story.force_error_n[index]).tolist(), moment_w_nm=[0.0] * 3,
             force_reference_w_n=force.tolist(), moment_reference_w_nm=[0.0] * 3, admittance_offset_m=[0.0] * 3,
             admittance_rotation_rad=[0.0] * 3, tare_force_g_n=[0.0] * 3, tare_moment_g_nm=[0.0] * 3,

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.plan_file import write_plan
 from crux_tools.cli import main
 from crux_tools.telemetry import read_log
+from hand_plan import standing_plan
 from made_up_climb import Story, write_log
 from mcap.reader import make_reader
 from test_log_ls import judge
@@ -39,6 +43,22 @@ def said(path: Path) -> dict[str, dict[str, str]]:
 def files(path: Path) -> dict[str, bytes]:
     with path.open("rb") as file:
         return {record.name: record.data for record in make_reader(file).iter_attachments()}
+
+
+def notes_of(path: Path) -> list[dict[str, str]]:
+    with path.open("rb") as file:
+        return [record.metadata for record in make_reader(file).iter_metadata() if record.name == "crux_note"]
+
+
+def summary_of(path: Path) -> Any:
+    with path.open("rb") as file:
+        return make_reader(file).get_summary()
+
+
+def without_summary(file: bytes) -> bytes:
+    """A file as the runtime leaves it when it is killed: DataEnd, an empty footer, magic."""
+    summary_start = struct.unpack_from("<Q", file, len(file) - 8 - 20)[0]
+    return file[:summary_start] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + file[-8:]
 
 
 def test_a_cut_has_what_lies_in_it_and_the_plan(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,6 +91,41 @@ def test_parts_make_the_whole_again(log: Path, tmp_path: Path) -> None:
     assert again.end == before.end
     assert again.notes == before.notes
     assert again.verdict is not None
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_notes_are_added_and_shown(finished: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`finished`: the log has a summary; that of a runtime that was killed has none, yet it ends as MCAP files do."""
+    log = tmp_path / "climb.mcap"
+    write_log(log, Story(ready_cycles=3, wait_cycles=0, metadata=METADATA | {"note": "New rubber"}))
+    if not finished:
+        log.write_bytes(without_summary(log.read_bytes()))
+    before, statistics = messages(log), summary_of(log)
+    assert main(["log", "note", str(log), "left pad\n was wet"]) == 0
+    assert main(["log", "note", str(log), "torn since", "--json"]) == 0
+    told = "New rubber; left pad was wet; torn since"
+    assert json.loads(capsys.readouterr().out)["note"] == told
+    assert read_log(log).metadata["note"] == told
+    assert main(["log", "info", str(log), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["climb"]["note"] == told
+    assert messages(log) == before
+    if statistics is not None:
+        now = summary_of(log)
+        assert now is not None
+        assert now.statistics.metadata_count == statistics.statistics.metadata_count + 2
+        assert now.statistics.message_start_time == statistics.statistics.message_start_time
+        assert [record["note"] for record in notes_of(log)] == ["left pad was wet", "torn since"]
+
+
+def test_what_is_no_note_or_no_log_is_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, killed = tmp_path / "plan.mcap", tmp_path / "killed.mcap"
+    write_plan(plan, standing_plan())
+    killed.write_bytes(log.read_bytes()[:-50])
+    for words in ((log, " "), (plan, "good"), (killed, "good"), (tmp_path / "none.mcap", "good")):
+        content = words[0].read_bytes() if words[0].exists() else b""
+        assert main(["log", "note", str(words[0]), words[1]]) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
+        assert (words[0].read_bytes() if words[0].exists() else b"") == content
 
 
 def test_logs_of_two_runs_are_not_merged(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

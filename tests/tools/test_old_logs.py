@@ -11,7 +11,8 @@ from pathlib import Path
 import crux_msgs
 import numpy as np
 import pytest
-from crux_contracts.channels import BY_NAME
+from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import BY_NAME, CHANNELS, LOG_FORMAT, SCHEMAS, log_topics
 from crux_msgs import robot_state_t
 from crux_tools.cli import main
 from crux_tools.log.lcm_command import messages
@@ -34,7 +35,11 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         [("/limb_telemetry", "float64 utilisation"), ("/limb_telemetry", "float64 slip_m")],
         ("/limb_telemetry", "float64 borne_friction"),
     ),
-    "7-grasps": ([("/limb_telemetry", "float64 borne_friction")], None),
+    "7-grasps": ([("/limb_telemetry", "float64 borne_friction")], ("/LF/limb_telemetry", "int8 limb")),
+    "8-frames": (
+        [("/LF/limb_telemetry", "int8 limb"), ("/can_frames", "uint8[] data")],
+        ("/LF/limb_telemetry", "float64[6] admittance_gains"),
+    ),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
@@ -53,7 +58,15 @@ def test_every_format_is_there() -> None:
         texts = definitions(path)
         has, lacks = FORMATS[path.stem]
         assert all(line in texts[topic].splitlines() for topic, line in has)
-        assert lacks is None or lacks[1] not in texts[lacks[0]].splitlines()
+        assert lacks is None or lacks[1] not in texts.get(lacks[0], "").splitlines()
+
+
+def test_the_newest_is_of_todays_format() -> None:
+    """A change of a logged message or topic asks for another log_format in msgs/channels.yaml, and a log of it here."""
+    newest = max(LOGS, key=lambda path: int(path.stem.split("-")[0]))
+    assert read_log(newest).metadata["format"] == str(LOG_FORMAT) == newest.stem.split("-")[0]
+    today = {topic: SCHEMAS[channel.type].definition for channel in CHANNELS for topic in log_topics(channel)}
+    assert definitions(newest).items() <= today.items()
 
 
 @each
@@ -62,7 +75,8 @@ def test_it_reads_as_another_reader_reads_it(path: Path) -> None:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         states = {m.log_time: d for _, _, m, d in reader.iter_decoded_messages(topics=["/robot_state"])}
-        limbs = {(m.log_time, d.limb): d for _, _, m, d in reader.iter_decoded_messages(topics=["/limb_telemetry"])}
+        topics = ["/limb_telemetry", *(f"/{limb}/limb_telemetry" for limb in LIMB_NAMES)]
+        limbs = {(m.log_time, d.limb): d for _, _, m, d in reader.iter_decoded_messages(topics=topics)}
     assert len(log.time_s) >= 50
     for row, time_s in enumerate(log.time_s):
         state = states[round(time_s * 1e9)]

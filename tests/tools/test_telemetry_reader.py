@@ -62,7 +62,8 @@ def test_rows_are_those_another_reader_finds(log_path: Path) -> None:
     log = read_log(log_path)
     with log_path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        expected = [message for *_, message in reader.iter_decoded_messages(topics=["/limb_telemetry"])]
+        topics = [f"/{limb}/limb_telemetry" for limb in ("LF", "RF", "LR", "RR")]
+        expected = [message for *_, message in reader.iter_decoded_messages(topics=topics)]
     assert log.limbs.shape == (len(expected) // 4, 4)
     for index in (0, 777, len(expected) - 1):
         row, limb = divmod(index, 4)

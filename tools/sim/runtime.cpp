@@ -46,6 +46,7 @@ Options options_of(std::span<const char* const> arguments) {
 RobotDescription robot_of(const Options& options) {
   Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
+  loaded.value().calibrates = options.calibrate;
   return std::move(loaded.value());
 }
 
@@ -83,7 +84,7 @@ struct crux_runtime {
 crux_runtime::crux_runtime(crux_nodes* nodes, const Options& options)
     : robot_(robot_of(options)),
       server_(kInProcess, robot_, exchange_, false),
-      log_writer_(records_, open_log(options, robot_), exchange_.log_broken),
+      log_writer_(records_, open_log(options, robot_), exchange_.log_broken, options.log_frames),
       loop_(robot_, memory_buses(nodes), exchange_, records_, options.cycle),
       log_thread_([this] { log_writer_.run(ended_); }) {
   using Self = crux_runtime*;

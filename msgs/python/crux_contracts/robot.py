@@ -105,6 +105,7 @@ class Robot:
     grasp: robot_sections.GraspLimits
     walking: robot_sections.Walking
     admittance: robot_sections.Admittance
+    calibration: robot_sections.Calibration
     control: robot_sections.Control
     localisation: robot_sections.Localisation
     stance: robot_sections.Stance

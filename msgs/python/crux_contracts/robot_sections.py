@@ -165,6 +165,19 @@ class Admittance:
     max_rate_rad_s: float
     max_offset_m: float
     max_rotation_rad: float
+    environment_N_m: float
+    environment_Nm_rad: float
+    delay_s: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Of the admittance's gains."""
+
+    window_s: float
+    tolerated_N: float
+    tolerated_Nm: float
+    max_change: float
 
 
 @dataclass(frozen=True)
@@ -253,6 +266,7 @@ SECTIONS = {
     "grasp": GraspLimits,
     "walking": Walking,
     "admittance": Admittance,
+    "calibration": Calibration,
     "control": Control,
     "localisation": Localisation,
     "stance": Stance,

@@ -1,7 +1,5 @@
 """(7): the polytopes of body and gripper states, from the robot description."""
 
-from __future__ import annotations
-
 import numpy as np
 from crux_contracts.robot import Robot
 
@@ -43,13 +41,8 @@ def check_bounds(plan: PlanArrays, robot: Robot, point_model: bool, findings: Fi
         opening = 0.5 * plan.separation[:, limb]
         low, high = robot.gripper.opening_m
         applies = ~plan.on_wall[:, limb]
-        findings.add_series(
-            "finger_opening",
-            np.where(applies, np.maximum(low - opening, opening - high), -np.inf),
-            times,
-            "m",
-            limb=limb,
-        )
+        beyond = np.where(applies, np.maximum(low - opening, opening - high), -np.inf)
+        findings.add_series("finger_opening", beyond, times, "m", limb=limb)
         yaw = (plan.gripper_yaw[:, limb] - plan.body_rpy[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         low, high = yaw_range
         findings.add_series("gripper_yaw", np.maximum(low - yaw, yaw - high), times, "rad", limb=limb)

@@ -1,7 +1,5 @@
 """The checker of exact P1: every constraint at every knot and between the knots, for the real robot."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -11,20 +9,17 @@ from crux_contracts.robot import Robot
 from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
 from crux_planner.checker.contact import check_contact
-from crux_planner.checker.dynamics import check_dynamics
-from crux_planner.checker.equilibrium import check_between_knots, tumble_margin
-from crux_planner.checker.identity import check_identity
+from crux_planner.checker.dynamics import centre_of_mass, check_dynamics, check_feet_press, net_wrench
+from crux_planner.checker.equilibrium import check_between_knots, check_torques, shared_load, tumble_margin
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
-from crux_planner.checker.load_sharing import check_torques, shared_load
-from crux_planner.checker.momentum import centre_of_mass, check_feet_press, net_wrench
 from crux_planner.checker.parts import body_parts, limb_parts
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
 from crux_planner.checker.sampling import on_pads, sample
-from crux_planner.checker.scene import Scene, read_scene
+from crux_planner.checker.scene import Scene, check_identity, read_scene
 from crux_planner.checker.terminal import check_ends
 from crux_planner.checker.uncertainty import check_uncertainty
 

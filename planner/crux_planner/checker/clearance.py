@@ -6,10 +6,9 @@ by the separating axis theorem for boxes. Pads, which pass closest, are followed
 Only what may be a violation, or the tightest place of its kind, is measured: bounds settle the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +47,14 @@ def check_clearance(
     for look, places, gaps in zip(looks, open_places, _measured(looks, open_places), strict=True):
         part, limb = look.part, look.limb
         for c, need in look.needs(cuts[part.kind], places, gaps):
-            findings.add_series(
-                f"clearance_{part.kind}",
-                need[look.rests],
-                samples.time_s,
-                "m",
-                limb=limb,
-                finger=part.finger,
-                detail=f"to {cuboids.names[c]!r}",
-            )
+            where: dict[str, Any] = {"limb": limb, "finger": part.finger, "detail": f"to {cuboids.names[c]!r}"}
+            findings.add_series(f"clearance_{part.kind}", need[look.rests], samples.time_s, "m", **where)
         if point_model and part.kind in ("finger", "palm"):
             continue  # feet stand on the wall
         height = tolerances.MOVING_CLEARANCE_M - _height(part)
-        findings.add_series(
-            "clearance_wall",
-            np.where(np.isnan(height), -np.inf, height)[look.rests],
-            samples.time_s,
-            "m",
-            limb=limb,
-            finger=part.finger,
-            detail=f"of the {part.kind}",
-        )
+        height = np.where(np.isnan(height), -np.inf, height)[look.rests]
+        where = {"limb": limb, "finger": part.finger, "detail": f"of the {part.kind}"}
+        findings.add_series("clearance_wall", height, samples.time_s, "m", **where)
 
 
 @dataclass(frozen=True)

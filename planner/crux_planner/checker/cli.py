@@ -1,7 +1,5 @@
 """`crux check PLAN.mcap`: what the checker says, as tables or as one JSON object."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -2,8 +2,6 @@
 hold serves one limb at a time; swings have the structure of msgs/PLAN.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,9 +79,7 @@ def _check_contact_names(plan: PlanArrays, wall_friction: float, point_model: bo
 def _check_faces(
     plan: PlanArrays, patch_radius_m: float, pad_height_m: tuple[float, float], findings: Findings
 ) -> None:
-    """(10a): finger positions on their faces, the whole patch on the face, pad height within the robot's range; the
-    opening axis along the face normal (9b).
-    """
+    """(10a): fingers on their faces, the whole patch on the face, pad height in range; opening axis on normal (9b)."""
     normal, finger = plan.face_normal, plan.finger_position
     for limb in range(4):
         gripped = plan.gripped[:, limb]
@@ -103,11 +99,8 @@ def _check_faces(
                 z = offset[:, 2]
                 beyond = np.maximum(patch_radius_m - z, z - (size[:, 2] - patch_radius_m))
                 height = np.maximum(pad_height_m[0] - z, z - pad_height_m[1])
-                for name, values in (
-                    ("contact_face", off_face),
-                    ("contact_patch", np.maximum(aside, beyond)),
-                    ("pad_height", height),
-                ):
+                found = {"contact_face": off_face, "contact_patch": np.maximum(aside, beyond), "pad_height": height}
+                for name, values in found.items():
                     findings.add_series(name, values, times, "m", limb=limb, finger=f + 1)
             cosine = np.clip((plan.opening_axis[gripped, limb] * normal[gripped, limb, 0]).sum(axis=1), -1.0, 1.0)
             findings.add_series("finger_axis", np.arccos(cosine), times, "rad", limb=limb)
@@ -124,9 +117,8 @@ def _check_rest(plan: PlanArrays, findings: Findings) -> None:
         resting = plan.stance[:-1, limb]
         for f in (0, 1):
             moved = np.abs(np.diff(finger[:, limb, f], axis=0)).max(axis=1)
-            findings.add_series(
-                "contact_motion", np.where(resting, moved, -np.inf), plan.time_s[1:], "m", limb=limb, finger=f + 1
-            )
+            moved = np.where(resting, moved, -np.inf)
+            findings.add_series("contact_motion", moved, plan.time_s[1:], "m", limb=limb, finger=f + 1)
         changed = plan.stance[:-1, limb] & plan.stance[1:, limb]
         changed &= (np.diff(plan.hold[:, limb]) != 0) | (np.diff(plan.finger1_face[:, limb]) != 0)
         for k in np.flatnonzero(changed):
@@ -139,11 +131,9 @@ def _check_air(plan: PlanArrays, findings: Findings) -> None:
     for limb in range(4):
         air = ~plan.stance[:, limb]
         for f in (0, 1):
-            for name, values, unit in (
-                ("air_force", plan.finger_force[:, limb, f], "N"),
-                ("air_moment", plan.finger_moment[:, limb, f], "N m"),
-            ):
-                size = np.where(air, np.linalg.norm(values, axis=1), -np.inf)
+            loads = ("air_force", plan.finger_force, "N"), ("air_moment", plan.finger_moment, "N m")
+            for name, values, unit in loads:
+                size = np.where(air, np.linalg.norm(values[:, limb, f], axis=1), -np.inf)
                 findings.add_series(name, size, plan.time_s, unit, limb=limb, finger=f + 1)
 
 

@@ -1,25 +1,28 @@
-"""Equilibrium between the knots, where the body moves on while wrenches blend from knot to knot, and the margin
-against tumbling.
+"""What the controller makes of the plan's wrenches between the knots, where the body and a limb in the air move on as
+wrenches blend from knot to knot; equilibrium there, the joint torques asked for, and the margin against tumbling.
 
 The blended wrenches of a stance give accelerations between those of the knots (they are convex combinations of theirs)
-but do not balance the moments: the body is not where either knot had it. The controller makes up for that with the
-wrenches of the limbs in stance. So the check is not that the residual is zero but that a correction exists: the least
-change of forces and of twists about the finger axes, shared by load, that balances the moment; with it every finger's
-demand must stay inside the exact limit surface for some normal force up to the plan's limit. The squeeze may rise: the
-grasp force controller sets it from the demand.
+but do not balance the moments: the body is not where either knot had it. The controller shares the load anew about the
+centre of mass, by the wrenches of the limbs in stance. So the check is not that the residual is zero but that a
+correction exists: the least change of forces and of twists about the finger axes, shared by load, that balances the
+moment; with it every finger's demand must stay inside the exact limit surface for some normal force up to the plan's
+limit, and no joint be asked for more than it has. The squeeze may rise: the grasp force controller sets it from the
+demand.
 """
 
-from __future__ import annotations
-
+from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Array, cross, solved
+from crux_planner.checker.geometry import Array, cross, solved, turned_back
+from crux_planner.checker.kinematics import LimbMotion
+from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.checker.limit_surface import FingerLoads, cone_excess
 from crux_planner.checker.plan_arrays import PlanArrays
-from crux_planner.checker.report import Findings
+from crux_planner.checker.report import Findings, PeakTorque
 from crux_planner.checker.sampling import Samples
 from crux_planner.checker.scene import Scene
 
@@ -63,9 +66,7 @@ def corrected_wrenches(
 
 
 def _least_squares(normal: Array, right: Array) -> Array:
-    """Least-norm solutions (6, T) of normal equations (6, 6, T), by the pseudoinverse where they come near to lacking
-    rank.
-    """
+    """Least-norm solutions (6, T) of normal equations (6, 6, T), by the pseudoinverse where they nearly lack rank."""
     factors = normal.copy()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         found = solved(factors, right)
@@ -87,16 +88,15 @@ def check_between_knots(
 
     `shared` has the corrected wrenches, `left` (T,) [Nm] is what no correction removes.
     """
-    samples, force, moment = shared, shared.force, shared.moment
+    samples, force = shared, shared.force
     for limb in range(4):
         stray = np.where(samples.load[:, limb] <= 0.0, np.linalg.norm(force[:, limb], axis=1), -np.inf)
         findings.add_series("air_force_between_knots", stray, samples.time_s, "N", limb=limb)
-    point_model = scene.point_model
     findings.add_series("equilibrium_between_knots", left, samples.time_s, "N m")
     for limb in range(4):
         at = samples.interval
         bears = samples.load[:, limb] > 0.0
-        if point_model:
+        if scene.point_model:
             excess = cone_excess(
                 force[:, limb, :2],
                 np.zeros(len(at)),
@@ -108,33 +108,19 @@ def check_between_knots(
             )
             excess = np.maximum(excess, force[:, limb, 2] - plan.max_normal_N)
         else:
-            hanging = scene.spines_only.get(limb)
-            excess = _grasp_excess(plan, samples, loads, limb, hanging, force=force[:, limb], moment=moment[:, limb])
-        findings.add_series(
-            "limit_surface_between_knots",
-            np.where(bears, excess, -np.inf),
-            samples.time_s,
-            "N",
-            tolerance=tolerances.FRICTION_CONE_BETWEEN_KNOTS_N,
-            limb=limb,
-        )
+            excess = _grasp_excess(plan, samples, loads, limb, scene.spines_only.get(limb))
+        excess, tolerance = np.where(bears, excess, -np.inf), tolerances.FRICTION_CONE_BETWEEN_KNOTS_N
+        name = "limit_surface_between_knots"
+        findings.add_series(name, excess, samples.time_s, "N", tolerance=tolerance, limb=limb)
 
 
-def _grasp_excess(
-    plan: PlanArrays,
-    samples: Samples,
-    loads: FingerLoads,
-    limb: int,
-    hanging: int | None,
-    *,
-    force: Array,
-    moment: Array,
-) -> Array:
+def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: int, hanging: int | None) -> Array:
     """Newtons by which a gripper's wrench exceeds what its two fingers can carry, each with half the shear and twist,
     the finger that is pushed harder at the largest normal force: the other one presses less by the pull between them.
     Where finger `hanging` hangs on by its spines only it does not press, and the other one takes the pull alone.
     """
     axis, at = samples.opening_axis[:, limb], samples.interval
+    force, moment = samples.force[:, limb], samples.moment[:, limb]
     tangent = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
     shear = 0.5 * np.stack([(force[:, :2] * tangent).sum(axis=1), force[:, 2]], axis=1)
     twist = 0.5 * (moment * axis).sum(axis=1)
@@ -189,3 +175,61 @@ def tumble_margin(plan: PlanArrays, loads: FingerLoads, mass_kg: float) -> float
         holding = sum(np.where(feet[c], pull[c] * arm, 0.0) for c, arm in zip(others, arms, strict=True))
         best = min(best, float(np.where(is_edge, (gravity + holding) / size, np.inf).min()))
     return best if np.isfinite(best) else None
+
+
+def along_plane(feet_w_m: Array, force_w: Array) -> Array:
+    """Forces (T, 4, 3) of point feet at (T, 4, 3) with what acts along the wall shared by how hard each foot presses.
+
+    Least sum of |f_t|^2 / f_z with the same normal forces and the same sums of forces and moments: the controller's
+    sharing, which keeps a foot that presses less than planned inside its friction.
+    """
+    weight = np.maximum(force_w[:, :, 2], 0.0)[:, :, None]
+    root = np.sqrt(weight[:, :, 0])
+    centred = feet_w_m - feet_w_m.mean(axis=1, keepdims=True)
+    x, y = centred[:, :, 0], centred[:, :, 1]
+    effects = np.zeros((len(force_w), 3, 4, 2))  # of each foot's force on the sums along x, along y and about z
+    effects[:, 0, :, 0] = effects[:, 1, :, 1] = 1.0
+    effects[:, 2, :, 0], effects[:, 2, :, 1] = -y, x
+    sums = np.einsum("tilj,tlj->ti", effects, force_w[:, :, :2])
+    scaled = (effects * root[:, None, :, None]).reshape(len(force_w), 3, 8)
+    least = np.einsum("tji,ti->tj", np.linalg.pinv(scaled), sums)
+    shared = force_w.copy()
+    shared[:, :, :2] = root[:, :, None] * least.reshape(-1, 4, 2)
+    return shared
+
+
+def shared_load(
+    samples: Samples, centre_w_m: Array, net: tuple[Array, Array] | None, twist_length_m: float
+) -> tuple[Samples, Array]:
+    """The samples with the wrenches that the controller makes of the plan's: balanced about the centre of mass
+    (T, 3) and, on feet, with what acts along the wall shared anew. And what no correction removes, (T,).
+
+    `net` are the force and moment that point feet must have together; None for grasps, whose forces sum as planned.
+    """
+    force, moment, left = corrected_wrenches(samples, twist_length_m, centre_w_m, net, point_model=net is not None)
+    if net is not None:
+        force = along_plane(samples.gripper_position, force)
+    return replace(samples, force=force, moment=moment), left
+
+
+def check_torques(
+    samples: Samples, motions: list[LimbMotion], robot: WholeRobot, gravity_w: Array, findings: Findings
+) -> PeakTorque:
+    """No joint is asked for more than it can give, with the shared wrenches in `samples` acting at the grippers'
+    centres; returns the joint and moment that come closest to that, or furthest beyond.
+    """
+    gravity_b = turned_back(samples.rotation, gravity_w)
+    torques = []
+    for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
+        wrench_b = [turned_back(samples.rotation, part[:, index]) for part in (samples.force, samples.moment)]
+        torque = limb.gravity_torque(motion.state, gravity_b) + limb.contact_torque(motion.state, *wrench_b)
+        torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
+        for joint, size in zip(limb.joints, torques[-1].T, strict=True):
+            beyond = np.where(motion.reached, size - joint.effort, -np.inf)
+            where: dict[str, Any] = {"tolerance": tolerances.TORQUE_NM, "limb": index, "detail": joint.name}
+            findings.add_series("joint_torque_shared", beyond, samples.time_s, "N m", **where)
+    size = np.stack(torques)
+    efforts = np.array([[joint.effort for joint in limb.joints] for limb in robot.limbs])
+    i, row, j = np.unravel_index(int(np.argmax(size / efforts[:, None])), size.shape)
+    name, joint = robot.limbs[i].name, robot.limbs[i].joints[j]
+    return PeakTorque(name, joint.name, float(samples.time_s[row]), float(size[i, row, j]), joint.effort)

@@ -4,8 +4,6 @@ Where there are many, matrices and vectors lie in memory component by component:
 for thousands of small matrices is several times faster than stacked matrix products.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,14 +73,8 @@ def solved(matrices: Array, right: Array) -> Array:
 
 def rotation_vector(rotation: Array) -> Array:
     """Logarithm of rotations (..., 3, 3) -> (..., 3); near a half turn the axis is taken from the symmetric part."""
-    skew = 0.5 * np.stack(
-        [
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ],
-        axis=-1,
-    )
+    pairs = (2, 1), (0, 2), (1, 0)
+    skew = 0.5 * np.stack([rotation[..., i, j] - rotation[..., j, i] for i, j in pairs], axis=-1)
     sine = np.linalg.norm(skew, axis=-1)
     cosine = np.clip(0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0), -1.0, 1.0)
     angle = np.arctan2(sine, cosine)
@@ -100,14 +92,8 @@ def body_rate_matrix(rpy: Array) -> Array:
     sr, cr = np.sin(rpy[..., 0]), np.cos(rpy[..., 0])
     sp, cp = np.sin(rpy[..., 1]), np.cos(rpy[..., 1])
     zero, one = np.zeros_like(sr), np.ones_like(sr)
-    return np.stack(
-        [
-            np.stack([one, zero, -sp], -1),
-            np.stack([zero, cr, sr * cp], -1),
-            np.stack([zero, -sr, cr * cp], -1),
-        ],
-        axis=-2,
-    )
+    rows = [[one, zero, -sp], [zero, cr, sr * cp], [zero, -sr, cr * cp]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def signed_distance_to_box(points: Array, half_extents: Array) -> Array:

@@ -2,8 +2,6 @@
 plan's own clock within the speed limits, and the planned wrenches are held within the joints' torques.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +16,7 @@ from crux_planner.checker.sampling import Samples
 
 @dataclass(frozen=True)
 class LimbMotion:
-    """Joint angles (T, J), links, and torques (T, J) of one limb at the samples, and where they reach the planned pose
-    (T,).
-    """
+    """Joint angles (T, J), links, torques (T, J) of one limb at the samples, and where it reaches its pose (T,)."""
 
     q_rad: Array
     state: ChainState
@@ -44,9 +40,8 @@ def check_kinematics(
         times, q = samples.time_s, solution.q_rad
         findings.add_series("inverse_kinematics", solution.position_error_m, times, "m", limb=index)
         findings.add_series("inverse_kinematics_orientation", solution.rotation_error_rad, times, "rad", limb=index)
-        reached = (solution.position_error_m <= tolerances.LENGTH_M) & (
-            solution.rotation_error_rad <= tolerances.ANGLE_RAD
-        )
+        reached = solution.position_error_m <= tolerances.LENGTH_M
+        reached = reached & (solution.rotation_error_rad <= tolerances.ANGLE_RAD)
         state = limb.forward(q, samples.opening[:, index])
         force_b = turned_back(samples.rotation, samples.force[:, index])
         moment_b = turned_back(samples.rotation, samples.moment[:, index])
@@ -67,18 +62,9 @@ def check_kinematics(
                 # a pose out of reach is reported once, as such
                 applies = np.where(reached, amount, -np.inf)
                 findings.add_series(constraint, applies, times, unit, tolerance=tolerance, limb=index, detail=name)
-            loads.append(
-                JointLoad(
-                    limb.name,
-                    name,
-                    float(size[:, j].max()),
-                    float(np.sqrt(mean_square[j])),
-                    joint.effort,
-                    float(continuous_Nm[j]),
-                    float(speed[:, j].max()),
-                    joint.velocity,
-                )
-            )
+            peak, rms, fastest = float(size[:, j].max()), float(np.sqrt(mean_square[j])), float(speed[:, j].max())
+            torques = peak, rms, joint.effort, float(continuous_Nm[j])
+            loads.append(JointLoad(limb.name, name, *torques, fastest, joint.velocity))
         motions.append(LimbMotion(q, state, torque, reached))
     return motions, loads
 

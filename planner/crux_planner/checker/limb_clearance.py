@@ -4,8 +4,6 @@ way.
 Only what may be a violation, or the tightest place of all, is measured: boxes around the parts settle the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -25,9 +23,7 @@ Indices = NDArray[np.int_]
 
 
 def check_limb_clearance(samples: Samples, limbs: list[list[Part]], body: list[Part], findings: Findings) -> None:
-    """Every part of every limb (in limb order) against every part of every other one, and of the body but what turns on
-    it.
-    """
+    """Every part of every limb (in limb order) against those of all others, and of the body but what turns on it."""
     sides = [*combinations(limbs, 2), *(([part for part in limb if not part.on_body], body) for limb in limbs)]
     names = [*combinations(range(len(limbs)), 2), *((limb, None) for limb in range(len(limbs)))]
     groups = [(_Limb(first), _Limb(second)) for first, second in sides if first and second]
@@ -125,11 +121,8 @@ class _Pair:
         boxes = self.first.is_box, self.second.is_box
         rows = np.flatnonzero(~boxes[0][i] & ~boxes[1][j])
         if len(rows) > 0:
-            ends = [
-                _gathered(parts, name, index[rows], t[rows])
-                for parts, index in ((first, i), (second, j))
-                for name in ("start", "end")
-            ]
+            both = ((parts, of[rows], name) for parts, of in ((first, i), (second, j)) for name in ("start", "end"))
+            ends = [_gathered(parts, name, of, t[rows]) for parts, of, name in both]
             radii = [np.array([p.radius_m for p in parts]) for parts in (first, second)]
             found[rows] = segment_to_segment(*ends) - (radii[0][i[rows]] + radii[1][j[rows]])
         for a in np.flatnonzero(boxes[0]):

@@ -4,8 +4,6 @@ Frames and signs are the URDF's. Everything is computed in the body frame B with
 B by the caller. Nothing here knows the closed form of the limb: chains are walked joint by joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from xml.etree import ElementTree
@@ -115,10 +113,10 @@ class Limb:
         found: list[tuple[Joint, Array, Array | None]] = []
         for joint in self.chain:
             to_axis = axis_frame(joint.axis)
-            fixed = joint.kind != "revolute" or joint.axis[2] == 1.0
-            found.append(
-                (joint, joint.rotation.T if fixed else (joint.rotation @ to_axis).T, None if fixed else to_axis)
-            )
+            if joint.kind != "revolute" or joint.axis[2] == 1.0:
+                found.append((joint, joint.rotation.T, None))
+            else:
+                found.append((joint, (joint.rotation @ to_axis).T, to_axis))
         return found
 
     def forward(self, q_rad: Array, opening_m: Array | None = None) -> ChainState:
@@ -178,11 +176,8 @@ class Limb:
 
     def first_moment(self, state: ChainState) -> Array:
         """Sum (n, 3) of mass times place of the limb's links, in B; needs a state with fingers."""
-        parts = (
-            link.mass_kg * (state.link_position_m[link.name] + turned(state.link_rotation[link.name], link.com_m))
-            for link in self.links
-        )
-        return np.asarray(sum(parts))
+        placed = ((link, state.link_position_m[link.name], state.link_rotation[link.name]) for link in self.links)
+        return np.asarray(sum(link.mass_kg * (at + turned(turn, link.com_m)) for link, at, turn in placed))
 
     def _depth(self, order: list[str]) -> dict[str, int]:
         """Number of revolute joints before each link."""
@@ -290,19 +285,12 @@ def _read_joint(element: ElementTree.Element) -> Joint:
     axis_element = element.find("axis")
     axis = _vector(None if axis_element is None else axis_element.get("xyz"), "1 0 0")
     bounds = {} if limit is None else limit.attrib
-    return Joint(
-        element.attrib["name"],
-        element.attrib["type"],
-        parent.attrib["link"],
-        child.attrib["link"],
-        origin,
-        rotation,
-        axis / np.linalg.norm(axis),
-        float(bounds.get("lower", -np.inf)),
-        float(bounds.get("upper", np.inf)),
-        float(bounds.get("effort", np.inf)),
-        float(bounds.get("velocity", np.inf)),
-    )
+    limits = (float(bounds.get(name, default)) for name, default in _UNLIMITED.items())
+    names = element.attrib["name"], element.attrib["type"], parent.attrib["link"], child.attrib["link"]
+    return Joint(*names, origin, rotation, axis / np.linalg.norm(axis), *limits)
+
+
+_UNLIMITED = {"lower": -np.inf, "upper": np.inf, "effort": np.inf, "velocity": np.inf}
 
 
 def _read_link(element: ElementTree.Element) -> Link:

@@ -6,8 +6,6 @@ found component by component: w is in the sum if and only if shrinking |fx|, |fy
 leaves a point in the cone. No polytope, no tolerance of a solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,9 +84,7 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
 
 
 def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> float | None:
-    """(1)-(4) at every knot; returns the smallest margin mu fz - demand of a touching finger [N]. A finger that hangs
-    on by its spines only must not press.
-    """
+    """(1)-(4) at every knot; returns the least margin mu fz - demand [N]. Fingers on spines only must not press."""
     loads = finger_loads(plan, scene.wall_friction)
     excess = cone_excess(
         loads.shear_N,
@@ -104,15 +100,14 @@ def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> f
         for finger in (0, 1):
             at = (slice(None), limb, finger)
             normal = loads.normal_N[at]
-            for name, values, unit in (
+            for name, amounts, unit in (
                 ("limit_surface", excess[at], "N"),
                 ("normal_force_min", -normal, "N"),
                 ("normal_force_max", normal - plan.max_normal_N, "N"),
                 ("contact_moment", loads.other_moment_Nm[at], "N m"),
             ):
-                findings.add_series(
-                    name, np.where(touching[at], values, -np.inf), plan.time_s, unit, limb=limb, finger=finger + 1
-                )
+                values = np.where(touching[at], amounts, -np.inf)
+                findings.add_series(name, values, plan.time_s, unit, limb=limb, finger=finger + 1)
         if limb in scene.spines_only:
             finger = scene.spines_only[limb]
             pressing = np.where(touching[:, limb, finger - 1], np.abs(loads.normal_N[:, limb, finger - 1]), -np.inf)

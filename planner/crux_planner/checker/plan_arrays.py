@@ -1,7 +1,5 @@
 """A plan's messages as arrays, once their form is sound."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -94,17 +92,6 @@ class PlanArrays:
         """Pad contact points of fingers 1 and 2, (K, 4, 2, 3)."""
         half = 0.5 * self.separation[..., None] * self.opening_axis
         return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
-
-    @cached_property
-    def gripper_force(self) -> Array:
-        """F = f1 + f2, (K, 4, 3)."""
-        return np.asarray(self.finger_force.sum(axis=2))
-
-    @cached_property
-    def gripper_moment(self) -> Array:
-        """M = sum (p - c) x f + m about the gripper centre, (K, 4, 3)."""
-        arm = self.finger_position - self.gripper_position[:, :, None, :]
-        return np.asarray((np.cross(arm, self.finger_force) + self.finger_moment).sum(axis=2))
 
     @cached_property
     def gripped(self) -> NDArray[np.bool_]:

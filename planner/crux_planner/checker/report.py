@@ -1,7 +1,5 @@
 """What the checker says about a plan: violations, the tightest value of every constraint, margins and joint loads."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -112,9 +110,7 @@ class Findings:
         time_s: float | None = None,
         detail: str = "",
     ) -> None:
-        """Record one residual; its tolerance is its unit's where none is given. NaN counts as violated without bound
-        (as UNBOUNDED).
-        """
+        """Record one residual; its tolerance is its unit's where none is given. NaN counts as UNBOUNDED."""
         tolerance = tolerances.OF_UNIT.get(unit, 0.0) if tolerance is None else tolerance
         value = UNBOUNDED if np.isnan(amount) else float(np.clip(amount, -UNBOUNDED, UNBOUNDED))
         name = None if limb is None else LIMB_NAMES[limb]
@@ -164,8 +160,6 @@ class Findings:
 def _first_of_the_worst(values: NDArray[np.float64]) -> int:
     """Values that rounding alone tells apart are equal: which is the largest would be the processor's choice."""
     worst = float(values.max())
-    return (
-        int(np.argmax(values >= worst - _ROUNDING * max(1.0, abs(worst))))
-        if np.isfinite(worst)
-        else int(values.argmax())
-    )
+    if not np.isfinite(worst):
+        return int(values.argmax())
+    return int(np.argmax(values >= worst - _ROUNDING * max(1.0, abs(worst))))

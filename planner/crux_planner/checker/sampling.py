@@ -4,8 +4,6 @@ Own, vectorised reading of that page (the golden vectors of the contracts hold i
 looks at some thousand moments, and must not inherit a misreading from the code it checks.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +12,8 @@ from numpy.typing import NDArray
 from crux_planner.checker.contact import Swing, swings
 from crux_planner.checker.geometry import Array, rotation_from_rpy
 from crux_planner.checker.plan_arrays import PlanArrays
+
+Indices = NDArray[np.int_]
 
 STANCE_SAMPLES = 12
 SWING_SAMPLES = 40
@@ -45,9 +45,7 @@ class Samples:
 
 
 def on_pads(samples: Samples, pad_radius_m: float) -> Samples:
-    """Samples of point feet with the gripper where it is while its pads touch at the foot point: one pad radius above.
-    Moments are then about the gripper's centre.
-    """
+    """Samples of point feet with the gripper, and what moments are about, one pad radius above the foot point."""
     above = np.array([0.0, 0.0, pad_radius_m])
     moment = samples.moment + np.cross(-above, samples.force)
     return replace(samples, gripper_position=samples.gripper_position + above, moment=moment)
@@ -110,37 +108,17 @@ def sample_at(plan: PlanArrays, interval: NDArray[np.int_], share: Array) -> Sam
         position, yaw = way[..., :3], way[..., 3]
     for swing in swings(plan):
         if not feet:
-            _swing(plan, swing, k=k, u=u, position=position, yaw=yaw, opening=opening, own=own)
+            _swing(plan, swing, k, u, position, yaw, opening, own)
         limb = swing.limb
         leaving, landed = k == swing.first - 1, k == swing.last + 1
         load[leaving, limb] *= 1.0 - smooth((u[leaving] - 0.5) / 0.45)
         load[landed, limb] *= smooth((u[landed] - 0.02) / 0.4)
-    return Samples(
-        plan.time_s[k] + u * plan.dt_s,
-        k,
-        body[:, :3],
-        body[:, 3:],
-        rotation_from_rpy(body[:, 3:]),
-        position,
-        yaw,
-        opening,
-        force,
-        moment,
-        load,
-        own,
-    )
+    turned, time_s = rotation_from_rpy(body[:, 3:]), plan.time_s[k] + u * plan.dt_s
+    return Samples(time_s, k, body[:, :3], body[:, 3:], turned, position, yaw, opening, force, moment, load, own)
 
 
 def _swing(
-    plan: PlanArrays,
-    swing: Swing,
-    *,
-    k: NDArray[np.int_],
-    u: Array,
-    position: Array,
-    yaw: Array,
-    opening: Array,
-    own: NDArray[np.int_],
+    plan: PlanArrays, swing: Swing, k: Indices, u: Array, position: Array, yaw: Array, opening: Array, own: Indices
 ) -> None:
     """Overwrite the samples of one swing."""
     limb, first, last = swing.limb, swing.first, swing.last
@@ -166,7 +144,9 @@ def _swing(
 
 def _blend(plan: PlanArrays, k: NDArray[np.int_], u: Array) -> tuple[Array, Array]:
     """Gripper forces and moments (T, 4, 3) by the blending rule of the wrenches."""
-    wrench = np.concatenate([plan.gripper_force, plan.gripper_moment], axis=2)
+    arm = plan.finger_position - plan.gripper_position[:, :, None, :]
+    about_centre = (np.cross(arm, plan.finger_force) + plan.finger_moment).sum(axis=2)
+    wrench = np.concatenate([plan.finger_force.sum(axis=2), about_centre], axis=2)
     wrench[-1] = wrench[-2]
     releases = np.zeros(plan.n_knots + 1, dtype=bool)
     for swing in swings(plan):

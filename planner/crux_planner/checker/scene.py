@@ -1,12 +1,12 @@
-"""The scenario inside the plan: what it fixes for the checks, and that the plan's own copies of it are true."""
+"""Whose plan this is: its hashes, the scenario inside, what that fixes, and that the plan's copies of it are true."""
 
-from __future__ import annotations
-
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Hold, Scenario, ScenarioError, Uncertainty, parse_scenario
 from crux_contracts.scenario import Grasp as ScenarioGrasp
 
@@ -53,10 +53,30 @@ class Scene:
     uncertainty: Uncertainty | None
 
 
+def check_identity(plan: Any, robot: Robot, findings: Findings) -> None:
+    """plan_id, if there is one, is the SHA-256 of the message encoded without; robot and scenario hashes match."""
+    given = plan.plan_id
+    try:
+        plan.plan_id = ""
+        actual = hashlib.sha256(plan.encode()).hexdigest()
+    except Exception as error:  # the generated encoder raises whatever the wrong field makes it raise
+        findings.add("plan_format", 1.0, "", detail=f"cannot be encoded: {error}")
+        return
+    finally:
+        plan.plan_id = given
+    scenario = hashlib.sha256(plan.scenario_yaml.encode("utf-8")).hexdigest()
+    for name, carried, computed, what in (
+        ("plan_id", given, actual, "the plan itself"),
+        ("robot_hash", plan.robot_sha256, robot.hash, f"the robot description {robot.name!r}"),
+        ("scenario_hash", plan.scenario_sha256, scenario, "the scenario text in the plan"),
+    ):
+        differs = carried != computed and (name != "plan_id" or carried != "")
+        detail = f"carries {carried[:12] or 'none'}…, {what} has {computed[:12]}…" if differs else ""
+        findings.add(name, float(differs), "", detail=detail)
+
+
 def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | None:
-    """The scene of a crux_msgs.plan_t; None after reporting why its scenario text cannot be used. Every number that the
-    plan copies from the scenario is compared with it.
-    """
+    """The scene of a crux_msgs.plan_t, its copies compared; None after reporting why its text cannot be used."""
     try:
         scenario = parse_scenario(plan.scenario_yaml, "the scenario in the plan")
     except ScenarioError as error:
@@ -108,10 +128,8 @@ def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findin
         _match(what, planned, wanted, findings)
     above = plan.max_normal_n - contact.max_normal_N
     findings.add("normal_force_bound", above, "N", tolerance=tolerances.MATCH_REL, detail="above the scenario's")
-    for what, text, wanted_text in (
-        ("name", plan.scenario_name, scenario.name),
-        ("robot", plan.robot_name, scenario.robot),
-    ):
+    texts = ("name", plan.scenario_name, scenario.name), ("robot", plan.robot_name, scenario.robot)
+    for what, text, wanted_text in texts:
         same = text == wanted_text
         detail = "" if same else f"{what} is {text!r} in the plan, {wanted_text!r} in the scenario"
         findings.add("scenario_match", float(not same), "", detail=detail)
@@ -146,6 +164,5 @@ def _pose(body: BodyPose) -> tuple[Array, Array]:
 
 
 def _grasps(scenario: Scenario, grasps: dict[str, ScenarioGrasp]) -> dict[int, Grasp]:
-    return {
-        LIMB_NAMES.index(limb): Grasp(scenario.hold_index(g.hold), g.faces, g.finger1) for limb, g in grasps.items()
-    }
+    held = {limb: Grasp(scenario.hold_index(g.hold), g.faces, g.finger1) for limb, g in grasps.items()}
+    return {LIMB_NAMES.index(limb): grasp for limb, grasp in held.items()}

@@ -1,7 +1,5 @@
 """Start and goal: where the scenario wants the robot at the first and at the last knot, and which holds it grips."""
 
-from __future__ import annotations
-
 import numpy as np
 from crux_contracts import LIMB_NAMES
 

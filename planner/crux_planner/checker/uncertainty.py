@@ -16,12 +16,12 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Uncertainty
 
+from crux_planner.checker.dynamics import centre_of_mass
 from crux_planner.checker.equilibrium import corrected_wrenches
 from crux_planner.checker.geometry import Array, turned_back
 from crux_planner.checker.kinematics import LimbMotion, check_kinematics
 from crux_planner.checker.limb_model import WholeRobot, load_model
 from crux_planner.checker.limit_surface import FingerLoads, cone_excess
-from crux_planner.checker.momentum import centre_of_mass
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples, sample_at

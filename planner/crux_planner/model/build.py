@@ -5,8 +5,6 @@ Everything is expressed in the heading frame: W turned about its z so that the b
 not allow, an InfeasibleError.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -34,14 +32,7 @@ from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
 from crux_planner.model.shapes import limb_shape
-from crux_planner.model.workspace import (
-    LimbReach,
-    Reach,
-    WorkspaceRange,
-    leaning_m,
-    limb_reach,
-    tilt_for,
-)
+from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
@@ -74,7 +65,9 @@ def build_problem(
     last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
     tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)
-    shape, reach = _gripper_shape(robot), reach or reach_of(robot, tilt_rad)
+    gripper, reach = robot.gripper, reach or reach_of(robot, tilt_rad)
+    fingers = gripper.open_opening_m, gripper.pad_radius_m, gripper.finger_height_m
+    shape = GripperShape(*gripper.opening_m, *fingers)
     limits = _swing_limits(scenario, robot, reach.box, margins.get("clearance_m", robot.grasp.swing_clearance_m))
     cuboids = _cuboids(scenario, heading)
     contacts, unusable = _contacts(scenario, robot, cuboids, shape, limits, off_centre)
@@ -114,15 +107,6 @@ def build_problem(
     return problem if scenario.uncertainty is None else problem.sure_of(scenario.uncertainty)
 
 
-def _gripper_shape(robot: Robot) -> GripperShape:
-    return GripperShape(
-        *robot.gripper.opening_m,
-        robot.gripper.open_opening_m,
-        robot.gripper.pad_radius_m,
-        robot.gripper.finger_height_m,
-    )
-
-
 def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
     swing; the outer set for all tilts. Raises WorkspaceError where limbs do not reach so with the body that tilted.
@@ -159,11 +143,8 @@ def _limb_contacts(
 ) -> list[list[int]]:
     """By limb, the contacts that its gripper may turn to under the heading of the start and of the goal alike."""
     low, high = robot.grasp.gripper_yaw_rad
-    usable = [
-        i
-        for i, c in enumerate(contacts)
-        if low + max(final_yaw_rad, 0.0) <= c.yaw_rad <= high + min(final_yaw_rad, 0.0) or i in begin
-    ]
+    low, high = low + max(final_yaw_rad, 0.0), high + min(final_yaw_rad, 0.0)
+    usable = [i for i, c in enumerate(contacts) if low <= c.yaw_rad <= high or i in begin]
     hanging = [scenario.contact.spines_only.get(limb, 0) for limb in LIMB_NAMES]
     return [
         [i for i in usable if contacts[i].spines_only == finger and (contacts[i].bears or i == here)]
@@ -199,9 +180,8 @@ def _contacts(
                 continue
             if half < shape.smallest_opening or half + shape.pad_radius > shape.largest_opening:
                 slack = shape.largest_opening - shape.pad_radius
-                unusable[index, pair] = (
-                    f"it is {2 * half:g} m wide, the gripper takes {2 * shape.smallest_opening:g}..{2 * slack:g} m"
-                )
+                spans = f"{2 * shape.smallest_opening:g}..{2 * slack:g} m"
+                unusable[index, pair] = f"it is {2 * half:g} m wide, the gripper takes {spans}"
                 continue
             middle = np.array([*cuboids.foot_w_m[index], height])
             normal = cuboids.yaw_rad[index] + pair * np.pi / 2

@@ -95,9 +95,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Grip:
-    """A hold and a face pair as proofs know them: the grasp may be `aside_m` to each side of the middle and anywhere
-    in `height_m`.
-    """
+    """A hold and a face pair as proofs know them: a grasp up to `aside_m` off the middle, anywhere in `height_m`."""
 
     contact: Contact
     aside_m: float

@@ -59,5 +59,4 @@ class Cuboids:
 
 
 def _outside(excess: Array) -> Array:
-    distance: Array = np.linalg.norm(np.maximum(excess, 0.0), axis=-1) + np.minimum(excess.max(axis=-1), 0.0)
-    return distance
+    return np.asarray(np.linalg.norm(np.maximum(excess, 0.0), axis=-1) + np.minimum(excess.max(axis=-1), 0.0))

@@ -6,8 +6,6 @@ makes its first step to where that side and the next one meet; where the goal is
 it, the foot comes back by its last two steps, from where the next side and the far one meet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -69,7 +67,7 @@ def foothold_ranges(
     way; `slack_m` (2,) is how far from there a foot may end. Raises InfeasibleError for a foot that stands at an
     obstacle, or has no way past one.
     """
-    first, along, passing, last = stages = tuple(_everywhere() for _ in range(4))
+    first, along, passing, last = stages = [(np.full((4, 2), -np.inf), np.full((4, 2), np.inf)) for _ in range(4)]
     ranges = FootholdRanges(first, along, passing, last, np.ones(4, dtype=int), np.zeros(4))
     reach = _reach(robot, yaw_rad) + CLEARANCE_M
     for obstacle in obstacles:
@@ -110,10 +108,6 @@ def foothold_ranges(
     return ranges
 
 
-def _everywhere() -> Bounds:
-    return np.full((4, 2), -np.inf), np.full((4, 2), np.inf)
-
-
 def _side(inside: Array) -> tuple[int, int]:
     """The side that asks least: 0 for the lower and 1 for the upper, and its axis."""
     side, axis = np.unravel_index(int(np.argmin(inside)), (2, 2))
@@ -135,5 +129,4 @@ def _reach(robot: Robot, yaw_rad: float) -> Array:
     palm = palm_shape(robot)
     fingers = np.array([robot.gripper.opening_m[0] + 2 * robot.gripper.pad_radius_m, robot.gripper.pad_radius_m])
     size = fingers if palm is None else np.maximum(fingers, [palm.half_length, palm.half_width])
-    turned: Array = size + np.sin(abs(yaw_rad)) * size[::-1]
-    return turned
+    return np.asarray(size + np.sin(abs(yaw_rad)) * size[::-1])

@@ -78,8 +78,7 @@ class Gait:
     def yaw(self, goal_yaw: float) -> Array:
         """(N + 1, 4) of the feet: turned on with the way, step by step."""
         turned = np.concatenate([np.zeros(4), self.shares]) * goal_yaw
-        yaw: Array = self.blend @ turned
-        return yaw
+        return np.asarray(self.blend @ turned)
 
 
 @dataclass(frozen=True)

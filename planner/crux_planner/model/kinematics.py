@@ -3,8 +3,6 @@
 Everything is vectorised over any leading shape, in the body frame, and knows the robot only through its description.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from crux_contracts.robot import Limb
 
@@ -79,8 +77,7 @@ def inverse(limb: Limb, position_b_m: Array, rotation_b: Array) -> tuple[Array, 
 def limit_margin(limb: Limb, q_rad: Array) -> Array:
     """Distance of the tightest joint from its limits (...), negative outside [rad]."""
     q = np.asarray(q_rad, dtype=float)
-    margin: Array = np.minimum(q - limb.lower_rad, limb.upper_rad - q).min(axis=-1)
-    return margin
+    return np.asarray(np.minimum(q - limb.lower_rad, limb.upper_rad - q).min(axis=-1))
 
 
 def wrap_near(angle_rad: Array | float, centre_rad: float) -> Array:

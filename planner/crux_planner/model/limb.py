@@ -5,8 +5,6 @@ cross products. Smooth wherever the limb is neither stretched nor folded, and th
 arrays and casadi's expressions: a vector here is a tuple of three of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,10 +59,7 @@ def limb_masses(robot: Robot, limb: Limb) -> LimbMasses:
 
 
 def in_reach(numbers: Any, gripper: Vector, up: Vector) -> Vector:
-    """The gripper's centre, no farther than a stretched limb has it: motions that programs begin with may ask for more.
-
-    Arguments as those of `placed`.
-    """
+    """The gripper's centre, no farther than a stretched limb has it, as first guesses may; arguments as of `placed`."""
     away = combined((1.0, gripper), (numbers[5], up), (-1.0, _vector(numbers, 0)))
     beyond = 1.0 - _STRETCHED * (numbers[3] + numbers[4]) / dot(away, away) ** 0.5
     return combined((1.0, gripper), (-(beyond + abs(beyond)) / 2, away))
@@ -95,14 +90,11 @@ def placed(numbers: Any, gripper: Vector, up: Vector, along: Vector) -> PlacedLi
         (wrist, hand_x, cross(up, hand_x)),
         (gripper, along, across),
     ]
-    links = [
-        (min(i + 1, JOINTS), _at(*frame, _vector(numbers, 8 + 4 * i)), numbers[11 + 4 * i])
-        for i, frame in enumerate(frames)
-    ]
-    back = combined((-1.0, side))
-    return PlacedLimb(
-        [shoulder, shoulder, joint, wrist, wrist, wrist], [(0.0, 0.0, 1.0), back, side, side, roll, up], links
-    )
+    depths = (*range(1, JOINTS + 1), JOINTS)
+    places = [_at(*frame, _vector(numbers, 8 + 4 * i)) for i, frame in enumerate(frames)]
+    links = list(zip(depths, places, (numbers[11 + 4 * i] for i in range(len(frames))), strict=True))
+    axes = [(0.0, 0.0, 1.0), combined((-1.0, side)), side, side, roll, up]
+    return PlacedLimb([shoulder, shoulder, joint, wrist, wrist, wrist], axes, links)
 
 
 def combined(*parts: tuple[Any, Vector]) -> Vector:

@@ -26,8 +26,7 @@ def centres_of_mass(problem: CentroidalProblem, poses: Array, hands: Array) -> A
     """Places (n, 3) in W for body poses (n, 6) and grippers (n, 4, 4) upright on the wall: centre and yaw of each."""
     to_w, limbs = _limbs_in_body(problem, poses, hands)
     moment = problem.body_moment_kg_m + np.stack(limbs.first_moment(), axis=-1).sum(axis=0)
-    found: Array = poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg)
-    return found
+    return np.asarray(poses[:, :3] + np.einsum("kij,kj->ki", to_w, moment / problem.mass_kg))
 
 
 def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, dt_s: float) -> Array:
@@ -43,8 +42,7 @@ def centres_of_pressure(problem: CentroidalProblem, poses: Array, hands: Array, 
     pull = np.full_like(places, -problem.gravity_w)
     pull[:, 1:-1] += np.diff(places, 2, axis=1) / dt_s**2
     moment = np.einsum("l,lki->ki", masses, np.cross(places, pull))
-    found: Array = np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None]
-    return found
+    return np.asarray(np.stack([-moment[:, 1], moment[:, 0]], axis=1) / (pull[..., 2].T @ masses)[:, None])
 
 
 def _limbs_in_body(problem: CentroidalProblem, poses: Array, hands: Array) -> tuple[Array, PlacedLimb]:
@@ -71,9 +69,8 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
     for limb, middle in zip(problem.limb_masses, problem.boxes.centre_b_m, strict=False):
         place = middle[:, None] + problem.boxes.half_m[:, None] * unit
         with np.errstate(invalid="ignore"):
-            moment = (
-                np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment()) / problem.mass_kg
-            )
+            moment = np.stack(placed(limb.numbers, (place[0], place[1], place[2]), _Z, _X).first_moment())
+        moment /= problem.mass_kg
         known = ~np.isnan(moment).any(axis=0)
         place, moment = place[:, known], moment[:, known]
         ends.append((place.mean(axis=1), moment.mean(axis=1)))
@@ -86,9 +83,7 @@ def linear_centre(problem: CentroidalProblem) -> tuple[Array, Array]:
 
 
 def gripper_spans(problem: Problem) -> tuple[Array, Array]:
-    """Bounds (4, 3), (4, 3) in the axes of the body's heading of grippers within `boxes`, and of those that swing above
-    them, off the body's origin.
-    """
+    """`level_spans` of grippers within `boxes`, and of those that swing above them."""
     return level_spans(problem.boxes, problem.gripper_height_m, problem.body.max_tilt_rad)
 
 
@@ -105,11 +100,8 @@ def level_spans(reach: Reach, height_m: tuple[float, float], tilt_rad: float) ->
     x = ((1.0 - c) * far[:, 0] + s * up) / c
     y = ((1.0 - c) * far[:, 1] + s * (s * (far[:, 0] + x) + up)) / c
     flat = reach.half_m[:2] + np.column_stack([x, y])
-    low, high = (
-        np.insert(reach.centre_b_m[:, :2] + sign * flat, 2, z, axis=1)
-        for sign, z in zip((-1, 1), height_m, strict=True)
-    )
-    return low, high
+    centre, (lowest, highest) = reach.centre_b_m[:, :2], height_m
+    return np.insert(centre - flat, 2, lowest, axis=1), np.insert(centre + flat, 2, highest, axis=1)
 
 
 def offset_bounds(
@@ -189,8 +181,7 @@ def centre_of_mass(robot: Robot, positions: dict[str, float]) -> Array:
     moment = np.zeros(3)
     for link, origin, rotation in _placed_links(robot, positions):
         moment += link.mass_kg * (origin + rotation @ np.array(link.com_m))
-    place: Array = moment / robot.total_mass_kg
-    return place
+    return np.asarray(moment / robot.total_mass_kg)
 
 
 def body_moment(robot: Robot) -> Array:
@@ -232,5 +223,4 @@ def _about_origin(link: Link, origin: Array, rotation: Array) -> Array:
 
 def _point_mass(mass_kg: float, place: Array) -> Array:
     """Inertia about the origin of a mass at a place (3,)."""
-    inertia: Array = mass_kg * (place @ place * np.eye(3) - np.outer(place, place))
-    return inertia
+    return np.asarray(mass_kg * (place @ place * np.eye(3) - np.outer(place, place)))

@@ -1,10 +1,9 @@
 """What climbs and walks read from a scenario alike: poses in the heading frame, bounds of the body, weights of J."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
@@ -77,11 +76,18 @@ def point_text(problem: Problem, position: Array) -> str:
     return f"[{x:.2f}, {y:.2f}, {z:.3f}] m"
 
 
-def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:
-    """Heading of the start in W, start and goal in its frame, within the body's bounds.
+def out_of_reach(problem: Problem, limb: int, hold: str, beyond_m: float) -> str:
+    """What to say of the nearest hold, or the one the goal names, that a limb does not reach at the goal."""
+    name, place = LIMB_NAMES[limb], point_text(problem, problem.goal.body.position_m)
+    if limb in problem.goal.grasps:
+        text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {place}: it is"
+    else:
+        text = f"no hold within reach of {name} for the goal body at {place}: the nearest, {hold}, is"
+    return f"{text} {1000 * beyond_m:.0f} mm outside {name}'s workspace"
 
-    Raises ScenarioError and InfeasibleError.
-    """
+
+def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:
+    """Heading of the start in W, start and goal in its frame, in bounds. Raises ScenarioError and InfeasibleError."""
     heading = scenario.start.body.rpy_rad[2]
     start, goal = (pose_in_heading_frame(each.body, heading) for each in (scenario.start, scenario.goal))
     check_body(scenario, body, start, goal)

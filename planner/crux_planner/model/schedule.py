@@ -1,13 +1,11 @@
 """Which limb moves when: contacts of a sequence, and of every knot."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from crux_planner.model.arrays import Array
+from crux_contracts import LIMB_NAMES
 
-LIMBS = ("LF", "RF", "LR", "RR")
+from crux_planner.model.arrays import Array
 
 Stance = tuple[int, int, int, int]
 """The contact of every limb."""
@@ -63,4 +61,4 @@ class Schedule:
     @property
     def gait(self) -> list[str]:
         """The limbs in the order in which they release."""
-        return ["+".join(LIMBS[limb] for limb in move.limbs) for move in self.moves]
+        return ["+".join(LIMB_NAMES[limb] for limb in move.limbs) for move in self.moves]

@@ -1,7 +1,5 @@
 """How thick the limbs are: radii of the links' cylinders in the robot's URDF."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 

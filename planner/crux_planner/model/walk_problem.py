@@ -3,8 +3,6 @@
 The gripper stands with both pads on the surface; its frame is one pad radius above the foot point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,9 +117,8 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
     heading, start, goal = body_and_ends(scenario, body)
     turn = abs(float(goal.rpy_rad[2]))
     if turn > walking.foot_yaw_rad[1]:
-        raise InfeasibleError(
-            "goal bounds", f"goal.body.rpy_deg: the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
-        )
+        most = f"the feet allow a turn of {walking.foot_yaw_rad[1]} rad"
+        raise InfeasibleError("goal bounds", f"goal.body.rpy_deg: {most}")
     feet = np.array([scenario.start.feet[limb] for limb in LIMB_NAMES]) @ rotation_z(-heading)[:2, :2].T
     boxes = _boxes(robot, tilt_for([start.rpy_rad, goal.rpy_rad], body.max_tilt_rad))
     body = replace(body, max_tilt_rad=boxes.max_tilt_rad)
@@ -169,18 +166,9 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
 def _boxes(robot: Robot, tilt_rad: float) -> Reach:
     """(9a) of the feet, whose centres are their pads' radius above the surface, for tilts up to `tilt_rad`."""
     pad, walking = robot.gripper.pad_radius_m, robot.walking
-    boxes = acceptance_boxes(
-        robot.limbs,
-        WorkspaceRange(
-            robot.body.height_m,
-            (pad, pad),
-            pad + walking.step_height_m,
-            pad + walking.step_height_m,
-            tilt_rad,
-            walking.foot_yaw_rad,
-            robot.body.max_tilt_rad,
-        ),
-    )
+    heights = robot.body.height_m, (pad, pad), pad + walking.step_height_m, pad + walking.step_height_m
+    wanted = WorkspaceRange(*heights, tilt_rad, walking.foot_yaw_rad, robot.body.max_tilt_rad)
+    boxes = acceptance_boxes(robot.limbs, wanted)
     return box(boxes.centre_b_m - np.array([0.0, 0.0, pad]), boxes.half_m, tilt_rad)
 
 
@@ -195,23 +183,15 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
             axis = int(np.argmax(beyond))
             centre, half = problem.boxes.centre_b_m[limb][axis], problem.boxes.half_m[axis]
             shown = "[{:g}, {:g}]".format(*scenario.start.feet[name])
-            raise wrong(
-                scenario,
-                f"start.feet.{name}",
-                shown,
-                f"out of reach by {1000 * beyond[axis]:.0f} mm: the foot is at {'xyz'[axis]} = {place[axis]:.3f} m "
-                f"in the body frame, {name} reaches {centre - half:.3f}..{centre + half:.3f} m",
-            )
+            text = f"out of reach by {1000 * beyond[axis]:.0f} mm: the foot is at {'xyz'[axis]} = {place[axis]:.3f} m"
+            text += f" in the body frame, {name} reaches {centre - half:.3f}..{centre + half:.3f} m"
+            raise wrong(scenario, f"start.feet.{name}", shown, text)
     along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
     if along > problem.friction * max(across, 0.0):
-        needed = (
-            "no friction is enough"
-            if across <= _UPRIGHT_SHARE * along
-            else f"standing needs a friction of {along / across:.2f}"
-        )
-        raise InfeasibleError(
-            "equilibrium", f"wall.slope_deg: {needed}, wall.friction less its margin is {problem.friction:.2f}"
-        )
+        steep = across <= _UPRIGHT_SHARE * along
+        needed = "no friction is enough" if steep else f"standing needs a friction of {along / across:.2f}"
+        text = f"wall.slope_deg: {needed}, wall.friction less its margin is {problem.friction:.2f}"
+        raise InfeasibleError("equilibrium", text)
 
 
 def _limbs_pull(robot: Robot, start: Pose, feet: Array) -> tuple[float, Array]:

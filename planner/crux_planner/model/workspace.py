@@ -84,8 +84,7 @@ class Reach:
     @property
     def half_m(self) -> Array:
         """(3,) of that box."""
-        half: Array = self.extent_m[:, :3].max(axis=0)
-        return half
+        return np.asarray(self.extent_m[:, :3].max(axis=0))
 
     def less(self, aside_m: float) -> Reach:
         """The part in which a gripper stays when it moves by as much along both x and y, of W or any turned about z."""
@@ -94,8 +93,7 @@ class Reach:
 
     def beyond(self, limb: int, place_b_m: Array) -> Array:
         """(..., m) how far places (..., 3) in the body frame are outside, direction by direction."""
-        beyond: Array = np.abs(place_b_m @ self.directions.T - self.middle_m[limb]) - self.extent_m[limb]
-        return beyond
+        return np.asarray(np.abs(place_b_m @ self.directions.T - self.middle_m[limb]) - self.extent_m[limb])
 
 
 def box(centre_b_m: Array, half_m: Array, max_tilt_rad: float) -> Reach:
@@ -148,9 +146,7 @@ def cache_folder() -> Path:
 
 
 def leaning_m(limb: Limb, tilt_rad: float) -> float:
-    """How much higher or lower in its frame a tilted body has grippers half a limb's length off their shoulders than
-    one that tilts no more than between level poses.
-    """
+    """How much higher or lower a body tilted beyond LEVEL_RAD has grippers half a limb's length off their shoulders."""
     lever = float(np.abs(limb.shoulder_b_m[:2]).max()) + (limb.upper_link_m + limb.lower_link_m) / 2
     return float(lever * max(tilt_rad - LEVEL_RAD, 0.0))
 
@@ -171,11 +167,11 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     low, high = _largest_box(limbs[0], wanted)
     centre, half = (low + high) / 2, (high - low) / 2
     boxes = box(centre * _mirror(limbs), half, wanted.max_tilt_rad)
+    corners = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1)
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
-        if not reachable(limb, _corners(middle, half), wanted).all():
-            raise WorkspaceError(
-                "the limbs are not mirror images of the first one, their acceptance boxes would differ"
-            )
+        if not reachable(limb, middle + corners * half, wanted).all():
+            text = "the limbs are not mirror images of the first one, their acceptance boxes would differ"
+            raise WorkspaceError(text)
     return boxes
 
 
@@ -237,21 +233,17 @@ def _vertices(normals: Array, most: Array) -> Array:
     pairs = np.stack([normals[a], normals[b]], axis=1)
     crossing = np.abs(np.linalg.det(pairs)) > 1e-9
     corners = np.linalg.solve(pairs[crossing], np.stack([most[a], most[b]], axis=1)[crossing][..., None])[..., 0]
-    found: Array = corners[(corners @ normals.T <= most + 1e-9).all(axis=1)]
-    return found
+    return np.asarray(corners[(corners @ normals.T <= most + 1e-9).all(axis=1)])
 
 
 def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[float, float]) -> Reach:
-    """All places of the wrists of grippers that grip: any yaw, tilts that the body may have, angles within the joint
-    limits, the wrist's left out.
-    """
+    """All places of wrists of grippers that grip: any yaw, the body's tilts, all but the wrist's joints in limits."""
     tilt, lows, highs = wanted.widest_tilt_rad, [], []
     above = {limb.wrist_to_gripper_m for limb in limbs}.pop()
     for limb in limbs:
         l1, l2 = limb.upper_link_m, limb.lower_link_m
-        q2, q3 = (
-            np.append(np.arange(limb.lower_rad[i], limb.upper_rad[i], _FINE_RAD), limb.upper_rad[i]) for i in (1, 2)
-        )
+        ranges = zip(limb.lower_rad[1:3], limb.upper_rad[1:3], strict=True)
+        q2, q3 = (np.append(np.arange(low, high, _FINE_RAD), high) for low, high in ranges)
         rounding = _FINE_RAD / 2 * (l1 + 2 * l2)
         radius = (l1 * np.cos(q2)[:, None] + l2 * np.cos(q2[:, None] - q3)).ravel()
         height = limb.shoulder_b_m[2] + (l1 * np.sin(q2)[:, None] + l2 * np.sin(q2[:, None] - q3)).ravel()
@@ -279,8 +271,7 @@ def _outer(limbs: Sequence[Limb], wanted: WorkspaceRange, grip_height_m: tuple[f
 def _largest_cos(angles: Array) -> Array:
     """(n,) the largest cosine between the two angles of each pair (n, 2)."""
     whole = np.ceil(angles[:, 0] / (2 * np.pi)) * 2 * np.pi <= angles[:, 1]
-    largest: Array = np.where(whole, 1.0, np.cos(angles).max(axis=1))
-    return largest
+    return np.where(whole, 1.0, np.cos(angles).max(axis=1))
 
 
 def reachable(limb: Limb, position_b_m: Array, wanted: WorkspaceRange) -> Flags:
@@ -342,8 +333,3 @@ def largest_rectangle(mask: Flags) -> tuple[float, tuple[int, int, int, int]]:
     i = int(np.argmax(area))
     end = int(best_end[i])
     return float(area[i]), (int(first[i]), int(last[i]), end - int(best_run[i]) + 1, end)
-
-
-def _corners(centre: Array, half: Array) -> Array:
-    signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1)
-    return centre + signs * half

@@ -1,7 +1,5 @@
 """Equation (7): bounds of body states, wrenches and footholds; start, goal and ranges of yaw are bounds too."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array
@@ -125,9 +123,7 @@ def least_load_N(problem: WalkProblem) -> float:
 
 
 def step_polygon(problem: WalkProblem, step: Step, begin: Array, end: Array) -> tuple[Array, Array]:
-    """Normals (C, 2) and largest way along each (C,) of the polygon inside the circle of a step's longest way, with a
-    corner in the direction in which it leads.
-    """
+    """Normals (C, 2) and largest ways (C,) of a polygon in the circle of a step's longest way, a corner ahead."""
     ahead = float(np.arctan2(*(end - begin)[::-1]))
     angles = ahead + (2 * np.arange(_CORNERS) + 1) * np.pi / _CORNERS
     most = np.cos(np.pi / _CORNERS) * longest_step(problem, step)

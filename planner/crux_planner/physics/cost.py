@@ -1,7 +1,5 @@
 """Equation (6): J = |x - x_g|_Q^2 + |u|_R^2 + zeta' x + xi' (p_1 - p_2) + |z_next - z|_S^2, summed over the knots."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

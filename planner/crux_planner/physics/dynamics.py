@@ -4,8 +4,6 @@ Moments are about the centre of mass c of the whole robot, limbs counted, which 
 grippers; c accelerates as the body's origin does.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

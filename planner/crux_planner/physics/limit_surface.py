@@ -11,8 +11,6 @@ n is the smaller normal force, whose finger bounds (s1, s2, m) for both. Where t
 forces, n1 = n + F / 2 and n2 = n - F / 2, and each finger bounds (s1, s2, m).
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import Any, NamedTuple
 

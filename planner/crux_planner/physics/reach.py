@@ -31,8 +31,7 @@ def body_positions(grippers: Array, reach: Reach) -> tuple[Array, Array]:
 
 def spread(reach: Reach) -> Array:
     """(m,) how far a cube of half edge 1 goes along each direction."""
-    far: Array = np.abs(reach.directions).sum(axis=1)
-    return far
+    return np.asarray(np.abs(reach.directions).sum(axis=1))
 
 
 def between(problem: Problem, reserve_m: float) -> Reach:

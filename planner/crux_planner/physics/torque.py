@@ -4,15 +4,13 @@ tau_i = -axis_i . ((c - o_i) x F + M) - sum_j axis_i . ((com_j - o_i) x m_j g), 
 model.limb.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 
 import casadi as ca
 
 from crux_planner.model.limb import JOINTS, NUMBERS, combined, cross, dot, placed
-from crux_planner.physics.dynamics import gripper_wrench, next_pose, rotation
+from crux_planner.physics.dynamics import gripper_wrench, rotation
 
 INTERVAL_TORQUES = 2 * JOINTS
 
@@ -44,15 +42,8 @@ def joint_torques() -> ca.Function:
     return ca.Function("joint_torques", [numbers, pose, *arguments], [ca.vertcat(*torques)])
 
 
-def interval_torques(numbers: Any, x: Any, q: Any, grasp: Any, gravity: Any, dt: float) -> Any:
-    """Torques (12,) [Nm] of a limb with LimbMasses' `numbers` at both ends of a knot's interval: its wrench q is held
-    from the knot's body state x (12) on until the next pose. `grasp` (9) is centre, opening axis, tangent (casadi).
-    """
-    return ca.vertcat(*[held_torques(numbers, pose, q, grasp, gravity) for pose in (x[:6], next_pose(x, dt))])
-
-
 def held_torques(numbers: Any, pose: Any, q: Any, grasp: Any, gravity: Any) -> Any:
-    """The same (6,) [Nm] at one body pose (6) (casadi)."""
+    """Torques (6,) [Nm] of a limb (its `numbers`) that holds q by `grasp` (9): centre, axis, tangent (casadi)."""
     centre, axis, tangent = grasp[0:3], grasp[3:6], grasp[6:9]
     force, _ = gripper_wrench(q, centre, axis, tangent)
     return joint_torques()(numbers, pose, centre, axis, force, 2 * q[2] * axis, gravity)

@@ -1,7 +1,5 @@
 """Equations (8a) and (8b) of a whole walk at once, in numpy: rates of the angles, and what a motion leaves open."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array
@@ -17,9 +15,7 @@ def euler_rates(theta: Array, omega_b: Array) -> Array:
 
 
 def defects(problem: WalkProblem, body: Array, feet: Array, yaws: Array, forces: Array) -> Array:
-    """(N, 12): body states (N + 1, 12) less what explicit Euler makes of feet (N + 1, 4, 3), their yaws (N + 1, 4) and
-    forces (N, 4, 3).
-    """
+    """(N, 12): body states (N + 1, 12) less Euler's, by feet (N + 1, 4, 3), yaws (N + 1, 4), forces (N, 4, 3)."""
     now, dt = body[:-1], problem.dt_s
     theta, omega = now[:, 3:6], now[:, 9:12]
     centre = problem.centres_of_mass(now[:, :6], feet[:-1], yaws[:-1])
@@ -28,5 +24,4 @@ def defects(problem: WalkProblem, body: Array, feet: Array, yaws: Array, forces:
     inertia = problem.inertia_b
     spin = np.linalg.solve(inertia, (turned - np.cross(omega, omega @ inertia.T)).T).T
     rates = [now[:, 6:9], euler_rates(theta, omega), forces.sum(axis=1) / problem.mass_kg + problem.gravity_w, spin]
-    left: Array = body[1:] - now - dt * np.concatenate(rates, axis=1)
-    return left
+    return np.asarray(body[1:] - now - dt * np.concatenate(rates, axis=1))

@@ -1,7 +1,5 @@
 """Attempt, see what fails, change something, attempt again: the one loop, with a table of remedies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -19,9 +17,7 @@ Planned = TypeVar("Planned", bound=Session)
 def without_waits(
     session: Planned, shorter: Planned | None, finish: Callable[[Planned, bool], PlanResult | InfeasibleError]
 ) -> PlanResult | InfeasibleError:
-    """What `finish` makes of the session without its waits, if it has some; with them (True) where that fails or the
-    scenario keeps them.
-    """
+    """What `finish` makes of the session without its waits; with them (True) where that fails or they are wanted."""
     if shorter is not None and session.scenario.planner.idle != "keep":
         found = finish(shorter, False)
         if isinstance(found, PlanResult):

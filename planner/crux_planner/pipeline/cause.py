@@ -6,10 +6,9 @@ goes first. What those give is a way: contacts in sequence and a body path in st
 of each search is counted in stances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -93,12 +92,9 @@ def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | 
     """The least amount, and the way that it gives; None where the most gives none."""
 
     def tried(count: int) -> list[Move] | None:
+        amount = relaxation.given + count * relaxation.step
         try:
-            return (
-                None
-                if climb.late
-                else _way(climb, relaxation.relaxed(climb, relaxation.given + count * relaxation.step))
-            )
+            return None if climb.late else _way(climb, relaxation.relaxed(climb, amount))
         except (ScenarioError, InfeasibleError):
             return None
 
@@ -134,33 +130,31 @@ def _relaxations(climb: Climb) -> Iterator[_Relaxation]:
     for obstacle in climb.scenario.obstacles:
         name = obstacle.name
 
-        def text(share: float, name: str = name) -> str:
+        def size(share: float, name: str = name) -> str:
             return f"with {name} at {100 * share:.0f} % of its size"
 
-        yield _Relaxation("passage", f"of the size of {name}", 1.0, -0.05, 19, _smaller(name), text)
-    yield _Relaxation("passage", "m off every side of a gripper", 0.0, 0.001, 12, _thinner, _thinner_text)
-    yield _Relaxation("equilibrium", "times the friction", 1.0, 0.05, 40, _rougher, _rougher_text)
-    yield _Relaxation("torque", "times the motor torque", 1.0, 0.05, 20, _stronger, _stronger_text)
-    yield _Relaxation("reach", "m of reach", 0.0, 0.005, 20, _further, _further_text)
+        yield _Relaxation("passage", f"of the size of {name}", 1.0, -0.05, 19, partial(_smaller, name), size)
+    off, thinner = "m off every side of a gripper", "with grippers {:.0f} mm thinner on every side"
+    yield _Relaxation("passage", off, 0.0, 0.001, 12, _thinner, lambda amount_m: thinner.format(1000 * amount_m))
+    factors = ("friction", "equilibrium", 40, _rougher), ("motor torque", "torque", 20, _stronger)
+    for what, by, most, relaxed in factors:
+        yield _Relaxation(by, f"times the {what}", 1.0, 0.05, most, relaxed, f"with {{:.2f}} times the {what}".format)
+    further = "with {:.0f} mm more reach of a level body along and across it"
+    yield _Relaxation("reach", "m of reach", 0.0, 0.005, 20, _further, lambda amount_m: further.format(1000 * amount_m))
 
 
-def _smaller(name: str) -> Callable[[Climb, float], Problem]:
-    def relaxed(climb: Climb, share: float) -> Problem:
-        def shrink(obstacle: Any) -> Any:
-            size = tuple(share * edge for edge in obstacle.size_m)
-            return replace(obstacle, size_m=size) if obstacle.name == name else obstacle
+def _smaller(name: str, climb: Climb, share: float) -> Problem:
+    def shrink(obstacle: Any) -> Any:
+        size = tuple(share * edge for edge in obstacle.size_m)
+        return replace(obstacle, size_m=size) if obstacle.name == name else obstacle
 
-        return _built(climb, obstacles=tuple(map(shrink, climb.scenario.obstacles)))
-
-    return relaxed
+    return _built(climb, obstacles=tuple(map(shrink, climb.scenario.obstacles)))
 
 
 def _thinner(climb: Climb, amount_m: float) -> Problem:
     swing = climb.problem.swing
-    clear = replace(
-        swing, clearance_m=swing.clearance_m - amount_m, body_clearance_m=swing.body_clearance_m - 2 * amount_m
-    )
-    return replace(climb.problem, swing=clear)
+    clearance_m, body_m = swing.clearance_m - amount_m, swing.body_clearance_m - 2 * amount_m
+    return replace(climb.problem, swing=replace(swing, clearance_m=clearance_m, body_clearance_m=body_m))
 
 
 def _rougher(climb: Climb, factor: float) -> Problem:
@@ -183,22 +177,6 @@ def _built(climb: Climb, **changes: Any) -> Problem:
     return replace(built, boxes=climb.problem.boxes)
 
 
-def _thinner_text(amount_m: float) -> str:
-    return f"with grippers {1000 * amount_m:.0f} mm thinner on every side"
-
-
-def _rougher_text(factor: float) -> str:
-    return f"with {factor:.2f} times the friction"
-
-
-def _stronger_text(factor: float) -> str:
-    return f"with {factor:.2f} times the motor torque"
-
-
-def _further_text(amount_m: float) -> str:
-    return f"with {1000 * amount_m:.0f} mm more reach of a level body along and across it"
-
-
 def _explained(
     climb: Climb, none: InfeasibleError, relaxation: _Relaxation, amount: float, way: list[Move]
 ) -> InfeasibleError:
@@ -218,15 +196,13 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
     problem = climb.problem
     equilibrium = TorqueLimits(problem, problem.friction_share)
     friction = StaticEquilibrium(problem, problem.friction_share)
-    for limb, ends in enumerate(goal_contacts(problem, climb.reachable)):
-        if not ends:
+    for limb, reached in enumerate(goal_contacts(problem, climb.reachable)):
+        if not reached:
             return f"with {LIMB_NAMES[limb]} at the goal"
     for move in way:
         swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
-        gone = [
-            f"{LIMB_NAMES[limb]} goes to {problem.hold_names[problem.contacts[move.after[limb]].hold]}"
-            for limb in move.limbs
-        ]
+        ends = ((LIMB_NAMES[limb], problem.contacts[move.after[limb]].hold) for limb in move.limbs)
+        gone = [f"{name} goes to {problem.hold_names[hold]}" for name, hold in ends]
         where = f"where {' and '.join(gone)}"
         bounds = [climb.reachable.of(stance) for stance in (move.before, move.after)]
         if None in bounds or not climb.swings.free(swings, move.support):

@@ -1,7 +1,5 @@
 """Planning a climb: contact search, schedule, quasi-static body path, exact NLP, independent check."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -38,9 +36,8 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     """
     scenario, work = session.scenario, session.work
     if scenario.start.air:
-        raise wrong(
-            scenario, "start.air", ", ".join(scenario.start.air), "expected none: Planner.plan plans from there"
-        )
+        expected = "expected none: Planner.plan plans from there"
+        raise wrong(scenario, "start.air", ", ".join(scenario.start.air), expected)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
@@ -62,33 +59,29 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
     the level search takes long, other headings before it goes on.
     """
     work = climb.work
-
-    def level(climb: Climb, quick: bool) -> PlanResult:
-        return _plan_level(climb, quick, climb.share_of_time(LEVEL_SHARE))
-
     try:
-        return level(climb, quick=True)
+        return _plan_level(climb, True, climb.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
     climb = farther(climb)
     if none_level.constraint != TIME_LIMIT:  # a search that takes long in the boxes takes longer beyond them
         try:
-            return level(climb, quick=True)
+            return _plan_level(climb, True, climb.share_of_time(LEVEL_SHARE))
         except InfeasibleError as none_quick:
             none_level = none_quick
     bound, work.bound = work.bound, None  # it is about fewer grasps than what follows
     if none_level.constraint != TIME_LIMIT:
         if bound is not None:
             bound.stop()
-        return plan_wider(climb, none_level, proof, solve_and_check)
+        return plan_wider(climb, none_level, proof)
     try:
-        return plan_wider(climb, none_level, proof, solve_and_check, further=True)
+        return plan_wider(climb, none_level, proof, further=True)
     except InfeasibleError as none_wider:
         if none_wider.proven or climb.late:
             raise
         work.bound = bound
-        return level(climb, quick=False)
+        return _plan_level(climb, False, climb.share_of_time(LEVEL_SHARE))
     finally:
         if bound is not None and work.bound is None:
             bound.stop()
@@ -107,7 +100,7 @@ def _steps_with(longer: Climb) -> int | None:
     try:
         return _plan_level(farther(longer), True, longer.deadline).steps
     except InfeasibleError:
-        found = plan_turning(longer, solve_and_check, looks(longer))
+        found = plan_turning(longer, looks(longer))
         return None if found is None else found[0].steps
 
 
@@ -187,9 +180,8 @@ def _plan_by_method(climb: Climb) -> PlanResult:
             work.log(f"refused: {found}")
         return found
 
-    result, _ = attempts(
-        climb, attempt, (_tighter(climb), without_blamed), failures, most=ATTEMPTS, until=climb.deadline
-    )
+    remedies = (_tighter(climb), without_blamed)
+    result, _ = attempts(climb, attempt, remedies, failures, most=ATTEMPTS, until=climb.deadline)
     if result is None:
         raise failures[0]
     return result

@@ -1,7 +1,5 @@
 """Where planning begins: climbs and walks load only what they need."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """What to tell the user when a start cannot be used or the search finds no way: which constraint, which limb, where."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -11,7 +9,7 @@ from crux_contracts.scenario import Scenario
 
 from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
-from crux_planner.model.poses import point_text
+from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
@@ -34,40 +32,30 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             beyond = np.abs(place - centre) - half
             axis = int(np.argmax(beyond))
             low, high = centre[axis] - half[axis], centre[axis] + half[axis]
-            raise wrong(
-                scenario,
-                f"start.grasps.{name}.hold",
-                _place_text(problem, problem.start_contacts[limb]),
-                f"out of reach by {1000 * beyond[axis]:.0f} mm: the gripper would be at {'xyz'[axis]} = "
-                f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m",
-            )
+            text = f"out of reach by {1000 * beyond[axis]:.0f} mm: the gripper would be at {'xyz'[axis]} = "
+            text += f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m"
+            hold = _place_text(problem, problem.start_contacts[limb])
+            raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
     stance = problem.start_contacts
     at = problem.start.position_m
     if equilibrium.position(stance, at, at, at) is None:
         lacking = equilibrium.missing_force(stance, at, at)
-        raise wrong(
-            scenario,
-            "start.grasps",
-            _stance_text(problem, stance),
-            f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
-            "; give the grasped faces more friction, or the body another place",
-        )
+        text = f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
+        cure = "give the grasped faces more friction, or the body another place"
+        raise wrong(scenario, "start.grasps", _stance_text(problem, stance), f"{text}; {cure}")
 
 
 def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
     """Why the search found nothing."""
     problem, equilibrium, reach, swings = oracles.problem, oracles.equilibrium, oracles.reachable, oracles.swings
+    crowded = "no gripper gets on: other grippers or cuboids stand in the way of every swing"
     return (
         _goal_out_of_reach(problem, reach)
         or _chain_broken(problem, reach, swings)
         or _timed_out(problem, report)
         or _goal_unbalanced(problem, equilibrium, report)
         or _lift_unbalanced(problem, equilibrium, reach, report, at_once)
-        or InfeasibleError(
-            "passage",
-            f"from {_stance_text(problem, report.nearest)} no gripper gets on: other grippers or cuboids stand in the "
-            "way of every swing",
-        )
+        or InfeasibleError("passage", f"from {_stance_text(problem, report.nearest)} {crowded}")
     )
 
 
@@ -118,12 +106,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
-        place = point_text(problem, goal)
-        if limb not in problem.goal.grasps:
-            text = f"no hold within reach of {LIMB_NAMES[limb]} for the goal body at {place}: the nearest, {hold}, is"
-        else:
-            text = f"goal.grasps.{LIMB_NAMES[limb]}: {hold} is out of reach for the goal body at {place}: it is"
-        return LevelGoalError("reach", f"{text} {1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace")
+        return LevelGoalError("reach", out_of_reach(problem, limb, hold, beyond[nearest]))
     return None
 
 
@@ -136,9 +119,8 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
         line = np.linspace(problem.start.position_m, problem.goal.body.position_m, 200)
         along = line @ reach.shape.directions.T
         usable = problem.limb_contacts[limb]
-        inside = (
-            ((along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)).all(axis=2).any(axis=1)
-        )
+        inside = (along[:, None] >= low[usable] - 1e-9) & (along[:, None] <= high[usable] + 1e-9)
+        inside = inside.all(axis=2).any(axis=1)
         if not inside.all():
             first = int(np.argmin(inside))
             after = first + int(np.argmax(inside[first:])) if inside[first:].any() else len(line)
@@ -146,25 +128,20 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             return InfeasibleError("reach", f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}")
         hold = _place_text(problem, problem.start_contacts[limb])
         if swings.any_forbidden:
-            return InfeasibleError(
-                "passage", f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
-            )
-        return InfeasibleError(
-            "reach",
-            f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal: no body position has both the hold "
-            "it leaves and one nearer the goal within reach, or tall obstacles close every way",
-        )
+            text = f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
+            return InfeasibleError("passage", text)
+        why = "no body position has both the hold it leaves and one nearer the goal within reach"
+        text = f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal: {why}"
+        return InfeasibleError("reach", f"{text}, or tall obstacles close every way")
     return None
 
 
 def _timed_out(problem: Problem, report: SearchReport) -> InfeasibleError | None:
     if not report.timed_out:
         return None
-    return InfeasibleError(
-        TIME_LIMIT,
-        f"no sequence of contacts found in the time allowed ({report.expanded} stances looked at, nearest to the goal: "
-        f"{_stance_text(problem, report.nearest)}); allow more with --time-limit",
-    )
+    seen = f"{report.expanded} stances looked at, nearest to the goal: {_stance_text(problem, report.nearest)}"
+    text = f"no sequence of contacts found in the time allowed ({seen}); allow more with --time-limit"
+    return InfeasibleError(TIME_LIMIT, text)
 
 
 def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: SearchReport) -> InfeasibleError | None:
@@ -173,11 +150,8 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
         return None
     at = problem.goal.body.position_m
     lacking = equilibrium.missing_force(report.nearest, at, at)
-    return InfeasibleError(
-        "equilibrium",
-        f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}: short by "
-        f"{max(lacking, LACKING_N):.1f} N",
-    )
+    text = f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}"
+    return InfeasibleError("equilibrium", f"{text}: short by {max(lacking, LACKING_N):.1f} N")
 
 
 def _lift_unbalanced(
@@ -192,16 +166,12 @@ def _lift_unbalanced(
         support = tuple(c for other, c in enumerate(report.nearest) if other != limb)
         shortages.append((equilibrium.missing_force(support, *bounds, report.nearest), limb))
     lacking, limb = min(shortages)
-    return InfeasibleError(
-        "equilibrium",
-        f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on "
-        f"{_stance_text(problem, report.nearest, without=limb)}: "
-        + (
-            f"friction and spines fall short by {lacking:.1f} N"
-            if lacking >= LACKING_N
-            else "the joints are too weak for what friction would hold"
-        ),
-    )
+    others = _stance_text(problem, report.nearest, without=limb)
+    why = "the joints are too weak for what friction would hold"
+    if lacking >= LACKING_N:
+        why = f"friction and spines fall short by {lacking:.1f} N"
+    text = f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on {others}: {why}"
+    return InfeasibleError("equilibrium", text)
 
 
 def _place_text(problem: Problem, contact: int) -> str:
@@ -213,8 +183,5 @@ def _place_text(problem: Problem, contact: int) -> str:
 def _stance_text(problem: Problem, stance: Stance | None, without: int | None = None) -> str:
     if stance is None:
         return "the start"
-    return ", ".join(
-        f"{name} {_place_text(problem, c)}"
-        for i, (name, c) in enumerate(zip(LIMB_NAMES, stance, strict=True))
-        if i != without
-    )
+    others = [limb for limb in range(len(stance)) if limb != without]
+    return ", ".join(f"{LIMB_NAMES[limb]} {_place_text(problem, stance[limb])}" for limb in others)

@@ -3,8 +3,6 @@
 Proofs that no plan exists come first where they are quick, and last where they need a search.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,12 +18,11 @@ from crux_planner.model.schedule import Move
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.solve_and_check import Climb
+from crux_planner.pipeline.solve_and_check import Climb, solve_and_check
+from crux_planner.search.ends import aimed, clear_start
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.goal_pose import aimed
 from crux_planner.search.heading_search import HeadingSearch
 from crux_planner.search.stances import Oracles
-from crux_planner.search.standing import clear_start
 from crux_planner.swing.swing_cache import SwingCache
 
 GREED = 3.0
@@ -64,13 +61,7 @@ def disproved(climb: Climb, none_near: InfeasibleError) -> Proof:
     return proof
 
 
-def plan_wider(
-    climb: Climb,
-    none_level: InfeasibleError,
-    proof: Proof,
-    solve_and_check: SolveAndCheck,
-    further: bool = False,
-) -> PlanResult:
+def plan_wider(climb: Climb, none_level: InfeasibleError, proof: Proof, further: bool = False) -> PlanResult:
     """A plan with other headings or off-centre grasps. Raises InfeasibleError, the level problem's if unproven.
 
     Where the search goes `further`, no long proof follows.
@@ -79,7 +70,7 @@ def plan_wider(
     none_level = proof.instead_of(none_level)
     if none_level.constraint == "horizon":
         raise none_level  # what follows takes longer still
-    found = plan_turning(climb, solve_and_check, looks(climb))
+    found = plan_turning(climb, looks(climb))
     if found is not None:
         result, wide = found
         with work.part("bound", 0.95):  # of the problem with this aim and these grasps
@@ -98,10 +89,10 @@ def looks(climb: Climb) -> int:
     return max(LOOKS, int(LOOKS_PER_S * climb.limit_s))
 
 
-def plan_turning(climb: Climb, solve_and_check: SolveAndCheck, looks: int) -> tuple[PlanResult, Problem] | None:
-    """A plan with other headings or off-centre grasps, and the problem it solves; None where none is found with so many
-    looks at moves, or made of it until the deadline.
-    """
+def plan_turning(
+    climb: Climb, looks: int, solve_and_check: SolveAndCheck = solve_and_check
+) -> tuple[PlanResult, Problem] | None:
+    """A plan with other headings or off-centre grasps and its problem; None where so many looks at moves find none."""
     work, reach = climb.work, climb.problem.limb_reach
     aims: dict[tuple[bool, int], tuple[Problem, Flags] | None] = {}
     for aim, (off_centre, tilt_m, passing_m) in [(0, LEVELS[0]), *itertools.product(range(AIMS), LEVELS[1:])]:
@@ -138,9 +129,7 @@ def _explained(none_level: InfeasibleError, impossible: InfeasibleError) -> Infe
 def _plan_aimed(
     climb: Climb, problem: Problem, ends: Flags, solve_and_check: SolveAndCheck, looks: int
 ) -> tuple[PlanResult | None, int]:
-    """A plan whose search chooses headings, None where none is found with so many looks, or made of it until the
-    deadline; and the looks taken.
-    """
+    """A plan whose search chooses headings, None where so many looks find none; and the looks taken."""
     work, given, gentler, left = climb.work, problem, list(GENTLER), looks
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:

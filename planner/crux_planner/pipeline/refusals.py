@@ -7,8 +7,6 @@ keeps its speed needs joints without bounds: the planner knows no joints, and le
 corner of the limb's box (9a) to leave out.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -55,9 +55,8 @@ class RemainingPlan:
         pose, limits = np.concatenate([problem.start.position_m, problem.start.rpy_rad]), problem.body
         step = SPEED_SHARE * problem.dt_s * np.array([limits.max_speed_m_s] * 3 + [limits.max_rate_rad_s] * 3)
         way = body[lift_off, :6] - pose
-        wait = max(
-            lift_off, 1 + int(np.ceil(float((np.abs(way) / step).max()) - 1e-6))
-        )  # it rests in the first interval
+        least = int(np.ceil(float((np.abs(way) / step).max()) - 1e-6))
+        wait = max(lift_off, 1 + least)  # it rests in the first interval
         index = np.concatenate([np.zeros(wait - lift_off, dtype=int), np.arange(self.steps + 1)])
         moved = body[index]
         share = np.clip((np.arange(wait + 1) - 1) / (wait - 1), 0.0, 1.0) if wait > 1 else np.array([0.0, 1.0])

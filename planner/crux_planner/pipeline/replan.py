@@ -4,8 +4,6 @@ A `Planner` keeps the problem in numbers, the oracles of the search with all the
 and the compiled equations. A plan made again starts at rest on a stance of the old one, and goes to the same goal.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Collection
@@ -17,7 +15,6 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
 from crux_planner.errors import InfeasibleError
-from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem, start_contacts, start_inertia
 from crux_planner.model.poses import check_body, pose_in_heading_frame
 from crux_planner.model.problem import Pose, Problem
@@ -88,7 +85,9 @@ class Planner:
         climb = Climb(**vars(session), **vars(replace(self.oracles, problem=problem)))
         result = None
         if remaining is not None and remaining.open_to(problem):
-            result = self._along(climb, remaining)
+            begun = remaining.begun_at_rest(problem)  # the running plan's own moves
+            timed = replace(climb, problem=replace(problem, steps=begun.steps))
+            result = self._finish(timed, begun.schedule, begun.start)
         most = max(problem.steps, self.scenario.horizon.steps - first)
         result = result or self._anew(climb, most, remaining) or self._turning(climb, most)
         if result is None:
@@ -131,14 +130,8 @@ class Planner:
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
         turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
-        found = plan_turning(turning, self._solve_and_check, TURNING_LOOKS)
+        found = plan_turning(turning, TURNING_LOOKS, self._solve_and_check)
         return None if found is None else found[0]
-
-    def _along(self, climb: Climb, remaining: RemainingPlan) -> PlanResult | None:
-        """The running plan's own moves, from the problem's start."""
-        begun = remaining.begun_at_rest(climb.problem)
-        timed = replace(climb, problem=replace(climb.problem, steps=begun.steps))
-        return self._finish(timed, begun.schedule, begun.start)
 
     def _anew(self, climb: Climb, most: int, remaining: RemainingPlan | None) -> PlanResult | None:
         """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
@@ -204,13 +197,9 @@ class Planner:
 
     def _as_level(self, problem: Problem) -> Problem:
         """The problem as the path of a level body sees it: how the robot is tilted is left to the exact program."""
-        bounds = self.oracles.reachable.of(problem.start_contacts)
-        position = problem.start.position_m if bounds is None else _inside(problem.start.position_m, *bounds)
+        bounds, position = self.oracles.reachable.of(problem.start_contacts), problem.start.position_m
+        if bounds is not None:  # into these, with a little space where there is some
+            low, high = bounds[0][:3], bounds[1][:3]
+            slack = np.minimum(_SLACK_M, (high - low) / 2)
+            position = np.clip(position, low + slack, high - slack)
         return replace(problem, start=Pose(position, np.zeros(3)))
-
-
-def _inside(values: Array, low: Array, high: Array) -> Array:
-    """Values moved into bounds, with a little space where there is some."""
-    low, high = low[:3], high[:3]
-    slack = np.minimum(_SLACK_M, (high - low) / 2)
-    return np.clip(values, low + slack, high - slack)

@@ -1,7 +1,5 @@
 """Where a running plan can be left, and the scenario from there on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from typing import Any

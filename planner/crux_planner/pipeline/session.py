@@ -83,10 +83,7 @@ def begin(
     progress: Progress | None,
     log: Callable[[str], None] | None,
 ) -> Session:
-    """A session with the time by which all but the check is to be done; the limit is of computing, in seconds.
-
-    Raises ScenarioError.
-    """
+    """A session with the time by which all but the check is to be done, of computing. Raises ScenarioError."""
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S

@@ -1,7 +1,5 @@
 """From a schedule to a checked plan: body path, exact P1, message, check; and what is to blame where one is refused."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,11 +55,8 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     failures: list[InfeasibleError] = []
 
     def as_unforeseen(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
-        if (
-            not isinstance(failure, HorizonError)
-            or choice.problem.speed_limits == as_given.speed_limits
-            or failures[1:]
-        ):
+        same = choice.problem.speed_limits == as_given.speed_limits
+        if not isinstance(failure, HorizonError) or same or failures[1:]:
             return None
         failures.clear()  # the check may forgive what was foreseen
         return _Choice(as_given, None)
@@ -88,11 +83,10 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
 def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
     with climb.work.part("body", 0.4):
         try:
-            schedule = (
-                at_knots(climb.problem, climb.swings, timed.moves, timed.stances, timed.swings)
-                if timed is not None
-                else evenly(climb, moves)
-            )
+            if timed is None:
+                schedule = evenly(climb, moves)
+            else:
+                schedule = at_knots(climb.problem, climb.swings, timed.moves, timed.stances, timed.swings)
         except HorizonError as too_short:
             return too_short
         aimed, path = path_to_goal(climb.problem, climb.equilibrium, schedule)
@@ -195,11 +189,8 @@ def _refused(report: CheckReport) -> InfeasibleError:
     first = max(report.violations, key=lambda v: v.amount)
     who = " ".join(part for part in (first.limb, f"finger {first.finger}" if first.finger else None) if part)
     when = "" if first.time_s is None else f" at {first.time_s:.1f} s"
-    return InfeasibleError(
-        first.constraint,
-        f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
-        f"{first.amount:.3g} {first.unit} {first.detail}".rstrip(),
-    )
+    text = f"every plan found fails the check: {first.constraint}{' of ' + who if who else ''}{when} by "
+    return InfeasibleError(first.constraint, f"{text}{first.amount:.3g} {first.unit} {first.detail}".rstrip())
 
 
 def _blamed(report: CheckReport, schedule: Schedule, problem: Problem) -> tuple[int, int] | None:

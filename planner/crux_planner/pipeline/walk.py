@@ -1,7 +1,5 @@
 """Planning a walk: gaits by local search on J or by one of the paper's methods; the exact problem; the check."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,8 +19,7 @@ from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
-from crux_planner.trajectory.walk_exact import of_knots, solve
-from crux_planner.trajectory.walk_qp import WalkKnots
+from crux_planner.trajectory.walk_qp import WalkKnots, of_knots, solve
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
 PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
@@ -52,9 +49,8 @@ class RefusedError(InfeasibleError):
         paces = dict.fromkeys(LIMB_NAMES, 1.0)
         for joint in report.joints:
             if joint.peak_speed_rad_s > joint.speed_limit_rad_s:
-                paces[joint.limb] = min(
-                    paces[joint.limb], PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
-                )
+                pace = PACE_SHARE * joint.speed_limit_rad_s / joint.peak_speed_rad_s
+                paces[joint.limb] = min(paces[joint.limb], pace)
         self.paces = tuple(paces.values())
 
 
@@ -159,9 +155,7 @@ def _team(worker: Worker) -> list[Worker]:
 
 
 def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | InfeasibleError:
-    """The first of the walks found that is exact and passes the check, or why none is: without its waits, unless that
-    fails or the scenario keeps them.
-    """
+    """The first of the walks found that is exact and passes the check, or why none is."""
     failure: InfeasibleError | None = None
     bound = BoundWorker(walk.worker, np.inf)
     for _ in range(ATTEMPTS):
@@ -185,9 +179,7 @@ def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | In
     """The exact problem and the check for a gait, whatever found it."""
     shorter, moving = walk_without_waiting(walk.problem, knots)
     shorter_walk = replace(walk, problem=shorter) if shorter.steps < walk.problem.steps else None
-    return without_waits(
-        walk, shorter_walk, lambda walk, wait: _finish_as_it_is(walk, bound, knots if wait else moving)
-    )
+    return without_waits(walk, shorter_walk, lambda of, wait: _finish_as_it_is(of, bound, knots if wait else moving))
 
 
 def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:

@@ -5,8 +5,6 @@ body path is one sparse QP: first over the events of the sequence (each lift-off
 the body needs between them, then over all knots of the schedule, which starts the NLP.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -47,9 +45,8 @@ def smooth_events(oracles: Oracles, moves: list[Move]) -> list[Move]:
     qp.squares(path[-1][:, None], one, fixed[1], 1.0)
     for a, b in pairwise(path):
         qp.squares(np.column_stack([a, b]), two, np.zeros(3), 1.0)
-    _charge_for_waiting(
-        qp, problem, path, moves, [max(swings.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
-    )
+    least = [max(swings.intervals(m.before[i], m.after[i]) for i in m.limbs) for m in moves]
+    _charge_for_waiting(qp, problem, path, moves, least)
     solution = qp.solve()
     if solution is None:  # at the very edge of what the search allowed: keep what it found
         return moves
@@ -62,9 +59,8 @@ def _charge_for_waiting(
 ) -> None:
     """Make it dear that the body goes further in a swing, or a stance between two, than their least time allows."""
     held = [*[contacts for move in moves for contacts in (move.before, move.held)], moves[-1].after]
-    steps = [
-        SPEED_SHARE * min(problem.speed_limits.get(h, np.inf), problem.body.max_speed_m_s) * problem.dt_s for h in held
-    ]
+    fastest, limits = problem.body.max_speed_m_s, problem.speed_limits
+    steps = [SPEED_SHARE * min(limits.get(h, np.inf), fastest) * problem.dt_s for h in held]
     axes = np.hstack([-np.eye(3), np.eye(3)])
     start, end = (qp.variables(at, at) for at in (problem.start.position_m, problem.goal.body.position_m))
     allowed = [0, *[knots for swing in swings for knots in (swing, 1)]]  # before, in and after each swing
@@ -113,9 +109,8 @@ def knot_path(problem: Problem, equilibrium: StaticEquilibrium, schedule: Schedu
     grips: list[dict[int, Indices]] = []
     for k in range(problem.steps):
         on = {limb: c for limb in range(4) if (c := schedule.contacts[k][limb]) is not None}
-        position, wrenches = _position(
-            qp, equilibrium, (low[k], high[k]), tuple(on.values()), means[k], to_w[k], problem.weights.wrench
-        )
+        at = (low[k], high[k]), tuple(on.values()), means[k], to_w[k]
+        position, wrenches = _position(qp, equilibrium, *at, problem.weights.wrench)
         path.append(position)
         grips.append(dict(zip(on, wrenches, strict=True)))
     path.append(within(qp, problem.boxes, low[-1], high[-1], to_w[-1]))
@@ -147,9 +142,7 @@ def _position(
     to_w: Array,
     comfort: float = _COMFORT,
 ) -> tuple[Indices, list[Indices]]:
-    """Add a body position in balance on the contacts `support`, its grippers' mean place `grippers`; the numbers of its
-    variables and of the wrenches'.
-    """
+    """Add a body position in balance on `support`, grippers' mean place `grippers`; its variables and the wrenches'."""
     position = within(qp, equilibrium.problem.boxes, *bounds, to_w)
     bound = np.array([FORCE_BOUND_N, FORCE_BOUND_N, TWIST_BOUND_NM, FORCE_BOUND_N, FORCE_BOUND_N])
     wrenches, support = [], equilibrium.bearing(support)

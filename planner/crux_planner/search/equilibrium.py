@@ -4,8 +4,6 @@ The oracle of the search, of what physics.static_balance has. Least-norm wrenche
 settle most queries; a small QP settles the rest.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,8 +25,7 @@ _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted c
 
 def clipped(position: Array, low: Array, high: Array) -> Array:
     """The position moved into bounds (m,) as far as these are along x, y and z."""
-    near: Array = np.clip(position, low[:3], high[:3])
-    return near
+    return np.asarray(np.clip(position, low[:3], high[:3]))
 
 
 class Query(NamedTuple):
@@ -59,12 +56,7 @@ class StaticEquilibrium(StaticBalance):
         self._rows: dict[int, tuple[Array, Array]] = {}
 
     def position(
-        self,
-        support: tuple[int, ...],
-        low: Array,
-        high: Array,
-        wanted: Array,
-        grippers: tuple[int, ...] | None = None,
+        self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] | None = None
     ) -> Array | None:
         """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
 
@@ -160,9 +152,8 @@ class StaticEquilibrium(StaticBalance):
         self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
-        cost = np.concatenate(
-            [np.full(3, _POSITION_WEIGHT), np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))]
-        )
+        effort = np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))
+        cost = np.concatenate([np.full(3, _POSITION_WEIGHT), effort])
         linear = np.concatenate([-_POSITION_WEIGHT * wanted, np.zeros(n)])
         rows = np.hstack([np.zeros((len(limits), 3)), limits])
         if further is not None:

@@ -5,8 +5,6 @@ stance carry it in static balance. What a stance on all four limbs costs hardly 
 computed once a stance. Good enough to rank candidates at a few milliseconds each; the exact NLP has the last word.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -88,8 +86,7 @@ class Estimate:
     def places(self) -> Array:
         """Of the body at lift-off and touch-down of each move (n, 2, 3)."""
         flown = [i for i, node in enumerate(self.nodes) if node.support]  # three a move
-        places: Array = self.body[np.array([flown[::3], flown[2::3]], dtype=int).T]
-        return places
+        return np.asarray(self.body[np.array([flown[::3], flown[2::3]], dtype=int).T])
 
 
 class EventCost:
@@ -169,7 +166,7 @@ class EventCost:
         grips: list[Indices] = []
         for i, node in enumerate(nodes):
             if free.start <= i < free.stop:
-                places.append(self._place(qp, node.low, node.high))
+                places.append(within(qp, self.reach.shape, node.low, np.maximum(node.low, node.high), _LEVEL))
                 grips.append(self._carry(qp, places[-1], node.support, node.grippers, node.share))
             else:
                 at = fixed[0 if i < free.start else -1]
@@ -225,9 +222,6 @@ class EventCost:
             self._reached[key] = low, high
         return self._reached[key]
 
-    def _place(self, qp: SparseQp, low: Array, high: Array) -> Indices:
-        return within(qp, self.reach.shape, low, np.maximum(low, high), _LEVEL)
-
     def _on_the_way(self, move: Move, air: int, knots: int) -> tuple[Array, Array]:
         """Bounds of the body's place `knots` after lift-off."""
         key = (move.before, move.after, air, knots)
@@ -263,17 +257,16 @@ class EventCost:
             solution = None
             if (low <= high + 1e-9).all():
                 qp = SparseQp()
-                self._carry(qp, self._place(qp, low, high), stance, stance, 1.0)
+                place = within(qp, self.reach.shape, low, np.maximum(low, high), _LEVEL)
+                self._carry(qp, place, stance, stance, 1.0)
                 solution = qp.solve()
             self._standing[key] = np.inf if solution is None else qp.value(solution)
         return self._standing[key]
 
     def _swing_costs(self, move: Move, air: int) -> tuple[float, float]:
         """What J says of a move's swings whatever the body does, in the air `air` knots and one more."""
-        now, later = (
-            sum(self._swing_cost(move.before[limb], move.after[limb], knots) for limb in move.limbs)
-            for knots in (air, air + 1)
-        )
+        swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
+        now, later = (sum(self._swing_cost(*swing, knots) for swing in swings) for knots in (air, air + 1))
         return now, later
 
     def _swing_cost(self, start: int, end: int, air: int) -> float:

@@ -4,18 +4,15 @@ A foot off the ground has a value in the QP, the pull of the dynamics' duals on 
 the ground has its share of the effort. Neighbours are tried in the order of what these values promise.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
-from crux_planner.model.slots import Change, Slots
+from crux_planner.model.slots import Change, Slots, Strides
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.planar_qp import FlatQp, FlatWalk
-from crux_planner.search.strides import Strides
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Team, Worker
 

@@ -49,13 +49,11 @@ class View:
 
     def to_w(self, position: Array) -> Array:
         """From the view's axes."""
-        turned: Array = rotation_z(self.yaw_rad) @ position
-        return turned
+        return np.asarray(rotation_z(self.yaw_rad) @ position)
 
     def from_w(self, position: Array) -> Array:
         """To the view's axes."""
-        turned: Array = rotation_z(-self.yaw_rad) @ position
-        return turned
+        return np.asarray(rotation_z(-self.yaw_rad) @ position)
 
 
 class HeadingSearch:
@@ -112,9 +110,8 @@ class HeadingSearch:
     def estimate(self, state: State) -> float:
         """Knots to the goal, roughly."""
         stance, heading = state
-        return float(sum(self.to_go[limb, c] for limb, c in enumerate(stance))) + self.turn_knots * abs(
-            heading - self.end
-        )
+        on = float(sum(self.to_go[limb, c] for limb, c in enumerate(stance)))
+        return on + self.turn_knots * abs(heading - self.end)
 
     def search(self, *, greed: float, deadline: float, most: int) -> tuple[list[Move] | None, SearchReport]:
         """Moves to the goal, None where none are found after looks at `most` moves; and what the search saw."""
@@ -158,9 +155,8 @@ class HeadingSearch:
             for following, more in self._steps(state, step.body):
                 total = cost + more
                 if total < best.get(following.after, np.inf) - _SETTLED:
-                    rank = (
-                        total + greed * self.estimate(following.after) + SIMILARITY * like[self._likes(following.after)]
-                    )
+                    then = following.after
+                    rank = total + greed * self.estimate(then) + SIMILARITY * like[self._likes(then)]
                     heapq.heappush(queue, (rank, next(counter), total, following, False))
         return None, report
 
@@ -214,9 +210,8 @@ class HeadingSearch:
             return None
         held = tuple(None if other == limb else c for other, c in enumerate(before))
         slow = self._speed_m_s(held)
-        touch_down = view.equilibrium.position(
-            support, *landing, wanted if np.isinf(slow) else clipped(lift_off, *landing), stance
-        )
+        near = wanted if np.isinf(slow) else clipped(lift_off, *landing)
+        touch_down = view.equilibrium.position(support, *landing, near, stance)
         if touch_down is None:
             return None
         extra = self.swings.intervals(before[limb], stance[limb]) + STANCE_KNOTS + MOVE_COST

@@ -7,8 +7,6 @@ more on a long wall; the whole path is chosen anew when no neighbour is better. 
 same every time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

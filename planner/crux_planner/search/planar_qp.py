@@ -4,8 +4,6 @@ The body keeps its height. Normal forces are shares of the weight and lateral fo
 that (8) is two rows a knot; tilting and turning cost no force here, but they are as slow as there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +14,7 @@ from crux_planner.model.gait import Gait, WalkMotion, nominal_footholds, progres
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.bounds import (
-    apart_rows,
-    foothold_bounds,
-    least_load_N,
-    rate_steps,
-    step_rows,
-    walk_bounds,
-)
+from crux_planner.physics.bounds import apart_rows, foothold_bounds, least_load_N, rate_steps, step_rows, walk_bounds
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import Rows
@@ -170,8 +161,7 @@ class FlatQp:
     def _forces(self, body: Array, loads: Array, stance: Flags) -> Array:
         lateral = self.problem.mass_kg * (self._second @ body[:, :2] - self.problem.gravity_w[:2])
         share = stance / stance.sum(axis=1, keepdims=True)
-        forces: Array = np.concatenate([share[..., None] * lateral[:, None], self.weight_N * loads[..., None]], axis=2)
-        return forces
+        return np.concatenate([share[..., None] * lateral[:, None], self.weight_N * loads[..., None]], axis=2)
 
     def _cost(self, gait: Gait, body: Array, loads: Array, stance: Flags) -> float:
         """J; the feet in stance share the lateral force."""
@@ -226,22 +216,15 @@ class FlatQp:
             rows.close((centre - half - known).ravel(), (centre + half - known).ravel())
 
     def _three_feet(
-        self,
-        rows: Rows,
-        gait: Gait,
-        places: tuple[Indices, Indices],
-        blend: Array,
-        fixed: Array,
-        feet: Array,
-        at_h: int,
+        self, rows: Rows, gait: Gait, on: tuple[Indices, Indices], blend: Array, fixed: Array, feet: Array, at_h: int
     ) -> None:
         """Loads on three feet here and at the next knot, as the mass accelerates then, the limbs' too."""
         problem, n = self.problem, self.problem.steps
         number = np.full((n, 4), -1)
-        number[places] = np.arange(len(places[0]))
+        number[on] = np.arange(len(on[0]))
         three = np.flatnonzero(gait.stance[:n].sum(axis=1) == 3)
-        on = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
-        corners = np.concatenate([feet[three[:, None], on], np.ones((len(three), 3, 1))], axis=2)
+        standing = np.nonzero(gait.stance[three])[1].reshape(-1, 3)
+        corners = np.concatenate([feet[three[:, None], standing], np.ones((len(three), 3, 1))], axis=2)
         shift = np.linalg.inv(corners.transpose(0, 2, 1))[:, :, :2]
         body_share, press = 1.0 - 4 * problem.limbs_share, problem.pendulum_s2 / problem.dt_s**2
         for ahead in (0, 1):
@@ -255,7 +238,7 @@ class FlatQp:
                 body += [(np.minimum(three + late + i - 1, n), share * press * (1.0, -2.0, 1.0)[i]) for i in range(3)]
             for corner in range(3):
                 row = 3 * np.arange(len(three)) + corner
-                rows.entries(row, self._at_loads + number[three, on[:, corner]], np.ones(len(three)))
+                rows.entries(row, self._at_loads + number[three, standing[:, corner]], np.ones(len(three)))
                 for b in (0, 1):
                     along = shift[:, corner, b]
                     rows.entries(row[seen], at_h + 2 * j + b, along[seen] * together[seen, j])

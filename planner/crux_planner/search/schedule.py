@@ -1,7 +1,5 @@
 """When each move happens: the sequence scheduled over the N knots, and every gripper's pose at every knot."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.errors import HorizonError

@@ -69,9 +69,8 @@ class Oracles:
     def of(cls, problem: Problem, equilibrium: StaticEquilibrium | None = None) -> Oracles:
         """New ones; balance is within the problem's share of friction."""
         equilibrium = equilibrium or StaticEquilibrium(problem, problem.friction_share)
-        return cls(
-            problem=problem, equilibrium=equilibrium, reachable=ReachableSet(problem), swings=SwingCache(problem)
-        )
+        reachable, swings = ReachableSet(problem), SwingCache(problem)
+        return cls(problem=problem, equilibrium=equilibrium, reachable=reachable, swings=swings)
 
 
 def search(

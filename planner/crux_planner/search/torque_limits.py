@@ -111,9 +111,7 @@ class TorqueLimits(StaticEquilibrium):
 
 @cache
 def _torque_map() -> Mapped:
-    """(numbers of a limb, place, centre, axis, tangent, gravity) in one -> A (6, 4), b (6,) of the torques
-    A @ (s1, s2, m, F) + b, level body.
-    """
+    """(a limb's numbers, place, centre, axis, tangent, gravity) -> A (6, 4), b (6,): torques A @ (s1, s2, m, F) + b."""
     given, w = ca.SX.sym("given", NUMBERS + 15), ca.SX.sym("w", 4)
     ends = [0, *range(NUMBERS, NUMBERS + 18, 3)]
     numbers, place, centre, axis, tangent, gravity = ca.vertsplit(given, ends)

@@ -4,8 +4,6 @@ A machine that is busy with other things gives a planner fewer of them a second,
 many of them.
 """
 
-from __future__ import annotations
-
 import os
 import time
 

@@ -1,7 +1,5 @@
 """Nonlinear programs of casadi's, solved by ipopt."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +9,6 @@ import numpy as np
 from crux_planner.model.arrays import Array
 
 _QUIET: dict[str, Any] = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.linear_solver": "mumps"}
-ONCE: dict[str, Any] = {
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.tol": 1e-4,
-    "ipopt.constr_viol_tol": 1e-7,
-    "ipopt.compl_inf_tol": 1e-3,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.max_iter": 300,
-}
 AGAIN: dict[str, Any] = {
     "ipopt.mu_strategy": "monotone",
     "ipopt.mu_init": 1e-3,
@@ -47,15 +37,11 @@ class NlpSolution:
 class Nlp:
     """min f(x, p) with bounds of x and of g(x, p), `nlp` as casadi has it; compiled once.
 
-    Options: `ONCE`, or `AGAIN` for one that is solved over and over from its last answer.
+    Options: `AGAIN` are those of one that is solved over and over from its last answer.
     """
 
     def __init__(
-        self,
-        nlp: dict[str, Any],
-        bounds: tuple[Array, Array],
-        row_bounds: tuple[Array, Array],
-        options: dict[str, Any],
+        self, nlp: dict[str, Any], bounds: tuple[Array, Array], row_bounds: tuple[Array, Array], options: dict[str, Any]
     ) -> None:
         self._solver = ca.nlpsol("nlp", "ipopt", nlp, {**_QUIET, **options})
         self._bounds = dict(zip(("lbx", "ubx", "lbg", "ubg"), (*bounds, *row_bounds), strict=True))
@@ -68,11 +54,6 @@ class Nlp:
             given["p"] = parameters
         result, stats = self._solver(**given, **self._bounds), self._solver.stats()
         self._last = {"x0": result["x"], "lam_x0": result["lam_x"], "lam_g0": result["lam_g"]}
-        return NlpSolution(
-            np.array(result["x"]).ravel(),
-            np.array(result["g"]).ravel(),
-            float(result["f"]),
-            int(stats["iter_count"]),
-            str(stats["return_status"]),
-            bool(stats["success"]),
-        )
+        x, rows = (np.array(result[name]).ravel() for name in ("x", "g"))
+        how = int(stats["iter_count"]), str(stats["return_status"]), bool(stats["success"])
+        return NlpSolution(x, rows, float(result["f"]), *how)

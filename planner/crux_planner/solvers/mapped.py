@@ -23,15 +23,6 @@ class Mapped:
         self._shapes = [function.size_out(i) for i in range(function.n_out())]
         self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
 
-    @property
-    def equation(self) -> ca.Function:
-        """The first output, of the arguments that it depends on."""
-        arguments = self.function.sx_in()
-        value = self.function(*arguments)
-        value = value[0] if self.function.n_out() > 1 else value
-        needed = [argument for argument in arguments if ca.depends_on(value, argument)]
-        return ca.Function(self.function.name(), needed, [value])
-
     def __call__(self, *arguments: Array) -> Any:
         """At every row of the arguments (n, size): outputs (n, rows), or (n, rows, columns) of a matrix."""
         n = len(arguments[0])

@@ -1,7 +1,5 @@
 """A mixed-integer linear program put together piece by piece, solved by HiGHS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,12 +104,8 @@ class Milp:
         values = np.array(solver.getSolution().col_value) if found else None
         optimal = status == highspy.HighsModelStatus.kOptimal
         bound = (info.objective_function_value if optimal else -np.inf) if relaxed else info.mip_dual_bound
-        return MilpResult(
-            values,
-            float(info.objective_function_value) if found else np.inf,
-            float(bound),
-            status == highspy.HighsModelStatus.kInfeasible,
-        )
+        objective = float(info.objective_function_value) if found else np.inf
+        return MilpResult(values, objective, float(bound), status == highspy.HighsModelStatus.kInfeasible)
 
     def _fresh(self) -> highspy.Highs:
         """The solver with all rows."""
@@ -132,9 +126,8 @@ class Milp:
 
     def _model(self) -> highspy.HighsLp:
         starts = np.concatenate([[0], np.cumsum(self._lengths)])
-        matrix = sp.csr_matrix(
-            (np.concatenate(self._values), np.concatenate(self._columns), starts), (self.rows, self.size)
-        )
+        entries = np.concatenate(self._values), np.concatenate(self._columns), starts
+        matrix = sp.csr_matrix(entries, (self.rows, self.size))
         columns = np.concatenate(self._low), np.concatenate(self._high)
         rows = np.array(self._row_low), np.array(self._row_high)
         return highs_model(matrix, np.zeros(self.size), columns, rows, np.concatenate(self._integer))

@@ -1,7 +1,5 @@
 """Quadratic programs, solved by PIQP."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,10 +68,7 @@ class Block:
 
 
 class SparseQp:
-    """A sparse QP put together piece by piece: min sum of weighted squares, subject to bounds and linear rows.
-
-    Variables are numbered as they are added.
-    """
+    """A sparse QP put together piece by piece: least weighted squares in bounds and linear rows; variables in order."""
 
     def __init__(self) -> None:
         self._low: list[Array] = []
@@ -93,9 +88,8 @@ class SparseQp:
     def squares(self, columns: Indices, coefficients: Array, target: Array, weight: float) -> None:
         """Add weight * |sum_j coefficients[:, j] x[columns[:, j]] - target|^2; shapes (n, terms), (n, terms), (n,)."""
         root = np.sqrt(weight)
-        self._cost.append(
-            (np.asarray(columns), root * np.asarray(coefficients, dtype=float), root * np.asarray(target))
-        )
+        terms = root * np.asarray(coefficients, dtype=float), root * np.asarray(target)
+        self._cost.append((np.asarray(columns), *terms))
 
     def equal(self, matrix: Array | Block, columns: Indices, right: Array) -> None:
         """matrix @ x[columns] = right."""

@@ -4,8 +4,6 @@ After Stein, Oldenburg & Marquardt (2004): the NLP's one parameter bounds alpha 
 alpha that stand for "if in contact"; every run starts from the last answer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -68,9 +66,7 @@ class Watch(ca.Callback):
 
 @dataclass(frozen=True)
 class Relaxed:
-    """An NLP in x with the relaxation as its parameter p, bounds of x and of its rows; `binaries` takes alpha from x,
-    in any shape.
-    """
+    """An NLP in x with the relaxation as its parameter p, bounds of x and its rows; `binaries` takes alpha from x."""
 
     nlp: dict[str, Any]
     bounds: tuple[Array, Array]

@@ -1,7 +1,5 @@
 """Sparse matrices put together block by block, and products with cross-product matrices, many at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -76,8 +74,7 @@ class Rows(Entries):
 
 def skews(v: Array) -> Array:
     """The matrices (..., 3, 3) of the cross products v x of vectors (..., 3)."""
-    found: Array = (v @ _CROSS).reshape(*v.shape, 3)
-    return found
+    return np.asarray((v @ _CROSS).reshape(*v.shape, 3))
 
 
 _CROSS = np.array([[0.0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]])

@@ -4,8 +4,6 @@ A limb is three capsules, from shoulder to elbow, wrist and palm, where the clos
 a level body. Only cuboids higher than a palm's lowest place can be in their way: on most walls there are none.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +12,9 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_z
 from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Stance
 from crux_planner.swing.swing import Swing, contact_pose
 from crux_planner.swing.swing_cache import SwingCache
-
-Stance = tuple[int, int, int, int]
 
 CLEARANCE_M = 0.008  # of links: twice the checker's, and what lies between two samples of a link
 _MOMENTS = 9  # at which a move is looked at
@@ -49,16 +46,9 @@ class LinkClearance:
         return all(self._limb_clear(limb, bodies, self._standing(c, 3)) for limb, c in enumerate(stance))
 
     def move_clear(
-        self,
-        before: Stance,
-        after: Stance,
-        limbs: tuple[int, ...],
-        lift_off: Array,
-        touch_down: Array,
+        self, before: Stance, after: Stance, limbs: tuple[int, ...], lift_off: Array, touch_down: Array
     ) -> bool:
-        """The limbs in the air on their ways and the others in their stance. Where a way is the cause, another one of
-        the same swing takes its place.
-        """
+        """The limbs in the air and those in stance; where a way is the cause, another of the same swing replaces it."""
         if not self.anything:
             return True
         bodies = lift_off + np.linspace(0.0, 1.0, _MOMENTS)[:, None] * (touch_down - lift_off)
@@ -111,8 +101,7 @@ class LinkClearance:
             near.distance(a[:, None] + _ALONG[:, None] * (b - a)[:, None]).min(axis=(1, 2)) - radius
             for (a, b), radius in zip(pairwise(corners), self._radii, strict=True)
         ]
-        least: Array = np.min(gaps, axis=0)
-        return least
+        return np.asarray(np.min(gaps, axis=0))
 
 
 def _along(swing: Swing) -> Array:

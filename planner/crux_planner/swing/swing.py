@@ -4,8 +4,6 @@ Equation (14) is kept over the whole way as msgs/PLAN.md reads it between knots,
 lowering run along the gripped faces with the fingers open, and everything in between is a polyline of one height.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -52,8 +50,7 @@ class Swing:
         swings = [_line(_open(self.start), self.stations[0], self.rise)]
         swings += [_line(self.stations[i], self.stations[i + 1], n) for i, n in enumerate(legs)]
         swings += [_line(self.stations[-1], _open(self.end), self.fall)]
-        poses: Array = np.vstack([first, *[way[1:] for way in swings[:-1]], swings[-1][1:-1], last])
-        return poses
+        return np.vstack([first, *[way[1:] for way in swings[:-1]], swings[-1][1:-1], last])
 
 
 def plan_swing(
@@ -92,16 +89,14 @@ def plan_swing(
 
 def column_gap(points: Array, cuboids: Cuboids) -> Array:
     """Least plan-view distance (V,) of points (..., 3) to each cuboid."""
-    gaps: Array = cuboids.plan_distance(points).reshape(-1, len(cuboids.yaw_rad)).min(axis=0)
-    return gaps
+    return np.asarray(cuboids.plan_distance(points).reshape(-1, len(cuboids.yaw_rad)).min(axis=0))
 
 
 def footprint(pose: Array, half_length: Array | float) -> Array:
     """Points (..., 9, 3) along the opening axis of grippers at poses (..., >= 4); half lengths (...) or one for all."""
     along = np.linspace(-1.0, 1.0, 9) * np.asarray(half_length)[..., None]
     axis = np.stack([np.cos(pose[..., 3]), np.sin(pose[..., 3]), np.zeros(pose.shape[:-1])], axis=-1)
-    points: Array = pose[..., None, :3] + along[..., None] * axis[..., None, :]
-    return points
+    return np.asarray(pose[..., None, :3] + along[..., None] * axis[..., None, :])
 
 
 def gripper_gap(a: Array, b: Array) -> float:
@@ -116,9 +111,8 @@ def palm_gap(a: Array, b: Array, half_width: float) -> float:
     def apart(corners_of: Array, boxes: Array) -> float:
         x, y, yaw, length = (corners_of[:, None, i] for i in range(4))
         along, across = length * np.array([1, 1, -1, -1]), half_width * np.array([1, -1, 1, -1])
-        points = np.stack(
-            [x + along * np.cos(yaw) - across * np.sin(yaw), y + along * np.sin(yaw) + across * np.cos(yaw)], axis=-1
-        )
+        c, s = np.cos(yaw), np.sin(yaw)
+        points = np.stack([x + along * c - across * s, y + along * s + across * c], axis=-1)
         way = points[:, :, None] - boxes[:, :2]  # (n, 4, m, 2)
         c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
         beyond = np.abs(np.stack([c * way[..., 0] + s * way[..., 1], c * way[..., 1] - s * way[..., 0]], axis=-1))
@@ -152,12 +146,7 @@ def _clear_height(
 
 
 def _candidate_ways(
-    start: Contact,
-    end: Contact,
-    cuboids: Cuboids,
-    shape: GripperShape,
-    limits: SwingLimits,
-    body_line: Array | None,
+    start: Contact, end: Contact, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits, body_line: Array | None
 ) -> list[list[Array]]:
     """The straight way, and ways around each cuboid that it meets and cannot pass over, best first."""
     a, b = start.centre_w_m[:2], end.centre_w_m[:2]
@@ -170,12 +159,9 @@ def _candidate_ways(
             continue
         c, s = np.cos(cuboids.yaw_rad[v]), np.sin(cuboids.yaw_rad[v])
         turns = np.array([start.yaw_rad, end.yaw_rad]) - cuboids.yaw_rad[v]
-        slack = limits.clearance_m + np.array(
-            [
-                (length * np.abs(np.cos(turns)) + width * np.abs(np.sin(turns))).max(),
-                (length * np.abs(np.sin(turns)) + width * np.abs(np.cos(turns))).max(),
-            ]
-        )
+        cosine, sine = np.abs(np.cos(turns)), np.abs(np.sin(turns))
+        along, across = (length * cosine + width * sine).max(), (length * sine + width * cosine).max()
+        slack = limits.clearance_m + np.array([along, across])
         to_w = np.array([[c, -s], [s, c]])
         corners = [cuboids.foot_w_m[v] + to_w @ ((cuboids.half_m[v, :2] + slack) * sign) for sign in _CORNERS]
         for i in range(4):  # past one corner, or along one side

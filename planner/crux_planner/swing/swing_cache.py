@@ -1,7 +1,5 @@
 """Which swings exist and which of them other grippers leave free; everything computed once and kept."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array
@@ -22,30 +20,20 @@ class SwingCache:
         self._gaps: dict[tuple[int, int, int], bool] = {}
         shape = problem.shape
         poses = np.stack([contact_pose(c) for c in problem.contacts])
-        self._standing = footprint(
-            poses, shape.half_length(max(c.separation_m / 2 for c in problem.contacts)) - shape.pad_radius
-        )
+        widest = max(c.separation_m / 2 for c in problem.contacts)
+        self._standing = footprint(poses, shape.half_length(widest) - shape.pad_radius)
         self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m
 
     def swing(self, start: int, end: int) -> Swing | None:
         """The way from one contact to another, None where there is none."""
         key = (start, end)
         if key not in self._swings:
-            a, b = self.problem.contacts[start], self.problem.contacts[end]
-            problem, skip = self.problem, self._skipped.get(key, 0)
-            self._swings[key] = (
-                plan_swing(
-                    a,
-                    b,
-                    problem.cuboids,
-                    problem.shape,
-                    problem.swing,
-                    body_line_w_m=np.stack([problem.start.position_m[:2], problem.goal.body.position_m[:2]]),
-                    skip=skip,
-                )
-                if start != end and b.bears
-                else None
-            )
+            problem, body = self.problem, (self.problem.start, self.problem.goal.body)
+            a, b = problem.contacts[start], problem.contacts[end]
+            line, skip = np.stack([pose.position_m[:2] for pose in body]), self._skipped.get(key, 0)
+            given = a, b, problem.cuboids, problem.shape, problem.swing
+            there = start != end and b.bears
+            self._swings[key] = plan_swing(*given, body_line_w_m=line, skip=skip) if there else None
         return self._swings[key]
 
     def intervals(self, start: int, end: int) -> int:

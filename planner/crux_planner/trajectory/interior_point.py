@@ -5,8 +5,6 @@ only its neighbours. So columns are eliminated all at once by small inverses, an
 of the dynamics, by a Riccati recursion: time grows linearly with the knots and by a small factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +68,8 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         lacking = np.where(bounded, slack - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
         gap = float((point.slacks * point.duals)[bounded].sum()) / count
-        primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), stages.last_error(point.body))
+        off_end = float((stages.pinned * np.abs(point.body[-1] - stages.last)).max())
+        primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), off_end)
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP
@@ -157,8 +156,7 @@ def _riccati(hessian: Array, slope: Array, free: Array, supply: Array, offset: A
 
 def _net(duals: Array) -> Array:
     """Of the rows: the lower bounds' duals less the upper bounds'."""
-    net: Array = duals[0] - duals[1]
-    return net
+    return np.asarray(duals[0] - duals[1])
 
 
 def _share(values: Array, steps: Array, bounded: Flags) -> float:

@@ -48,9 +48,7 @@ class WalkSolution(WalkMotion):
 
 @dataclass(frozen=True)
 class Start:
-    """Where the solver starts: body states (N + 1, 12) and wrenches as in `Solution`; `near`: of a problem much like
-    this one.
-    """
+    """Where the solver starts: body states and wrenches as in `Solution`; `near`: of a problem much like this one."""
 
     body: Array
     wrenches: list[dict[int, Array]]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,10 +18,10 @@ from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.limb import NUMBERS
 from crux_planner.model.problem import BODY_STATES, Problem
 from crux_planner.physics.cost import body_cost, wrench_cost
-from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench, next_pose
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
-from crux_planner.physics.torque import held_torques, interval_torques
+from crux_planner.physics.torque import held_torques
 from crux_planner.solvers.mapped import Mapped, mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
@@ -29,17 +29,6 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
-
-
-class Equations(NamedTuple):
-    """The equations alone, as functions of casadi's columns."""
-
-    step: ca.Function  # (x, total, hands)
-    reach: ca.Function  # (x, grippers)
-    surface: ca.Function  # (u, fingers)
-    torques: ca.Function  # (x, q, grasp, numbers of the limb)
-    body_cost: ca.Function  # (x)
-    column_cost: ca.Function  # (u)
 
 
 @dataclass(frozen=True)
@@ -52,7 +41,7 @@ class StageFunctions:
         """The functions of a problem that differs in its start alone: of all equations only (8b)'s inertia does."""
         other = StageFunctions(problem)
         for name, made in vars(StageFunctions).items():
-            if isinstance(made, cached_property) and name != "_step":
+            if isinstance(made, cached_property) and name != "step":
                 other.__dict__[name] = getattr(self, name)  # made once, here
         return other
 
@@ -60,44 +49,6 @@ class StageFunctions:
     def scale(self) -> Array:
         """(5,) units of q: newtons and newton metres."""
         return np.array([1.0, 1.0, self.problem.patch.k_m, 1.0, 1.0]) * FORCE_SCALE_N
-
-    @property
-    def equations(self) -> Equations:
-        """The same for a solver that differentiates by itself."""
-        x, total, hands = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("hands", 16)))
-        centre = centre_of_mass(self.problem, x, ca.vertsplit(hands, 4))
-        after = euler_step(x, total[0:3], total[3:6], centre, self.problem)
-        step = ca.Function("step", [x, total, hands], [after])
-        others = (self._reach, self._surface, self._torque_values, self._body_cost, self._column_cost)
-        return Equations(step, *[each.equation for each in others])
-
-    def step(self, x: Array, total: Array, hands: Array, multiplier: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
-
-        Second derivatives take the centre of mass as linear in the pose.
-        """
-        found: tuple[Array, Array, Array, Array, Array] = self._step(x, total, hands, multiplier)
-        return found
-
-    def reach(self, x: Array, grippers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Offsets (n, 4 m) of (9a), their derivatives (n, 4 m, 6) by the pose, and the Hessian (n, 6, 6)."""
-        found: tuple[Array, Array, Array] = self._reach(x, grippers, multiplier)
-        return found
-
-    def surface(self, u: Array, fingers: Array, multiplier: Array) -> tuple[Array, Array, Array]:
-        """Slack (n, m) of (2) or its stand-in, finger 1's rows first, derivatives (n, m, 8), Hessian (n, 8, 8).
-
-        `fingers` (n, 4): friction of both, and 1 or 0 for those with and without spines.
-        """
-        found: tuple[Array, Array, Array] = self._surface(u, fingers, multiplier)
-        return found
-
-    def torque(self, limbs: Indices, x: Array, q: Array, grasps: Array) -> tuple[Array, Array]:
-        """Joint torques (n, 12) of limbs (n,) at both ends of intervals, and their derivatives (n, 12, 17) by the body
-        state and q.
-        """
-        found: tuple[Array, Array] = self._torques(x, q, grasps, self.numbers[limbs])
-        return found
 
     def torque_hessian(
         self, limbs: Indices, poses: tuple[Array, Array], by_state: Array, q: Array, grasps: Array, multiplier: Array
@@ -113,33 +64,17 @@ class StageFunctions:
             found += by.swapaxes(-1, -2) @ self._torque_curvature(pose, q, grasps, self.numbers[limbs], z)[0] @ by
         return found
 
-    def torque_values(self, limbs: Indices, x: Array, q: Array, grasps: Array) -> Array:
-        """Joint torques (n, 12) alone: most climbs never need more."""
-        values: Array = self._torque_values(x, q, grasps, self.numbers[limbs])[0]
-        return values
-
-    def wrench_maps(self, grasps: Array) -> Array:
-        """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, 9) centre, axis, tangent."""
-        found: Array = self._wrench(grasps)[0]
-        return found
-
     @property
     def surface_rows(self) -> int:
         """m of `surface`."""
-        return int(self._surface.function.size1_out(0))
-
-    def body_cost(self, x: Array) -> tuple[Array, Array, Array]:
-        """Cost, gradient, Hessian of (n, 12)."""
-        found: tuple[Array, Array, Array] = self._body_cost(x)
-        return found
-
-    def column_cost(self, u: Array) -> tuple[Array, Array, Array]:
-        """Cost, gradient, Hessian of (n, 8)."""
-        found: tuple[Array, Array, Array] = self._column_cost(u)
-        return found
+        return int(self.surface.function.size1_out(0))
 
     @cached_property
-    def _step(self) -> Mapped:
+    def step(self) -> Mapped:
+        """F, dF/dx, dF/dW, d2(lF)/dx2, d2(lF)/dxdW at (n, 12), (n, 6), grippers' places and yaws (n, 16), (n, 12).
+
+        Second derivatives take the centre of mass as linear in the pose.
+        """
         p = self.problem
         sizes = {"x": BODY_STATES, "w": _WRENCH, "hands": 16, "l": BODY_STATES}
         x, total, hands, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
@@ -154,7 +89,10 @@ class StageFunctions:
         return mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
 
     @cached_property
-    def _reach(self) -> Mapped:
+    def reach(self) -> Mapped:
+        """Offsets (n, 4 m) of (9a), their derivatives (n, 4 m, 6) by the pose, and the Hessian (n, 6, 6), at (n, 12),
+        grippers (n, 12) and multipliers (n, 4 m).
+        """
         x, grippers, along = ca.SX.sym("x", BODY_STATES), ca.SX.sym("c", 12), ca.DM(self.problem.boxes.directions)
         offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
         multiplier = ca.SX.sym("z", offsets.size1())
@@ -162,13 +100,16 @@ class StageFunctions:
         return mapped("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
 
     @cached_property
-    def _surface(self) -> Mapped:
+    def surface(self) -> Mapped:
+        """Slack (n, m) of (2) or its stand-in, finger 1's rows first, derivatives (n, m, 8), Hessian (n, 8, 8).
+
+        At (n, 8), fingers (n, 4): friction of both, and 1 or 0 for those with and without spines, multipliers (n, m).
+        """
         p, scale = self.problem, self.scale
         u, fingers = ca.SX.sym("u", COLUMN), ca.SX.sym("fingers", 4)
         loads, wrench, share = fingers[:2] * u[3:5] * scale[3:], u[0:3] * scale[:3], u[5:8] * scale[:3]
-        slack = ca.vertcat(
-            *[surface_slack(p.limit_surface, wrench, fingers[2 + i] * share, loads[i], p.patch.k_m) for i in (0, 1)]
-        )
+        spiny = ((fingers[2 + i] * share, loads[i]) for i in (0, 1))
+        slack = ca.vertcat(*[surface_slack(p.limit_surface, wrench, *each, p.patch.k_m) for each in spiny])
         slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
@@ -180,16 +121,17 @@ class StageFunctions:
         return np.array([limb.numbers for limb in self.problem.limb_masses])
 
     @cached_property
-    def _torque_values(self) -> Mapped:
+    def torque_values(self) -> Mapped:
+        """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers` of limbs."""
         sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
         x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-        gravity, dt = self.problem.gravity_w, self.problem.dt_s
-        torques = interval_torques(numbers, x, q * self.scale, grasp, gravity, dt)
-        return mapped("torque_values", arguments, [torques])
+        poses, load = (x[:POSE], next_pose(x, self.problem.dt_s)), (q * self.scale, grasp, self.problem.gravity_w)
+        return mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
 
     @cached_property
-    def _torques(self) -> Mapped:
-        values = self._torque_values.function
+    def torques(self) -> Mapped:
+        """The same and their derivatives (n, 12, 17) by the body state and q."""
+        values = self.torque_values.function
         x, q, *_ = arguments = values.sx_in()
         torques = values(*arguments)
         return mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
@@ -203,18 +145,21 @@ class StageFunctions:
         return mapped("torque_curvature", arguments, [hessian])
 
     @cached_property
-    def _wrench(self) -> Mapped:
+    def wrench_maps(self) -> Mapped:
+        """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, 9) centre, axis, tangent."""
         q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
         force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
         return mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
 
     @cached_property
-    def _body_cost(self) -> Mapped:
+    def body_cost(self) -> Mapped:
+        """Cost, gradient, Hessian of (n, 12)."""
         x = ca.SX.sym("x", BODY_STATES)
         return _with_derivatives("body_cost", body_cost(x, self.problem), x)
 
     @cached_property
-    def _column_cost(self) -> Mapped:
+    def column_cost(self) -> Mapped:
+        """Cost, gradient, Hessian of (n, 8)."""
         u = ca.SX.sym("u", COLUMN)
         cost = wrench_cost(u[0:5] * self.scale, self.problem) + SPINE_WEIGHT * ca.sumsqr(u[5:8])
         return _with_derivatives("column_cost", cost, u)

@@ -4,8 +4,6 @@ Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns
 torques where they are asked for; one vector in this order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,14 +52,12 @@ class StageProblem:
         contacts = [[problem.contacts[c] if c is not None else None for c in knot] for knot in schedule.contacts[:n]]
         self.stance: Flags = np.array([[c is not None for c in knot] for knot in contacts])
         up = [0.0, 0.0, 0.0, *_AWAY, 0.0, 1.0, 0.0]
-        self.grasps = np.array(
-            [[up if c is None else [*c.centre_w_m, *c.axis, *c.tangent] for c in k] for k in contacts]
-        )
-        none = np.zeros(2)
+        grasps = [[up if c is None else [*c.centre_w_m, *c.axis, *c.tangent] for c in knot] for knot in contacts]
+        self.grasps, none = np.array(grasps), np.zeros(2)
         friction = np.array([[none if c is None else c.grip_friction for c in knot] for knot in contacts])
         spiny = np.array([[none if c is None else c.spines.any(axis=1) for c in knot] for knot in contacts])
         self.fingers = np.concatenate([problem.friction_share * friction, spiny], axis=-1)
-        self.maps = functions.wrench_maps(self.grasps.reshape(-1, 9)).reshape(n, 4, 6, WRENCH_INPUTS)
+        self.maps = functions.wrench_maps(self.grasps.reshape(-1, 9))[0].reshape(n, 4, 6, WRENCH_INPUTS)
         self.maps = self.maps * self.stance[..., None, None]
         rough = self.stance[..., None] & (friction > 0.0)  # elsewhere the cone has shrunk to a ray: spines carry all
         self.rough = np.repeat(rough, functions.surface_rows // 2, axis=-1)
@@ -125,12 +121,7 @@ class StageProblem:
 
     def slack(self, values: Array) -> Array:
         """(2, R): how far rows are inside their bounds; 1 where there is none."""
-        slack: Array = np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
-        return slack
-
-    def last_error(self, body: Array) -> float:
-        """How far off the fixed part of the last state is."""
-        return float((self.pinned * np.abs(body[-1] - self.last)).max())
+        return np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
 
     def empty_columns(self) -> Array:
         """(N, 4, 8) zeros."""
@@ -139,12 +130,13 @@ class StageProblem:
     def next_states(self, body: Array, columns: Array) -> Array:
         """(N, 12): where (8) leads from every knot."""
         totals = np.einsum("klij,klj->ki", self.maps, columns[..., :WRENCH_INPUTS])
-        return self.functions.step(body[:-1], totals, self.hands, np.zeros((self.knots, BODY_STATES)))[0]
+        return np.asarray(self.functions.step(body[:-1], totals, self.hands, np.zeros((self.knots, BODY_STATES)))[0])
 
     def torque_shares(self, body: Array, columns: Array) -> dict[tuple[int, int], float]:
         """Largest joint torque over its limit in a knot's interval, per knot and limb in stance."""
         knots, limbs = held = np.nonzero(self.stance)
-        torques = self.functions.torque_values(limbs, body[knots], columns[held][:, :WRENCH_INPUTS], self.grasps[held])
+        at = body[knots], columns[held][:, :WRENCH_INPUTS], self.grasps[held], self.functions.numbers[limbs]
+        torques = self.functions.torque_values(*at)[0]
         used = (np.abs(torques) / np.tile(self.problem.torque_limits_Nm[limbs], 2)).max(axis=1)
         return dict(zip(zip(knots.tolist(), limbs.tolist(), strict=True), used.tolist(), strict=True))
 
@@ -184,7 +176,7 @@ class StageProblem:
         torques, torque_slopes = np.zeros((0, 0)), np.zeros((0, INTERVAL_TORQUES, BODY_STATES + WRENCH_INPUTS))
         if len(limbs):
             held = q[self.limited], self.grasps[self.limited]
-            torques, torque_slopes = f.torque(limbs, body[limited], *held)
+            torques, torque_slopes = f.torques(body[limited], *held, f.numbers[limbs])
             if near:
                 poses = body[limited, :POSE], step[limited, :POSE]
                 bent = f.torque_hessian(limbs, poses, state_map[limited, :POSE], *held, -on_torques)

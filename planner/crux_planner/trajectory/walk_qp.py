@@ -1,7 +1,9 @@
-"""P2a of a walk with its gait fixed: body, foot forces and footholds by one sparse QP.
+"""P2a of a walk with its gait fixed, body, foot forces and footholds by one sparse QP, and by it the exact walk.
 
 (8), (9a) and the cone are linear about a given motion and exact where the answer is that motion: solved about its own
-answer, again and again, the QP solves P1 of the gait.
+answer, again and again, the QP solves P1 of the gait. Long walks have motions that cost next to nothing, such as a slow
+bounce of the body, and the answers drift along them. After some rounds a term that vanishes at the answer keeps each
+one near the one before.
 """
 
 from __future__ import annotations
@@ -17,18 +19,13 @@ from crux_planner.model.gait import WalkMotion, nominal_footholds
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.physics.bounds import (
-    apart_rows,
-    foothold_bounds,
-    least_load_N,
-    rate_steps,
-    step_rows,
-    walk_bounds,
-)
+from crux_planner.physics.bounds import apart_rows, foothold_bounds, least_load_N, rate_steps, step_rows, walk_bounds
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
-from crux_planner.physics.walk_dynamics import euler_rates
+from crux_planner.physics.walk_dynamics import defects, euler_rates
+from crux_planner.solvers import clock
 from crux_planner.solvers.sparse_blocks import Rows, skews
 from crux_planner.trajectory.centroidal_qp import FREE, MOMENT_OF_FORCE, CentroidalQp
+from crux_planner.trajectory.solution import WalkSolution
 
 if TYPE_CHECKING:
     from crux_planner.trajectory.consensus import Eta, Scales
@@ -36,6 +33,13 @@ if TYPE_CHECKING:
 _SIDES = 8  # of the polygon about the cone, one of them where the force points
 _CONE_RESERVE_N = 0.02
 _PARTS = 4  # of an interval, at whose ends feet are looked at
+_ROUNDS = 16
+_FREE_ROUNDS = 8  # after them an answer is held to the one before
+_HOLDING = 100.0  # rho of that
+_NEARER = 0.8  # an answer is to be than the one before: two may else follow one another for ever
+_ACCURACY = 1e-7  # of the QP
+_MOMENT_NM, _FORCE_N, _PLACE = 1e-4, 1e-3, 1e-6  # left open by (8) at most
+_COST = 1e-5  # of J, as a share, from one answer to the next
 
 
 @dataclass(frozen=True)
@@ -280,3 +284,45 @@ class ContactQp:
         qp.linear[qp.at_h :] -= 2 * near * np.einsum("kij,kia->ja", of.blend, off).ravel()
         heights = problem.step_height_m * gait.height - target.fingers[..., 2]
         qp.constant += near * float((off**2).sum() + (heights**2).sum())
+
+
+def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSolution:
+    """P1 of one gait, from a walk near its solution."""
+    qp, cost, before = ContactQp(problem, None), np.inf, np.inf
+    about: WalkMotion = knots
+    for count in range(1, _ROUNDS + 1):
+        held = count > _FREE_ROUNDS
+        again = _held(problem, knots) if held else qp.solve(about, accuracy=_ACCURACY)
+        if again is None or clock.now() > deadline:
+            break
+        settled = abs(again.cost - cost) < _COST * abs(again.cost)
+        knots, cost = again, again.cost
+        solution = of_knots(problem, knots, count)
+        if settled and solution.solved:
+            return solution
+        away = float(np.abs(knots.body - about.body).max())
+        nearer = away < _NEARER * before
+        about, before = knots if nearer else about.halfway(knots), away
+    status = "Time is over" if clock.now() > deadline else "its answers do not settle"
+    return replace(of_knots(problem, knots, count), solved=False, status=status)
+
+
+def _held(problem: WalkProblem, knots: WalkKnots) -> WalkKnots | None:
+    """The next answer, near the one before."""
+    from crux_planner.trajectory.consensus import Eta, Scales
+
+    near = Eta.of_points(knots.body, knots.feet(problem.step_height_m), knots.forces)
+    return ContactQp(problem, Scales()).solve(knots, _HOLDING, near, _ACCURACY)
+
+
+def of_knots(problem: WalkProblem, knots: WalkKnots, iterations: int) -> WalkSolution:
+    """A walk as it is; `solved` where (8) holds."""
+    feet, yaws = knots.feet(problem.step_height_m), knots.gait.yaw(float(problem.goal.body.rpy_rad[2]))
+    left = np.abs(defects(problem, knots.body, feet, yaws, knots.forces))
+    moment = float((left[:, 9:12] @ np.abs(problem.inertia_b).T).max()) / problem.dt_s
+    force = float(left[:, 6:9].max()) * problem.mass_kg / problem.dt_s
+    place = float(left[:, :6].max())
+    solved = moment < _MOMENT_NM and force < _FORCE_N and place < _PLACE
+    status = "solved" if solved else "(8) does not hold"
+    motion = knots.gait, knots.body, knots.forces, knots.footholds
+    return WalkSolution(*motion, knots.cost, iterations, status, solved, place, force)

@@ -23,7 +23,7 @@ from crux_planner.physics.cost import walk_cost
 from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.search.gait_search import FlatSearch
 from crux_planner.solvers import clock
-from crux_planner.trajectory import walk_exact as exact
+from crux_planner.trajectory import walk_qp as exact
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import ContactQp
 

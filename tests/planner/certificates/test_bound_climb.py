@@ -15,8 +15,7 @@ from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker, gap
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.bound.excursion import body_range, excursion, yaw_range
 from crux_planner.certificates.bound.grasps import by_faces, grasps
-from crux_planner.certificates.bound.knot_qp import KnotQp
-from crux_planner.certificates.bound.multipliers import Multipliers
+from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import body_boxes, orientations
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy

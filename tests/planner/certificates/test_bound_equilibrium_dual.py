@@ -30,8 +30,7 @@ from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, Slots
 from crux_planner.model.walk_problem import WalkProblem, build_walk
 from crux_planner.physics.cost import FORCE_SHARE, gait_cost, walk_cost
 from crux_planner.pipeline.walk_contacts import WalkContacts
-from crux_planner.trajectory.walk_exact import solve
-from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
+from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots, solve
 
 SCENE = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-slope.yaml").read_text()
 STAY = SCENE.replace("steps: 40", "steps: 14").replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]")

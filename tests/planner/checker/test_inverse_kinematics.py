@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_planner.checker import inverse_kinematics
-from crux_planner.checker.arm import arm_of
 from crux_planner.checker.geometry import rotation_about_z, rotation_from_rpy
+from crux_planner.checker.inverse_kinematics import arm_of
 from crux_planner.checker.limb_model import load_model
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from crux_contracts.robot import load_robot
-from crux_planner.checker.arm import arm_of, jacobian
+from crux_planner.checker.inverse_kinematics import arm_of, jacobian
 from crux_planner.checker.limb_model import load_model
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -12,9 +12,9 @@ import pytest
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.robot import Robot, load_robot
 from crux_planner.checker import check_plan
+from crux_planner.checker.equilibrium import along_plane
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
-from crux_planner.checker.load_sharing import along_plane
 
 from .broken import VALID
 

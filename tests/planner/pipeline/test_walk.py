@@ -18,12 +18,12 @@ from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.errors import unsolved
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait, Step, longest_step
+from crux_planner.model.slots import Strides
 from crux_planner.model.walk_problem import FINAL_FOOT_M, USUAL, build_walk
 from crux_planner.pipeline import walk as walking
 from crux_planner.pipeline.walk_contacts import WalkContacts
-from crux_planner.search.strides import Strides
 from crux_planner.solvers import clock
-from crux_planner.trajectory.walk_exact import solve
+from crux_planner.trajectory.walk_qp import solve
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 ROBOT = load_robot("scaler")
@@ -200,7 +200,7 @@ def test_answers_that_are_held_to_the_one_before_come_to_the_same_walk(monkeypat
     problem = build_walk(parse_scenario(FLAT), ROBOT)
     knots = next(WalkContacts(problem, many=0).search(clock.now() + 30))
     free = solve(problem, knots, clock.now() + 30)
-    monkeypatch.setattr("crux_planner.trajectory.walk_exact._FREE_ROUNDS", 1)
+    monkeypatch.setattr("crux_planner.trajectory.walk_qp._FREE_ROUNDS", 1)
     held = solve(problem, knots, clock.now() + 30)
     assert (free.status, held.status) == ("solved", "solved")
     assert held.position_residual_m != free.position_residual_m  # another way was taken

@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import climb_by_ipopt
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
@@ -18,9 +19,9 @@ from crux_planner.physics import dynamics
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.schedule import scheduled
 from crux_planner.search.stances import Oracles, search
-from crux_planner.solvers import clock, ipopt
-from crux_planner.trajectory import exact, nlp, stage_functions
-from crux_planner.trajectory.exact import solve_by_ipopt, solve_within_torques
+from crux_planner.solvers import clock
+from crux_planner.trajectory import exact, stage_functions
+from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.interior_point import Outcome, Point, first_point
 from crux_planner.trajectory.solution import start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
@@ -136,13 +137,11 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
 
 
 @pytest.mark.parametrize("name", WALLS)
-def test_the_stagewise_method_finds_what_ipopt_finds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stagewise_method_finds_what_ipopt_finds(name: str) -> None:
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
-    functions = StageFunctions(problem)
-    monkeypatch.setattr(nlp, "ONCE", {**ipopt.ONCE, "ipopt.tol": 1e-7, "ipopt.compl_inf_tol": 1e-6})
-    other = solve_by_ipopt(functions, problem, schedule, start_from_path(problem, path), frozenset(), 60.0, 300)
-    monkeypatch.delattr(exact, "solve_by_ipopt")  # it shall not ask ipopt
+    exactly = {**climb_by_ipopt.ONCE, "ipopt.tol": 1e-7, "ipopt.compl_inf_tol": 1e-6}
+    other = climb_by_ipopt.solve(problem, schedule, start_from_path(problem, path), options=exactly)
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert other.solved
@@ -176,41 +175,40 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     weaker = problem.torque_limits_Nm * 0.85
     problem = replace(problem, torque_limits_Nm=weaker)
     start = start_from_path(problem, path)
-    unlimited = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, frozenset(), 60.0, 300)
+    unlimited = climb_by_ipopt.solve(problem, schedule, start)
     assert max(unlimited.torque_shares.values()) > 1.05
     solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
     everywhere = frozenset(unlimited.torque_shares)
-    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0, 300)
+    by_ipopt = climb_by_ipopt.solve(problem, schedule, start, everywhere)
     assert max(by_ipopt.torque_shares.values()) <= 1.0 + 1e-3
     assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
 
 
-def test_joints_that_lack_much_are_held_without_ipopt_as_cheaply(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joints_that_lack_much_are_held_as_cheaply_as_by_ipopt() -> None:
     """Here a Hessian without the torques' curvature leads from the solution again."""
     problem, schedule, path = instance("steep")
     weaker = problem.torque_limits_Nm * 0.8
     problem = replace(problem, torque_limits_Nm=weaker, last_torques_Nm=weaker)
     start = start_from_path(problem, path)
-    monkeypatch.delattr(exact, "solve_by_ipopt")
     solution = solve_within_torques(problem, schedule, start, clock.now() + 30)
     assert solution.solved
     assert max(solution.torque_shares.values()) <= 1.0 + 1e-3
     everywhere = frozenset(solution.torque_shares)
-    by_ipopt = solve_by_ipopt(StageFunctions(problem), problem, schedule, start, everywhere, 60.0)
+    by_ipopt = climb_by_ipopt.solve(problem, schedule, start, everywhere)
     assert by_ipopt.solved
     assert solution.cost <= by_ipopt.cost + 2e-3
 
 
-def test_ipopt_takes_over_where_the_stagewise_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_from_which_nothing_converges_is_said_not_to_be_solved(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, schedule, path = instance("rough")
-    expected = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
 
     def give_up(_stages: StageProblem, point: Point, *_more: Any) -> Outcome:
         return Outcome(point, 0, False, np.inf)
 
     monkeypatch.setattr(exact, "minimise", give_up)
-    solution = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + 30)
-    assert solution.solved
-    assert solution.cost == pytest.approx(expected.cost, abs=2e-3)
+    for left_s, status in ((30.0, "not converged"), (-1.0, "Time is over")):
+        found = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + left_s)
+        assert not found.solved
+        assert found.status == status

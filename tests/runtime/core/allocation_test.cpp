@@ -23,7 +23,9 @@ extern "C" void* malloc(std::size_t size) noexcept {
 
 int main() {
   using namespace crux_test;
-  Climber run(sample_plan());
+  RobotDescription calibrating = robot();
+  calibrating.calibrates = true;
+  Climber run(sample_plan(), calibrating);
   std::vector<double> microseconds;
   bool seen_climbing = false, taken_over = false;
   for (int i = 0; i < 12000; ++i) {

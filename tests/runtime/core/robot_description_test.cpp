@@ -93,6 +93,22 @@ TEST_F(RobotFiles, ANumberOutOfRangeIsNamed) {
   expect_said("admittance: mass_kg is -2");
 }
 
+TEST_F(RobotFiles, GainsThatMaySwingAreRefusedWithThoseThatDoNot) {
+  replace(yaml_, "  damping_Ns_m: 400", "  damping_Ns_m: 100");
+  expect_said(
+      "admittance: damping_Ns_m is 100; against 2 times environment_N_m, felt 0.016 s late, it is stable from 260.3 "
+      "on");
+  replace(yaml_, "  damping_Ns_m: 100", "  damping_Ns_m: 261");
+  EXPECT_TRUE(load()) << load().reason();
+  replace(yaml_, "rotational_damping_Nms_rad: 6", "rotational_damping_Nms_rad: 1.5");
+  expect_said("rotational_damping_Nms_rad is 1.5; against 2 times environment_Nm_rad");
+}
+
+TEST_F(RobotFiles, ADelayLongerThanCanBeReckonedWithIsRefused) {
+  replace(yaml_, "delay_s: 0.016", "delay_s: 0.16");
+  expect_said("admittance: delay_s is 0.16");
+}
+
 TEST_F(RobotFiles, AnotherVersionIsNamed) {
   replace(yaml_, "version: 1", "version: 2");
   expect_said("version is 2; this program reads version 1");

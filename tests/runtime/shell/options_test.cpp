@@ -43,10 +43,13 @@ TEST(Options, EveryOptionIsRead) {
   for (int l = 0; l < 4; ++l) EXPECT_EQ(options.buses[l], "socketcan:can" + std::to_string(l));
 }
 
-TEST(Options, TagsAndOverwriteAreRead) {
-  const Options options = parse({"--overwrite", "--tag", "seed=7", "--tag", "why=a=b"});
+TEST(Options, TagsAndSwitchesAreRead) {
+  EXPECT_FALSE(parse({}).calibrate);
+  const Options options =
+      parse({"--overwrite", "--calibrate", "--tag", "seed=7", "--tag", "why=a=b", "--note", "new rubber"});
   EXPECT_TRUE(options.overwrite);
-  EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}}));
+  EXPECT_TRUE(options.calibrate);
+  EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}, {"note", "new rubber"}}));
 }
 
 TEST(Options, MistakesAreNamed) {

@@ -107,6 +107,19 @@ def test_host_heartbeat_comes_by_cycle_count(finished: Finished) -> None:
         assert beats == [2, 100, 200]  # the first state, then every 50 cycles
 
 
+def of_each_limb(topic: str) -> list[str]:
+    return [f"/{limb}/{topic}" for limb in ("LF", "RF", "LR", "RR")]
+
+
+def test_each_limb_is_on_its_own_topics(finished: Finished) -> None:
+    with AnyReader([finished[0]]) as reader:
+        for topic in ("limb_reference", "limb_telemetry", "bus_health"):
+            for limb, name in enumerate(of_each_limb(topic)):
+                (connection,) = [c for c in reader.connections if c.topic == name]
+                told = [reader.deserialize(raw, connection.msgtype) for *_, raw in reader.messages([connection])]
+                assert {message.limb for message in told} == {limb}  # type: ignore[attr-defined]
+
+
 def test_order_of_messages_is_fixed(finished: Finished) -> None:
     by_time: dict[int, list[str]] = defaultdict(list)
     with finished[0].open("rb") as file:
@@ -115,8 +128,8 @@ def test_order_of_messages_is_fixed(finished: Finished) -> None:
     for cycle in range(1, CYCLES + 1):
         limbs = (cycle - 1) % LIMB_EVERY == 0
         expected = ["/control_input", "/control_output", "/robot_state"]
-        expected += [*["/limb_reference"] * LIMBS, *["/limb_telemetry"] * LIMBS] if limbs else []
-        expected += [*["/bus_health"] * LIMBS] if (cycle - 1) % HEALTH_EVERY == 0 else []
+        expected += of_each_limb("limb_reference") + of_each_limb("limb_telemetry") if limbs else []
+        expected += of_each_limb("bus_health") if (cycle - 1) % HEALTH_EVERY == 0 else []
         expected += ["/cycle_timing"]
         expected += ["/command", "/acknowledgement"] if cycle == CYCLES else []  # SHUTDOWN
         assert by_time[cycle * PERIOD_NS] == expected
@@ -196,7 +209,7 @@ def test_log_opens_in_other_readers(finished: Finished) -> None:
         (connection,) = [c for c in reader.connections if c.topic == "/robot_state"]
         states = [reader.deserialize(raw, connection.msgtype) for _, _, raw in reader.messages([connection])]
     assert [s.cycle for s in states] == list(range(1, CYCLES + 1))  # type: ignore[attr-defined]
-    assert "/limb_telemetry" in rerun_info(finished[0])
+    assert "/LF/limb_telemetry" in rerun_info(finished[0])
 
 
 def messages(log: Path) -> list[tuple[str, int, int, bytes]]:

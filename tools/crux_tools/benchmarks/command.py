@@ -32,6 +32,11 @@ BENCHES = {
     "fig6": Bench("the gait with and without moments in the contact block", f"{_HERE}.figure6"),
     "fig7": Bench("the faces that are gripped where others are slippery", f"{_HERE}.slippery"),
     "fig8": Bench("shear of a finger at zero normal force", f"{_HERE}.spines"),
+    "fig9": Bench(
+        "planned and measured wrench with fixed and with calibrated gains, on holds that give",
+        f"{_HERE}.figure9",
+        "--stiffnesses 2e4 inf",
+    ),
     "costs": Bench(
         "the cost J of auto and of two-block ADMM on pairs of start and goal", f"{_HERE}.costs", "--task climbing"
     ),

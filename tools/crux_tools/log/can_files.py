@@ -1,8 +1,9 @@
 """CAN frames of a log, as candump, SavvyCAN and Vector's tools read them.
 
-A log has the signals of the cyclic frames, not the frames: they are made anew from the commands the runtime gave and
-the answers it took, by the CAN database. Signals, their steps, counters and checksums are those of the bus; the time of
-a frame within its cycle, temperatures (-128, not known), heartbeats and emergencies are not in the log.
+A log of --log-frames has the frames. Any other has the signals of the cyclic frames: they are made anew from the
+commands the runtime gave and the answers it took, by the CAN database. Signals, their steps, counters and checksums are
+those of the bus; the time of a frame within its cycle, temperatures (-128, not known), heartbeats and emergencies are
+not in such a log.
 """
 
 from __future__ import annotations
@@ -10,15 +11,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
 from cantools.database.can import Message
 from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.robot import Robot
+from crux_msgs import can_frames_t
 
 from crux_tools.log.seen import NS, Seen
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.can_frames import CanFrames
 
 WRITERS = {"asc": can.ASCWriter, "blf": can.BLFWriter, "candump": can.CanutilsLogWriter}
 UNKNOWN_DEGC = -128
@@ -57,12 +61,17 @@ def packed(message: Message, signals: Signals, counter: np.ndarray) -> np.ndarra
         for byte in range(first, last + 1):
             data[:, byte] |= (shifted >> np.uint64(8 * (byte - first)) & np.uint64(0xFF)).astype(np.uint8)
     data[:, 2] = counter % 256
-    crc = np.full(len(counter), 0xFFFF, dtype=np.uint32)
-    identifier = (message.frame_id & 0xFF, message.frame_id >> 8)
-    for column in (*data[:, 2:].T, *(np.full(len(counter), byte) for byte in identifier)):
-        crc = (crc << 8 ^ _CRC_TABLE[crc >> 8 ^ column]) & 0xFFFF
+    crc = checksum(message.frame_id, data)
     data[:, 0], data[:, 1] = crc & 0xFF, crc >> 8
     return data
+
+
+def checksum(identifier: int, data: np.ndarray) -> np.ndarray:
+    """(n,) end-to-end checksums of payloads (n, length) of an identifier."""
+    crc = np.full(len(data), 0xFFFF, dtype=np.uint32)
+    for column in (*data[:, 2:].T, *(np.full(len(data), byte) for byte in (identifier & 0xFF, identifier >> 8))):
+        crc = (crc << 8 ^ _CRC_TABLE[crc >> 8 ^ column]) & 0xFFFF
+    return crc
 
 
 def _joint(log: Telemetry, robot: Robot, limb: int, joint: int) -> Iterator[tuple[Message, Signals, np.ndarray]]:
@@ -166,29 +175,51 @@ def _order(message: Message) -> tuple[bool, bool, int]:
     return not _is_answer(message), message.name == "Sync", message.frame_id
 
 
-def write_can(path: Path, form: str, seen: Seen) -> int:
-    """Writes the frames of all buses in every cycle; returns their number."""
+def write_can(path: Path, form: str, seen: Seen, logged: CanFrames) -> int:
+    """Writes the frames of all buses in every cycle, as `logged` where every cycle is; returns their number."""
+    with path.open("wb" if form == "blf" else "w") as file, WRITERS[form](file) as writer:
+        whole = len(logged.cycles) >= len(seen.log.time_s)
+        return _write_logged(writer, seen, logged) if whole else _write_made(writer, seen)
+
+
+def _write_logged(writer: Any, seen: Seen, logged: CanFrames) -> int:
+    """A frame's time is its cycle's, and what had passed since the first frame of that cycle, a cycle at most."""
+    _, first = np.unique(logged.cycle, return_index=True)
+    begin_ns = np.repeat(logged.host_ns[first], np.diff(np.append(first, len(logged.cycle))))
+    within_ns = np.minimum(logged.host_ns - begin_ns, round(seen.log.inputs["dt_s"][0] * NS))
+    times_s = seen.clock(logged.log_ns + within_ns) / NS
+    rows = np.flatnonzero(logged.direction != can_frames_t.ECHO)
+    for row in rows.tolist():
+        identifier, is_rx = int(logged.identifier[row]), logged.direction[row] == can_frames_t.RECEIVED
+        channel = seen.robot.limbs[logged.bus[row]].bus
+        writer.on_message_received(_message(times_s[row], channel, identifier, logged.payload(row), bool(is_rx)))
+    return len(rows)
+
+
+def _message(time_s: float, channel: int, identifier: int, data: bytes, is_rx: bool) -> can.Message:
+    return can.Message(
+        timestamp=time_s,
+        arbitration_id=identifier,
+        is_extended_id=False,
+        channel=channel,
+        data=data,
+        is_fd=True,
+        bitrate_switch=True,
+        is_rx=is_rx,
+    )
+
+
+def _write_made(writer: Any, seen: Seen) -> int:
     kinds = frames(seen.log, seen.robot)
     times_ns = seen.clock(np.round(seen.log.time_s * NS).astype(np.int64))
     count = 0
     next_of = [0] * len(kinds)
-    with path.open("wb" if form == "blf" else "w") as file, WRITERS[form](file) as writer:
-        for row, time_ns in enumerate(times_ns.tolist()):
-            for i, kind in enumerate(kinds):
-                at = next_of[i]
-                if at < len(kind.rows) and kind.rows[at] == row:
-                    next_of[i] = at + 1
-                    count += 1
-                    writer.on_message_received(
-                        can.Message(
-                            timestamp=time_ns / 1e9,
-                            arbitration_id=kind.identifier,
-                            is_extended_id=False,
-                            channel=kind.channel,
-                            data=kind.data[at].tobytes(),
-                            is_fd=True,
-                            bitrate_switch=True,
-                            is_rx=kind.is_answer,
-                        )
-                    )
+    for row, time_ns in enumerate(times_ns.tolist()):
+        for i, kind in enumerate(kinds):
+            at = next_of[i]
+            if at < len(kind.rows) and kind.rows[at] == row:
+                next_of[i] = at + 1
+                count += 1
+                data = kind.data[at].tobytes()
+                writer.on_message_received(_message(time_ns / NS, kind.channel, kind.identifier, data, kind.is_answer))
     return count

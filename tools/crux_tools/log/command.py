@@ -10,15 +10,16 @@ from crux_tools.log.edit_commands import add_edits
 from crux_tools.log.export_command import add_export
 from crux_tools.log.lcm_command import add_lcm
 from crux_tools.log.ls_command import add_ls
+from crux_tools.log.note_command import add_note
 
 
 def add_parser(subparsers: Any) -> None:
     """Adds `crux log` with its actions."""
     parser = subparsers.add_parser(
         "log",
-        help="logs: for other tools, listed, cut, merged, recovered, played",
+        help="logs: for other tools, listed, annotated, cut, merged, recovered, played",
         **taught(
-            "Logs of climbs, of the robot or of crux climb: listed, looked into, cut, merged, recovered, "
+            "Logs of climbs, of the robot or of crux climb: listed, looked into, annotated, cut, merged, recovered, "
             "played on LCM, and written for other tools.",
             "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
@@ -28,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
     actions = parser.add_subparsers(dest="log_action", metavar="ACTION", required=True)
     add_ls(actions)
     add_edits(actions)
+    add_note(actions)
     add_export(actions)
     add_lcm(actions)
 

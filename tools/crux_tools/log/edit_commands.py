@@ -156,6 +156,7 @@ def run_info(options: argparse.Namespace) -> int:
     from crux_tools.log.contents import contents_of
     from crux_tools.log.index import entry_of
     from crux_tools.telemetry import LogError
+    from crux_tools.telemetry.log_format import newer_format
 
     found = contents_of(options.log)
     try:
@@ -163,6 +164,8 @@ def run_info(options: argparse.Namespace) -> int:
     except LogError as error:
         note(f"crux log info: {error}")
         entry = None
+    if newer := newer_format(dict(pair for name, said in found.metadata if name == "crux" for pair in said.items())):
+        note(f"crux log info: {newer}")
     if options.json:
         print_json({"ok": True, "climb": None if entry is None else asdict(entry), **asdict(found)})
         return 0
@@ -171,6 +174,7 @@ def run_info(options: argparse.Namespace) -> int:
     if entry is not None:
         faults = ", ".join(dict.fromkeys(entry.faults)) or "none"
         rows += [("verdict", ": ".join(filter(None, (entry.verdict, entry.reason)))), ("faults", faults)]
+        rows += [("note", entry.note)] if entry.note else []
     rows += [(name, f"{key}: {value}") for name, said in found.metadata for key, value in said.items()]
     rows += [("attached", f"{name}, {size} bytes") for name, size in found.attachments.items()]
     width = max(len(what) for what, _ in rows)

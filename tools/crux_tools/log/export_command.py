@@ -31,9 +31,9 @@ TABLES, CAN = ("parquet", "csv"), ("asc", "blf", "candump")
 _DESCRIPTION = """Writes a log anew, so that other tools see a robot that climbs and not numbers alone: frames and shape
 of the robot, holds, obstacles, measured and planned forces, margins (the least of a limb's two fingers, in newtons);
 wrenches in axes of the wall at the gripper; faults, states, waits and commands in words; nodes and buses as
-diagnostics. All of it is computed from the log alone, with the robot description in it. CAN frames are made anew by the
-CAN database, for a log has their signals: heartbeats, emergencies, temperatures and the time within a cycle are not in
-it."""
+diagnostics. All of it is computed from the log alone, with the robot description in it. CAN frames are those in the log
+where it has them of every cycle (--log-frames); else they are made anew by the CAN database, for any log has their
+signals: heartbeats, emergencies, temperatures and the time within a cycle are not in it."""
 _EXAMPLES = (
     "crux log export out/climb.mcap -o out/seen.mcap --foxglove",
     "crux log export out/climb.mcap -o out/climb.rrd --rerun && rerun out/climb.rrd",
@@ -103,8 +103,9 @@ def _write(options: argparse.Namespace, shown: Seen, channels: Channels, payload
     with whole_file(options.output) as scratch:
         if options.form in CAN:
             from crux_tools.log.can_files import write_can
+            from crux_tools.telemetry.can_frames import can_frames_of
 
-            return {"frames": write_can(scratch, options.form, shown)}
+            return {"frames": write_can(scratch, options.form, shown, can_frames_of(payloads))}
         if options.form == "rerun":
             from crux_tools.log.rerun_file import write_rerun
 

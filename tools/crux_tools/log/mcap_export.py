@@ -1,7 +1,7 @@
 """A log as Foxglove, Lichtblick, rviz and PlotJuggler understand it: an MCAP file with standard ROS 2 messages.
 
-All that is in the log is in it, too, but each limb has topics of its own: tools tell curves apart by their topic, and
-four limbs on one make a zigzag of it.
+All that is in the log is in it, too, each limb on topics of its own whatever the log's format: tools tell curves apart
+by their topic, and four limbs on one make a zigzag of it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.channels import CHANNELS
 from mcap.writer import CompressionType, Writer
 
 from crux_tools.log.diagnostics import diagnostics
@@ -22,7 +23,7 @@ from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.reader import Payloads
 
 BLOCK_ROWS = 1000  # derived at a time
-OF_A_LIMB = {"/limb_reference", "/limb_telemetry", "/bus_health"}
+OF_A_LIMB = {channel.topic for channel in CHANNELS if channel.per_limb}
 LATCHED = {"/plan", "/robot_description", "/tf_static", "/markers/wall"}
 _QOS = """- history: 1
   depth: 1

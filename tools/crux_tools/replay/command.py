@@ -16,7 +16,8 @@ DEFAULT_PORT = 8737
 _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits, tracking, wrench errors, timing - and
 shows it in a 3-D view in the browser: the robot as its joints were measured, the plan as a ghost, the contact forces.
 Logs of a runtime that was killed open too, as far as they go. With --check it instead computes every cycle again, by
-the runtime's own control core from the logged inputs, and compares all it gave out bit by bit."""
+the runtime's own control core from the logged inputs, and compares all it gave out bit by bit; in a log of
+--log-frames it also does the end-to-end checks of all CAN frames again, and compares with what the runtime counted."""
 _EXAMPLES = (
     "crux replay out/climb.mcap",
     "crux replay out/climb.mcap --no-view --json",
@@ -59,19 +60,25 @@ def _print_table(table: list[tuple[str, str]]) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from crux_tools.replay.bus_check import HEALTH, check_frames
     from crux_tools.replay.recompute import recompute
 
-    found = recompute(options.log)
+    found, bus = recompute(options.log), check_frames(options.log)
+    ok = found.ok and (bus is None or bus.first_difference is None)
     if options.json:
-        print_json(found.to_json())
-        return 0 if found.ok else 1
+        print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})
+        return 0 if ok else 1
     if found.first_difference is not None:
         print(f"differs: {found.first_difference}")
     else:
         print(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
     if found.missing_cycle is not None:
         print(f"cycle {found.missing_cycle} is not in the log: nothing from there on can be computed again")
-    return 0 if found.ok else 1
+    if bus is not None and bus.first_difference is not None:
+        print(f"differs: {bus.first_difference}")
+    elif bus is not None:
+        print(f"{bus.frames} CAN frames checked again: every count of {HEALTH} comes out the same")
+    return 0 if ok else 1
 
 
 def _check_address(host: str, port: int) -> None:

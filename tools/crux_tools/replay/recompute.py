@@ -21,6 +21,7 @@ from crux_tools.output import progress
 from crux_tools.paths import built
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 from crux_tools.telemetry.description import difference, robot_of
+from crux_tools.telemetry.log_format import newer_format
 from crux_tools.telemetry.reader import Payloads, read_payloads
 
 BINARY = "runtime/app/crux-recompute"
@@ -75,8 +76,10 @@ def recompute(path: Path) -> Comparison:
     for topic in (INPUT, *OUTPUTS):
         if log.definitions[topic] != SCHEMAS[BY_TOPIC[topic].type].definition:
             commit = log.metadata.get("commit", "unknown")
-            raise UsageError(f"{path}: {topic} is of another crux (commit {commit}), which alone can compute it again")
+            whose = f"{topic} is of another crux (commit {commit}), which alone can compute it again"
+            raise UsageError(f"{path}: {newer_format(log.metadata) or whose}")
     given, cycles, missing_cycle = _given(log)
+    switches = ["--calibrate"] if log.metadata.get("calibrates") == "yes" else []
     described = robot_of(log.metadata.get("robot", ""), log.attachments)
     with described as robot, tempfile.TemporaryFile() as records, tempfile.TemporaryFile() as errors:
         for topic, payload in given:
@@ -84,7 +87,7 @@ def recompute(path: Path) -> Comparison:
             records.write(payload)
         records.seek(0)
         with subprocess.Popen(
-            [built(BINARY), robot.folder], stdin=records, stdout=subprocess.PIPE, stderr=errors
+            [built(BINARY), robot.folder, *switches], stdin=records, stdout=subprocess.PIPE, stderr=errors
         ) as core:
             assert core.stdout is not None
             try:

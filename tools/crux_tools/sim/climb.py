@@ -69,8 +69,12 @@ class ClimbOptions:
     """what the physics has otherwise than plan and robot description say"""
     guide: bool = False
     """plans again where the robot holds for a cause that planning can mend"""
+    calibrate: bool = False
+    """tunes the admittance's gains while it climbs"""
     note: str = ""
     """the user's own words, for the log"""
+    log_frames: bool = False
+    """the CAN frames of every cycle into the log, not of the seconds around a fault alone"""
 
 
 @dataclass(frozen=True)
@@ -275,7 +279,8 @@ def _power_on(
     boards: EmulatedBoards | None,
 ) -> tuple[RuntimeProcess | RuntimeHere, OperatorLink, FirmwareNodes]:
     """Runtime and nodes on the buses of `options`; the plan is loaded and START given for START_CYCLE."""
-    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options))
+    switches = {"--log-frames": options.log_frames, "--calibrate": options.calibrate}
+    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options), switches)
     runtime: RuntimeProcess | RuntimeHere
     if options.bus == "memory":
         nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards, options.world))

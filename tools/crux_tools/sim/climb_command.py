@@ -97,12 +97,22 @@ def add_parser(subparsers: Any) -> None:
         "does on the robot (--bus memory)",
     )
     parser.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="tune the admittance's gains from the wrench errors while climbing (runtime/README.md says how)",
+    )
+    parser.add_argument(
         "--emulate",
         metavar="NODES",
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
         "(a tool for tests; needs make build)",
     )
     parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
+    parser.add_argument(
+        "--log-frames",
+        action="store_true",
+        help="the CAN frames of every cycle into the log, not of the seconds around a fault alone",
+    )
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
     add_json_option(parser)
     parser.set_defaults(func=run)
@@ -185,8 +195,9 @@ def run(options: argparse.Namespace) -> int:
     if options.guide and bus != "memory":
         raise UsageError(f"--guide: with --bus {bus} the runtime is a process of its own; start crux guide beside it")
     wanted = ClimbOptions(
-        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.note
-    )
+        options.pace, bus, options.seed, faults, emulated, options.commands, world, options.guide, options.calibrate,
+        options.note, options.log_frames,
+    )  # fmt: skip
     with alone_with(options.output), progress("climbing", plan.knots[-1].time_s) as bar:
         result = climb(plan, robot, options.output, wanted, bar.at)
     if options.json:

@@ -53,6 +53,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--world-seed", type=whole(0), default=0, metavar="N", help="of the numbers that the world draws"
     )
+    parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
     parser.set_defaults(func=run)
 
 
@@ -78,7 +79,8 @@ class Practice(Loop):
 def _tags(options: argparse.Namespace) -> dict[str, str]:
     from crux_commit import COMMIT
 
-    return {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    return tags | ({"note": options.note} if options.note else {})
 
 
 def run(options: argparse.Namespace) -> int:

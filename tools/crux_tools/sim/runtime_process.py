@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -26,13 +27,16 @@ STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
 
-def runtime_arguments(robot_dir: Path, log: Path, commands: str, tags: dict[str, str]) -> list[str]:
+def runtime_arguments(
+    robot_dir: Path, log: Path, commands: str, tags: dict[str, str], switches: Mapping[str, bool] | None = None
+) -> list[str]:
     """What crux-runtime is told wherever it runs. A log that is there already is replaced.
 
-    `commands`: each or broadcast; `tags`: what the log is to say of itself.
+    `commands`: each or broadcast; `tags`: what the log is to say of itself; `switches`: its options without a value.
     """
     said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
-    return ["--robot", str(robot_dir), "--log", str(log), "--overwrite", "--commands", commands, *said]
+    given = ["--overwrite", *(name for name, on in (switches or {}).items() if on)]
+    return ["--robot", str(robot_dir), "--log", str(log), *given, "--commands", commands, *said]
 
 
 def log_reason(said: str) -> str:

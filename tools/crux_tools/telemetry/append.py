@@ -1,4 +1,4 @@
-"""Adds channels to a log that its runtime has ended, without moving a byte of what is there.
+"""Adds channels and metadata to a log that its runtime has ended, without moving a byte of what is there.
 
     records … | DataEnd, summary, Footer, magic                          the log before
     records … | filler (the old end) | chunks | DataEnd, summary, Footer, magic
@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -46,9 +46,9 @@ class Series:
     payloads: Sequence[bytes]
 
 
-def append(path: Path, series: Iterable[Series]) -> None:
-    """Adds the messages behind all others. Raises OSError, or ValueError for a file that does not end as a log of the
-    runtime does; the log is as it was then.
+def append(path: Path, series: Iterable[Series], metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:
+    """Adds the messages, and metadata by name, behind all others. Raises OSError, or ValueError for a file that does
+    not end as a log of the runtime does; the log is as it was then.
     """
     with path.open("r+b") as file:
         size = file.seek(0, os.SEEK_END)
@@ -56,7 +56,7 @@ def append(path: Path, series: Iterable[Series]) -> None:
             end_at, crc = _old_end(file, size)
             file.seek(0)
             summary = make_reader(file).get_summary()
-            chunks, added = _chunks(_known(file) if summary is None else summary, series, size)
+            chunks, added = _records(_known(file) if summary is None else summary, series, metadata or {}, size)
         except (McapError, struct.error) as error:
             raise ValueError(f"the file is damaged ({type(error).__name__})") from error
         filler = _FRAME.pack(FILLER, size - end_at - _FRAME.size)
@@ -118,8 +118,11 @@ def _known(file: IO[bytes]) -> Summary:
     return known
 
 
-def _chunks(old: Summary, series: Iterable[Series], at: int) -> tuple[bytes, Summary]:
-    """The chunks with their message indexes as they stand in a file from byte `at` on, and what a summary says of them.
+def _records(
+    old: Summary, series: Iterable[Series], metadata: Mapping[str, Mapping[str, str]], at: int
+) -> tuple[bytes, Summary]:
+    """Metadata and chunks with their message indexes as they stand in a file from byte `at` on, and what a summary
+    says of them.
 
     The library writes them into a file of their own, with the old channels before the new ones, for the numbers."""
     scratch = BytesIO()
@@ -132,6 +135,8 @@ def _chunks(old: Summary, series: Iterable[Series], at: int) -> tuple[bytes, Sum
     ]
     if numbers != [*schemas, *channels]:
         raise ValueError("its schemas and channels are not numbered 1, 2, 3 … as in a log of crux-runtime")
+    for name, said in metadata.items():
+        writer.add_metadata(name, dict(said))
     for one in series:
         wanted = SCHEMAS[BY_TOPIC[one.topic].type]
         schema_id = writer.register_schema(wanted.name, "ros2msg", wanted.definition.encode())
@@ -142,8 +147,11 @@ def _chunks(old: Summary, series: Iterable[Series], at: int) -> tuple[bytes, Sum
     scratch.seek(0)
     added = make_reader(scratch).get_summary()
     assert added is not None
-    first, last = added.chunk_indexes[0].chunk_start_offset, added.chunk_indexes[-1]
-    behind = last.chunk_start_offset + last.chunk_length + last.message_index_length
+    spans = [(index.offset, index.length) for index in added.metadata_indexes]
+    spans += [(i.chunk_start_offset, i.chunk_length + i.message_index_length) for i in added.chunk_indexes]
+    first, behind = spans[0][0], sum(spans[-1])
+    for told in added.metadata_indexes:
+        told.offset += at - first
     for index in added.chunk_indexes:
         index.chunk_start_offset += at - first
         offsets = index.message_index_offsets
@@ -155,14 +163,16 @@ def _merged(old: Summary, added: Summary) -> Summary:
     """`added` has all schemas and channels already."""
     was, now = old.statistics, added.statistics
     if was is not None and now is not None:
-        now.attachment_count, now.metadata_count = was.attachment_count, was.metadata_count
+        now.attachment_count = was.attachment_count
+        now.metadata_count += was.metadata_count
         now.chunk_count += was.chunk_count
+        now.message_start_time = min((s.message_start_time for s in (was, now) if s.message_count), default=0)
         now.message_count += was.message_count
-        now.message_start_time = min(was.message_start_time, now.message_start_time)
         now.message_end_time = max(was.message_end_time, now.message_end_time)
         now.channel_message_counts |= was.channel_message_counts
     added.chunk_indexes[:0] = old.chunk_indexes
-    added.attachment_indexes, added.metadata_indexes = old.attachment_indexes, old.metadata_indexes
+    added.metadata_indexes[:0] = old.metadata_indexes
+    added.attachment_indexes = old.attachment_indexes
     return added
 
 

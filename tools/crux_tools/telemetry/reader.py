@@ -10,13 +10,13 @@ import os
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from crux_contracts.channels import BY_TOPIC
+from crux_contracts.channels import BY_TOPIC, shared_topic
 from crux_msgs import truth_verdict_t
 from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
@@ -28,9 +28,11 @@ from mcap_ros2.decoder import DecoderFactory
 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 from crux_tools.telemetry.description import difference
+from crux_tools.telemetry.log_format import newer_format
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it says itself
+NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
@@ -39,13 +41,14 @@ ADDED = {
     "/cycle_timing": {"answer_ns"},
     "/limb_telemetry": {
         *("utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"),
-        *("borne_friction", "slip_friction", "compliance_m_n"),
+        *("borne_friction", "slip_friction", "compliance_m_n", "admittance_gains"),
     },
     "/robot_state": {"motion", "speed_scale", "verified_time_s", "unbalanced_force_w_n", "unbalanced_moment_w_nm"},
 }
-PER_LIMB = ("/limb_reference", "/limb_telemetry")
+PER_LIMB = ("/limb_reference", "/limb_telemetry")  # shared_topic() of each limb's
 STATE_TOPIC = "/robot_state"
 EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
+CAN_FRAMES = "/can_frames"  # too many to be decoded one by one: see can_frames.py
 PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -61,7 +64,8 @@ class _Raw:
     """What the file holds before decoding: bytes a channel, in the order written."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)  # one for all limbs, with their shared topic
+    home: dict[int, int] = field(default_factory=dict)  # number of any channel -> that of `channels`
     payloads: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
     times_ns: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
     metadata: dict[str, str] = field(default_factory=dict)
@@ -137,15 +141,29 @@ def _chunk_records(data: bytes) -> Iterator[tuple[int, bytes]]:
 def _take(raw: _Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) -> None:
     if opcode == Opcode.MESSAGE:
         channel_id, _, log_time, _ = _MESSAGE.unpack_from(record)
-        if channel_id in raw.channels and wanted(raw.channels[channel_id].topic):
-            raw.payloads[channel_id].append(record[_MESSAGE.size :])
-            raw.times_ns[channel_id].append(log_time)
+        home = raw.home.get(channel_id)
+        if home is not None and wanted(raw.channels[home].topic):
+            raw.payloads[home].append(record[_MESSAGE.size :])
+            raw.times_ns[home].append(log_time)
     elif opcode == Opcode.SCHEMA:
         schema = Schema.read(_stream(record))
         raw.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        channel = Channel.read(_stream(record))
-        raw.channels[channel.id] = channel
+        _know(raw, Channel.read(_stream(record)))
+
+
+def _know(raw: _Raw, channel: Channel) -> None:
+    """Messages of a channel that has a topic for each limb are read as one table, as logs before format 8 have them."""
+    channel = replace(channel, topic=shared_topic(channel.topic))
+    definition = _definition(raw, channel)
+    same = (n for n, k in raw.channels.items() if k.topic == channel.topic and _definition(raw, k) == definition)
+    home = raw.home[channel.id] = next(same, channel.id)
+    raw.channels.setdefault(home, channel)
+
+
+def _definition(raw: _Raw, channel: Channel) -> bytes | None:
+    schema = raw.schemas.get(channel.schema_id)
+    return None if schema is None else schema.data
 
 
 def _stream(record: bytes) -> ReadDataStream:
@@ -178,12 +196,15 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
                 elif isinstance(record, Schema):
                     raw.schemas[record.id] = record
                 elif isinstance(record, Channel):
-                    raw.channels[record.id] = record
-                elif isinstance(record, Message) and wanted(raw.channels[record.channel_id].topic):
-                    raw.payloads[record.channel_id].append(record.data)
-                    raw.times_ns[record.channel_id].append(record.log_time)
+                    _know(raw, record)
+                elif isinstance(record, Message) and wanted(raw.channels[raw.home[record.channel_id]].topic):
+                    raw.payloads[raw.home[record.channel_id]].append(record.data)
+                    raw.times_ns[raw.home[record.channel_id]].append(record.log_time)
                 elif isinstance(record, Metadata) and record.name in METADATA:
                     raw.metadata = record.metadata | raw.metadata
+                elif isinstance(record, Metadata) and record.name == NOTE_METADATA:
+                    notes = (raw.metadata.get("note"), record.metadata.get("note"))
+                    raw.metadata["note"] = "; ".join(filter(None, notes))
                 elif isinstance(record, Attachment):
                     raw.attachments[record.name] = record.data
                 elif isinstance(record, Metadata) and record.name == END_METADATA:
@@ -201,6 +222,8 @@ def _decode(raw: _Raw, path: Path) -> Channels:
     messages: dict[str, list[Any]] = {}
     times_ns: dict[str, np.ndarray] = {}
     for channel_id, channel in raw.channels.items():
+        if channel.topic == CAN_FRAMES:
+            continue
         schema = raw.schemas.get(channel.schema_id)
         payloads = raw.payloads.get(channel_id, [])
         if schema is None or channel.message_encoding != "cdr":
@@ -223,21 +246,22 @@ def _decode(raw: _Raw, path: Path) -> Channels:
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
-    """The channels of an MCAP file in profile ros2, all or those in `topics`.
+    """The channels of an MCAP file in profile ros2, all (but CAN frames) or those in `topics`; those of the limbs under
+    their shared topic, whatever topics the log has.
 
     Raises LogError when the file is no such file; a cut-off end only leaves `end` out.
     """
-    return _decode(_opened(path, topics), path)
+    return _decode(_opened(path, lambda topic: topic != CAN_FRAMES and (topics is None or topic in topics)), path)
 
 
 def read_payloads(path: Path, topics: set[str]) -> Payloads:
     """The messages of some topics, not decoded. Raises LogError as `read_channels` does."""
-    return _payloads(_opened(path, topics), topics)
+    return _payloads(_opened(path, topics.__contains__), topics)
 
 
 def read_both(path: Path) -> tuple[Channels, Payloads]:
-    """All channels, decoded and not. Raises LogError as `read_channels` does."""
-    raw = _opened(path, None)
+    """All channels, decoded (but CAN frames) and not. Raises LogError as `read_channels` does."""
+    raw = _opened(path, lambda _topic: True)
     return _decode(raw, path), _payloads(raw, {channel.topic for channel in raw.channels.values()})
 
 
@@ -251,13 +275,13 @@ def _payloads(raw: _Raw, topics: set[str]) -> Payloads:
     return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments)
 
 
-def _opened(path: Path, topics: set[str] | None) -> _Raw:
+def _opened(path: Path, wanted: Callable[[str], bool]) -> _Raw:
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
     if not path.exists():
         raise LogError(f"{path}: no such file")
     try:
-        return _read_raw(path, lambda topic: topics is None or topic in topics)
+        return _read_raw(path, wanted)
     except PermissionError as error:
         raise LogError(f"{path}: may not be read (permission denied)") from error
 
@@ -292,7 +316,17 @@ def is_log(channels: Channels) -> bool:
 
 
 def telemetry_of(path: Path, channels: Channels) -> Telemetry:
-    """The telemetry in channels already read; see read_log."""
+    """The telemetry in channels already read; see read_log. That a log is of a newer format than is known here stands
+    in its notes, or behind the reason why it cannot be read.
+    """
+    newer = newer_format(channels.metadata)
+    try:
+        return _telemetry_of(path, channels, [newer] if newer else [])
+    except LogError as error:
+        raise LogError(f"{error}; {newer}" if newer else str(error)) from None
+
+
+def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemetry:
     tables = {topic: table for topic, table in channels.tables.items() if topic in BY_TOPIC}
     times_ns = dict(channels.times_ns)
     if not is_log(channels):
@@ -316,7 +350,7 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         raise LogError(f"{path}: the log holds not one whole control cycle")
     # Limb channels are logged less often (log_every in msgs/channels.yaml): their newest record stands until the next.
     aligned = {topic: tables[topic][np.searchsorted(times_ns[topic], common_ns, "right") - 1] for topic in PER_CYCLE}
-    notes = list(channels.notes)
+    notes = [*remarks, *channels.notes]
     if channels.end is None:
         notes.append("the log was not closed (cut off, or its runtime killed or still writing): read as far as it goes")
     elif int(channels.end.get("dropped_records", "0")):

@@ -14,8 +14,6 @@ what is left of multiplier . q costs no more than some part of J that is kept ba
 The centre of mass is off r by what limbs within (9a) make it, which multipliers of q pay for (`aside`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array
@@ -61,13 +59,8 @@ class CentreOfPressure:
         start, goal = problem.start.position_m, problem.goal.body.position_m
         pressing, zero = places[:n] - self.kappa * np.eye(n), np.zeros((n, n))
         lean = self.along / self.gamma
-        outputs = np.block(
-            [
-                [pressing, zero, lean[0] * pressing],
-                [zero, pressing, lean[1] * pressing],
-                [zero, zero, np.eye(n)],
-            ]
-        )
+        rows = [[pressing, zero, lean[0] * pressing], [zero, pressing, lean[1] * pressing], [zero, zero, np.eye(n)]]
+        outputs = np.block(rows)
         still = np.zeros((3, n))
         height = self.kappa * self.gamma
         still[:2] = (start[:2] + self.kappa * self.along + lean * (start[2] - height))[:, None]
@@ -86,9 +79,7 @@ class CentreOfPressure:
         self.free -= float(leanings @ gains @ leanings) / 2
         self.outputs = still.ravel() - outputs @ gains @ leanings
         self.yielding = outputs @ gains @ outputs.T
-        self.paid = (
-            self._paid() if self.least_weight > 0.0 else None
-        )  # (N, N), of multipliers along and of multipliers across
+        self.paid = self._paid() if self.least_weight > 0.0 else None  # (N, N), of multipliers along, and across
         if self.paid is not None:
             for own in (slice(0, n), slice(n, 2 * n)):
                 self.yielding[own, own] += 2 * self.paid
@@ -120,9 +111,7 @@ class CentreOfPressure:
         return self.free + float(multipliers @ (self.outputs - self.yielding @ multipliers / 2))
 
     def aside(self, multipliers: Array) -> Array:
-        """What multipliers (..., 2) of q save at most as the centre of mass is off the body's origin, and its height
-        another.
-        """
+        """What multipliers (..., 2) of q save at most as the centre of mass is off the body's origin, and in height."""
         lean = np.abs(self.along) / self.gamma * self.aside_m[2] + self.aside_m[:2]
         return np.asarray(np.abs(multipliers) @ lean)
 

@@ -24,14 +24,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crux_planner.certificates.bound.dynamic_program import DynamicProgram
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
-from crux_planner.certificates.bound.knot_qp import KnotQp
-from crux_planner.certificates.bound.multipliers import Multipliers
+from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
 from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
+from crux_planner.certificates.bound.timeline import DynamicProgram
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
@@ -63,9 +62,8 @@ def lower_bound(
     problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
-    search = _Search.begin(problem, cost, by_faces(problem), limits) or _Search.begin(
-        problem, cost, by_hold(problem), limits
-    )
+    begun = (_Search.begin(problem, cost, groups(problem), limits) for groups in (by_faces, by_hold))
+    search = next((each for each in begun if each is not None), None)
     if search is not None:
         bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
     return float(min(bound, cost))
@@ -73,9 +71,9 @@ def lower_bound(
 
 @dataclass
 class _Limits:
-    """When to stop."""
+    """When to stop: a time of clock.now, or when an effort is spent."""
 
-    deadline: float  # of clock.now
+    deadline: float
     effort: float
 
     def spend(self, effort: float) -> None:
@@ -133,19 +131,8 @@ class _Search:
         program = DynamicProgram(problem, nodes)
         known = np.zeros(len(nodes.options), dtype=bool)
         multipliers = Multipliers(problem, about, nodes)
-        return _Search(
-            problem,
-            cost,
-            nodes,
-            multipliers,
-            qp,
-            box,
-            program,
-            limits,
-            value[kept],
-            known,
-            Similarity(problem, nodes),
-        )
+        alike = Similarity(problem, nodes)
+        return _Search(problem, cost, nodes, multipliers, qp, box, program, limits, value[kept], known, alike)
 
     def run(self, report: Callable[[float], None]) -> float:
         """The bound when all that the cheapest way meets is evaluated, or when the limits are reached."""
@@ -248,9 +235,7 @@ class _Search:
 
 
 def _examples(problem: Problem, few: bool) -> list[dict[int, int]]:
-    """Sets of grasps whose multipliers say something of most others: the start's and the goal's, and each less one
-    limb.
-    """
+    """Sets of grasps whose multipliers say something of most others: start's and goal's, and each less one limb."""
     missing = (None,) if few else (None, 0, 1, 2, 3)
     start, goal = dict(enumerate(problem.start_contacts)), {}
     for limb, own in enumerate(problem.limb_contacts):

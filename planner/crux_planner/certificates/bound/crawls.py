@@ -6,8 +6,6 @@ costs of the knots is found by dynamic programming over the feet's footholds and
 and any number of steps.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

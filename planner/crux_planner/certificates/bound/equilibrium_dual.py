@@ -14,26 +14,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from crux_planner.certificates.bound.bundle import Bundle
 from crux_planner.certificates.bound.centre_of_pressure import MOST_MULTIPLIER, CentreOfPressure
 from crux_planner.certificates.bound.crawls import BETWEEN, Crawls
 from crux_planner.certificates.bound.loads import least_loads, least_rising
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR
 from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.solvers.qp import Qp
 
 _ROUNDS = 20  # of multipliers for crawls with one step a foot
 _SHARES = (1.0, 0.4)  # of those multipliers, tried on all crawls
 _ENOUGH = 0.01  # below the bound for one step a foot, where all crawls are as good
 _EVEN = 0.29  # sigma, about, in a walk
+_KEPT = 24  # columns of the bundle
+_NEARNESS = 0.5  # weight on how far the next multipliers are from the best ones
 _STIFF = (0.08, 0.5, 350.0)  # how far outputs of the loads follow a multiplier, about
 
 
 def crawl_bound(problem: WalkProblem) -> float:
-    """A number that no crawl costs less than, but for what its heading costs.
-
-    Minus infinity where multipliers fail or no step fits in.
-    """
+    """A number that no crawl costs less than, but for its heading; -inf where multipliers fail or no step fits in."""
     if problem.steps <= LEAST_AIR:
         return -np.inf
     pressure = CentreOfPressure(problem)
@@ -99,8 +98,7 @@ class EquilibriumDual:
 
     def _shifted(self, shift: Array, body: Array) -> Array:
         """What the body's part gains by shifted multipliers (..., 3), at least."""
-        gain: Array = (shift * (body - self._over * shift / 2)).sum(axis=-1)
-        return gain
+        return np.asarray((shift * (body - self._over * shift / 2)).sum(axis=-1))
 
 
 def _within(multipliers: Array) -> Array:
@@ -108,3 +106,39 @@ def _within(multipliers: Array) -> Array:
     size = np.linalg.norm(multipliers[..., :2], axis=-1, keepdims=True)
     share = np.minimum(1.0, MOST_MULTIPLIER / np.maximum(size, 1e-12))
     return np.concatenate([multipliers[..., :2] * share, multipliers[..., 2:]], axis=-1)
+
+
+class Bundle:
+    """Multipliers that rise by a proximal bundle: where the crawls seen so far, mixed, are in balance with the body.
+
+    Crawls are columns of their cost and outputs; what it proposes need not be trusted: every multiplier gives a bound.
+    """
+
+    def __init__(self, pressure: CentreOfPressure, multipliers: Array) -> None:
+        self.multipliers, self.bound, self.best = multipliers, -np.inf, multipliers
+        self._free = pressure.outputs
+        self._inverse = np.linalg.inv(pressure.yielding + _NEARNESS * np.eye(len(multipliers)))
+        self._costs: list[float] = []
+        self._outputs: list[Array] = []
+
+    def add(self, bound: float, cost: float, outputs: Array) -> None:
+        """What the multipliers gave."""
+        if bound > self.bound:
+            self.bound, self.best = bound, self.multipliers
+        self._costs.append(cost)
+        self._outputs.append(outputs)
+
+    def propose(self) -> None:
+        """Set the next multipliers."""
+        columns, costs = np.array(self._outputs), np.array(self._costs)
+        about = self._free + _NEARNESS * self.best
+        weighed = columns @ self._inverse
+        m = len(costs)
+        hessian, mixed = weighed @ columns.T + 1e-12 * np.eye(m), (np.ones((1, m)), np.ones(1))
+        qp = Qp(hessian, costs - weighed @ about, mixed, None, np.zeros(m), np.ones(m))
+        share = np.nan_to_num(qp.solve().x)
+        self.multipliers = self._inverse @ (about - share @ columns)
+        if m > _KEPT:
+            kept = {*np.argsort(-share)[: _KEPT - 1].tolist(), m - 1}
+            self._costs = [self._costs[i] for i in kept]
+            self._outputs = [self._outputs[i] for i in kept]

@@ -4,8 +4,6 @@ A plan that is D away from the goal (or turned by D) at some knot is at least D 
 earlier as long as that is farther than the start. Whatever else a plan costs comes on top.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.grasps import Grasps
@@ -79,15 +77,13 @@ def excursion_cost(problem: Problem, about: Orientations, nodes: Grasps) -> Arra
     away -= goal.tolerance_m
     total = np.zeros(len(away))
     for axis in range(2):
-        total += weights.position * _others(
-            away[:, axis], step, float(abs(start.position_m[axis] - goal.body.position_m[axis]))
-        )
+        far = float(abs(start.position_m[axis] - goal.body.position_m[axis]))
+        total += weights.position * _others(away[:, axis], step, far)
     turned = float(start.rpy_rad[2] - goal.body.rpy_rad[2])
     yaw = float(goal.body.rpy_rad[2])
     beyond = np.maximum(about.yaw_low - yaw, yaw - about.yaw_high) - goal.tolerance_rad
-    total += (
-        weights.orientation * _others(beyond, problem.body.fastest_yaw_rad_s * problem.dt_s, abs(turned))[nodes.cell]
-    )
+    turn_step = problem.body.fastest_yaw_rad_s * problem.dt_s
+    total += weights.orientation * _others(beyond, turn_step, abs(turned))[nodes.cell]
     return np.asarray(np.minimum.reduceat(total, nodes.first))
 
 

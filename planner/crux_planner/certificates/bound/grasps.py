@@ -76,11 +76,8 @@ class Grasps:
 
     def held(self, node: int) -> dict[int, int]:
         """Limb -> the first contact of its group."""
-        return {
-            limb: int(self.groups[limb][i][0])
-            for limb, i in enumerate(self.options[node])
-            if i < len(self.groups[limb])
-        }
+        options = enumerate(self.options[node])
+        return {limb: int(self.groups[limb][i][0]) for limb, i in options if i < len(self.groups[limb])}
 
     def cheapest(self, limb: int, of_contacts: Array) -> Array:
         """The least of a group's contacts, by options; 0 for the air."""
@@ -112,10 +109,7 @@ def _by(problem: Problem, key: Callable[[Contact], tuple[int, ...]]) -> Groups:
 def grasps(
     problem: Problem, about: Orientations, low: Array, high: Array, groups: Groups, most: int = 2**31
 ) -> Grasps | None:
-    """All nodes whose limbs' boxes meet within [low, high], with at most MOST_IN_AIR limbs in the air.
-
-    None where that seem to be more than `most`.
-    """
+    """All nodes whose limbs' boxes meet within [low, high], up to MOST_IN_AIR in the air; None for more than `most`."""
     box_low, box_high = body_boxes(problem, about)
     shift = np.array([about.shift_m[-1], about.shift_m[-1], 0.0])
     box_low, box_high = np.maximum(box_low, low - shift), np.minimum(box_high, high + shift)

@@ -6,8 +6,6 @@ Over a_z its least is concave in sigma, so that chords are below it; on a chord 
 a simplex. Feet stand anywhere in their ranges, at every knot anew.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.centre_of_pressure import CentreOfPressure
@@ -57,8 +55,7 @@ def least_rising(
         inside = np.clip(-steep / (2 * np.maximum(bend, 1e-12)), 0.0, most)
         best = np.minimum(best, (bend * inside + steep) * inside)
         best = np.minimum(best, (bend * most + steep) * most)
-    value: Array = best + pressure.effort * pressure.gamma**2 * sigma
-    return value
+    return np.asarray(best + pressure.effort * pressure.gamma**2 * sigma)
 
 
 def _shared(gains: Array, slope: Array, begin: Array) -> Array:
@@ -71,8 +68,7 @@ def _shared(gains: Array, slope: Array, begin: Array) -> Array:
         excess = (first[..., m - 1 : m] / (2 * slope) - 1.0) / m
         shared = begin - second[..., m - 1 : m] / (4 * slope) + m * slope * excess**2
         value = np.where(gains[..., m - 1 : m] > 2 * slope * excess, shared, value)
-    best: Array = value.min(axis=-1)
-    return best
+    return np.asarray(value.min(axis=-1))
 
 
 def _shares(pressure: CentreOfPressure, rising: Array, gains: Array, on: Flags, square: Array) -> tuple[Array, Array]:
@@ -92,5 +88,4 @@ def _projected(point: Array, on: Flags) -> Array:
     falling = -np.sort(-point, axis=-1)
     theta = (np.cumsum(falling, axis=-1) - 1.0) / np.arange(1, 5)
     last = (falling > theta).sum(axis=-1, keepdims=True) - 1
-    shares: Array = np.maximum(point - np.take_along_axis(theta, last, axis=-1), 0.0)
-    return shares
+    return np.asarray(np.maximum(point - np.take_along_axis(theta, last, axis=-1), 0.0))

@@ -5,11 +5,9 @@ For any multipliers pi of the six rows of balance, (8a) and (8b) at a knot,
                         + least over bodies of Q |x - x_g|^2 - pi . (M (a - g), c x M (a - g) + I alpha + ...),
 with accelerations anything that speeds within (7) allow from one knot to the next. The centre of mass c follows body
 and grippers, c = r + k sum (p - r) + e, k the same for all limbs and e anything that limbs within (9a) leave open. The
-first is bound.carrying, the second falls apart by axes over the boxes of bound.grasps. Whoever finds good multipliers
-need not be trusted.
+first is bound.carrying, the second falls apart by axes over the boxes of bound.grasps. Good multipliers are those of a
+small convex QP of one knot; it need not be trusted.
 """
-
-from __future__ import annotations
 
 import numpy as np
 
@@ -19,8 +17,15 @@ from crux_planner.certificates.bound.places import Orientations
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.mass import gripper_spans, offset_bounds, yawed_bounds
 from crux_planner.model.problem import Problem
+from crux_planner.physics.limit_surface import polytope_directions
+from crux_planner.solvers.qp import Qp
+from crux_planner.solvers.sparse_blocks import skews
 
 FOLLOW = 0.098  # k: any number is true, this one leaves little open
+_BODY = 9  # r, roll, pitch, yaw, centre of mass off where r and the grasps have it
+_GRIP = 5  # s1, s2, m / k, n1, n2
+_MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
+_FORCE_N = 300.0
 
 
 class Multipliers:
@@ -57,8 +62,7 @@ class Multipliers:
         else:
             multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
         body = self._body(multipliers_of_pairs, low, high, pairs, box)
-        value: Array = held + np.minimum.reduceat(body, first)
-        return value
+        return np.asarray(held + np.minimum.reduceat(body, first))
 
     def places(self, which: Indices) -> Array:
         """Least (len(which),) of Q for the body at a knot, whatever holds it."""
@@ -99,9 +103,7 @@ class Multipliers:
     def _body(
         self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None
     ) -> Array:
-        """Least of the body's part for boxes (P, 3) of pairs (P,), less the largest help of accelerations; multipliers
-        (6,) or (P, 6).
-        """
+        """Least of the body's part for boxes (P, 3) of pairs (P,), multipliers (6,) or (P, 6), and accelerations."""
         problem, about, cell = self.problem, self.about, self.nodes.cell[pairs]
         force, moment = multipliers[..., :3], multipliers[..., 3:]
         weight = problem.weight_N
@@ -132,9 +134,60 @@ class Multipliers:
     def _axis(self, axis: int, slope: Array, near: Array, far: Array) -> Array:
         """Least of Q (r - g)^2 + slope r for r in [near, far]."""
         weight, goal = self.problem.weights.position, self.problem.goal.body.position_m[axis]
-        r = (
-            np.clip(goal - slope / (2 * weight), near, np.maximum(near, far))
-            if weight > 0
-            else np.where(slope > 0, near, far)
-        )
+        r = np.where(slope > 0, near, far)
+        if weight > 0:
+            r = np.clip(goal - slope / (2 * weight), near, np.maximum(near, far))
         return np.asarray(weight * (r - goal) ** 2 + slope * r)
+
+
+class KnotQp:
+    """QPs of one problem."""
+
+    def __init__(self, multipliers: Multipliers) -> None:
+        self.problem, self.carriers = multipliers.problem, multipliers.carriers
+        self.rest, self.hands = multipliers.rest, multipliers.hands
+        directions, _ = polytope_directions(1.0)
+        self._directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+
+    def multipliers(self, held: dict[int, int], box: tuple[Array, Array]) -> Array:
+        """(6,) for contacts held by limbs, about the origin."""
+        problem, carriers, many = self.problem, self.carriers, len(held)
+        n = _BODY + _GRIP * many + 6
+        weights, goal = problem.weights, problem.goal.body
+        square = np.zeros(n)
+        square[:3], square[3:6] = weights.position, weights.orientation
+        square[_BODY : _BODY + _GRIP * many] = weights.wrench * np.tile([2.0, 2, 2, 1, 1], many)
+        square[-6:] = _MISSING
+        linear = np.zeros(n)
+        linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
+        tilt = problem.body.max_tilt_rad
+        hanging = [self.hands[limb] for limb in range(4) if limb not in held]
+        rest = [self.rest[end] + sum(FOLLOW * hand[end] for hand in hanging) for end in (0, 1)]
+        low = np.concatenate([box[0], [-tilt, -tilt, -1.0], rest[0], np.full(n - _BODY, -_FORCE_N)])
+        high = np.concatenate([box[1], [tilt, tilt, 1.0], rest[1], np.full(n - _BODY, _FORCE_N)])
+        equal = np.zeros((6, n))
+        equal[:, -6:] = np.eye(6)
+        turn, places = skews(problem.weight_N), [problem.contacts[c].centre_w_m for c in held.values()]
+        equal[3:, :3], equal[3:, 6:9] = (FOLLOW * many - 1.0) * turn, -turn
+        right = np.concatenate([-problem.weight_N, FOLLOW * turn @ np.sum(places, axis=0)])
+        rows, bounds = [], []
+        for i, (limb, c) in enumerate(held.items()):
+            at = _BODY + _GRIP * i
+            grip = carriers.maps[c]
+            equal[:, at : at + 4] = grip
+            equal[:, at + 4] = -grip[:, 3]
+            low[at + 3 : at + 5], high[at + 3 : at + 5] = 0.0, carriers.most_N
+            cone = np.zeros((2 * len(self._directions), n))
+            for finger, part in enumerate((cone[: len(self._directions)], cone[len(self._directions) :])):
+                part[:, at : at + 3] = self._directions
+                part[:, at + 3 + finger] = -carriers.friction[c, finger]
+            rows.append(cone)
+            bounds.append(np.tile(np.abs(self._directions) @ carriers.spines[c], 2))
+            a, half = problem.boxes.centre_b_m[limb], problem.boxes.half_m
+            seen = np.hstack([np.eye(3), -skews(a), np.zeros((3, n - 6))])  # r + theta x a
+            place = problem.contacts[c].centre_w_m + np.array([0.0, 0.0, problem.boxes.above_m]) - a
+            rows += [seen, -seen]
+            bounds += [place + half, half - place]
+        below = np.vstack(rows), None, np.concatenate(bounds)
+        qp = Qp(np.diag(2 * square), linear, (equal, right), below, low, high, eps_abs=1e-6, eps_rel=1e-7)
+        return qp.solve().multipliers

@@ -6,8 +6,6 @@ a cell r is in the box that the cell's middle gives, widened by what the cell's 
 costs what (6) asks for it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

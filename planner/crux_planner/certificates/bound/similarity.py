@@ -5,8 +5,6 @@ the multipliers of a few sets, each taken to where the others are, bound the cos
 multipliers for a set decides how tight the bound is, not whether it holds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.certificates.bound.grasps import Grasps
@@ -15,7 +13,6 @@ from crux_planner.model.problem import Problem
 
 _LENGTH_M = 0.1  # that much farther apart is as unlike as
 _AIR = 3.0  # a limb in the air instead of on a contact, times this
-_ASKED = 4000  # nodes among which those to learn from are chosen
 
 
 class Similarity:
@@ -32,24 +29,11 @@ class Similarity:
             kinds = [[np.cos(2 * c.yaw_rad), np.sin(2 * c.yaw_rad), c.grip_friction.min()] for c in own]
             options = nodes.options[:, limb]
             air = options == len(groups)
-            look = np.column_stack(
-                [(places[options] - self.middle_m) / _LENGTH_M, np.array([*kinds, [0.0] * 3])[options]]
-            )
+            kind = np.array([*kinds, [0.0] * 3])[options]
+            look = np.column_stack([(places[options] - self.middle_m) / _LENGTH_M, kind])
             look[air] = 0.0
             looks.append(np.column_stack([look, _AIR * air]))
         self._looks = np.hstack(looks).astype(np.float32)
-
-    def chosen(self, count: int) -> Indices:
-        """At most so many nodes that are unlike one another."""
-        asked = np.unique(np.linspace(0, len(self._looks) - 1, _ASKED).astype(int))
-        looks = self._looks[asked]
-        found, apart = [0], np.full(len(asked), np.inf, dtype=np.float32)
-        while len(found) < min(count, len(asked)):
-            apart = np.minimum(apart, ((looks - looks[found[-1]]) ** 2).sum(axis=1))
-            if apart.max() <= 0.0:
-                break
-            found.append(int(apart.argmax()))
-        return asked[found]
 
     def nearest(self, nodes: Indices, to: Indices) -> Indices:
         """For each of `nodes`, which one of the nodes `to` it is most like, as a place in `to`."""

@@ -1,7 +1,5 @@
 """What swings take and cost at least: knots in the air, changes of contact, and the weight on fewer limbs meanwhile."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array, Indices

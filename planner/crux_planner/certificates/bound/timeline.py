@@ -3,20 +3,23 @@
 A limb is on a contact, or in the air for at least so many knots; it may land on a contact once its swing there has
 lasted as long as the shortest swing that ends there. The state is all four limbs at once, so that limbs in the air
 together are seen as such. What is relaxed: a limb may start a swing from anywhere, and the body's places at different
-knots need not fit together.
+knots need not fit together. On larger walls it is over the sets of holds, each at its cheapest faces: what a limb does
+on a hold, which faces it grips and whether it changes them, is free, which leaves a sixteenth of the states. What a way
+through a node costs is then the way through its holds with the node's own knot.
 
 Between two knots first every limb that leaves its contact does so, then those land that do; what lies between, a set of
 grasps less some of its limbs, is a node of the program too, where no knot may be spent.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from crux_planner.certificates.bound.grasps import Grasps
+from crux_planner.certificates.bound.swings import quickest_to
 from crux_planner.model.arrays import Array, Indices
+from crux_planner.model.problem import Problem
 
 Stage = Callable[[int], Array]
 """Cost (n,) of a knot on each node."""
@@ -24,6 +27,7 @@ Stage = Callable[[int], Array]
 _LIMBS = 4
 _KEPT = 40  # knots between those whose states are remembered, for long walls
 _SUBSETS = np.array([[(mask >> limb) & 1 for limb in range(_LIMBS)] for mask in range(2**_LIMBS)], dtype=bool)
+_LARGE = 250_000  # states, about, beyond which faces are merged: it costs a third of the bound
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,7 @@ class Timeline:
         age[stride == 0] = 0
         self._younger = every_state - np.where(age > 1, stride, 0).sum(axis=1)
         self._older = every_state + np.where((age > 0) & (age < self._ages), stride, 0).sum(axis=1)
+        self._table, self._by_state = np.zeros(0), np.zeros(0)  # costs by node, given last, and by state
         self._limbs = [self._of_limb(limb, nodes[:, limb], age) for limb in range(_LIMBS)]
 
     def _of_limb(self, limb: int, option: Indices, age: Indices) -> _Limb:
@@ -112,12 +117,11 @@ class Timeline:
         value[self._first[self._own[start]]] = 0.0
         kept: list[Array] = []
         recent: list[Array] = []
-        costs = _Expanded(self)
         for k in range(knots):
             if k % _KEPT == 0:
                 kept.append(value)
                 recent = []
-            value = value + costs.of(stage(k))
+            value = value + self._costs(stage(k))
             recent.append(value)
             value = self._step(value)
         least = float(value[self._first[self._own[ends]]].min(initial=np.inf))
@@ -127,30 +131,28 @@ class Timeline:
         """The least cost (knots, n) of a whole way that is on a node at a knot."""
         value = np.full(self.states, np.inf)
         value[self._first[self._own[ends]]] = 0.0
-        found, costs, recent = np.empty((way.knots, len(self._own))), _Expanded(self), way.recent
+        found, recent = np.empty((way.knots, len(self._own))), way.recent
         for part in reversed(range(len(way.kept))):
             first, end = part * _KEPT, min((part + 1) * _KEPT, way.knots)
             if end < way.knots:
                 recent, before = [], way.kept[part]
                 for k in range(first, end):
-                    before = before + costs.of(stage(k))
+                    before = before + self._costs(stage(k))
                     recent.append(before)
                     before = self._step(before)
             for k in reversed(range(first, end)):
                 value = self._step_back(value)
-                found[k] = self.by_nodes(recent[k - first] + value)
-                value = value + costs.of(stage(k))
+                found[k] = np.minimum.reduceat(recent[k - first] + value, self._first[:-1])[self._own]
+                value = value + self._costs(stage(k))
         return found
 
-    def by_nodes(self, value: Array) -> Array:
-        """The least (n,) over the time in the air."""
-        return np.asarray(np.minimum.reduceat(value, self._first[:-1])[self._own])
-
-    def expanded(self, by_nodes: Array) -> Array:
-        """By state; no knot may be spent where no node is."""
-        whole = np.full(len(self._codes), np.inf)
-        whole[self._own] = by_nodes
-        return np.asarray(whole[self._node])
+    def _costs(self, by_nodes: Array) -> Array:
+        """By state; the table given last is kept: most knots share theirs. No knot may be spent where no node is."""
+        if by_nodes is not self._table:
+            whole = np.full(len(self._codes), np.inf)
+            whole[self._own] = by_nodes
+            self._table, self._by_state = by_nodes, whole[self._node]
+        return self._by_state
 
     def _step(self, value: Array) -> Array:
         new: Array = value[self._younger]
@@ -174,20 +176,68 @@ class Timeline:
         return np.asarray(value[self._older])
 
 
-class _Expanded:
-    """Costs by state; the table given last is kept, for most knots share theirs."""
-
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
-        self._table: Array | None = None
-        self._states = np.zeros(0)
-
-    def of(self, table: Array) -> Array:
-        if table is not self._table:
-            self._table, self._states = table, self._timeline.expanded(table)
-        return self._states
-
-
 def _groups(values: Indices) -> Indices:
     """First index of each run of equal values."""
     return np.flatnonzero(np.diff(values, prepend=-1))
+
+
+class DynamicProgram:
+    """Ways from the start's grasps to the goal's, `stage` gives the cost (n,) of a knot on each node."""
+
+    def __init__(self, problem: Problem, nodes: Grasps) -> None:
+        self._knots = problem.steps
+        merge = float((5.0**nodes.in_air).sum()) > _LARGE
+        columns, least_air = [], []
+        for limb, groups in enumerate(nodes.groups):
+            least = quickest_to(problem, groups)
+            options = nodes.options[:, limb]
+            if merge:
+                holds = np.array([problem.contacts[group[0]].hold for group in groups])
+                _, first, of_group = np.unique(holds, return_index=True, return_inverse=True)
+                order = np.argsort(first, kind="stable")
+                rank = np.argsort(order, kind="stable")[of_group]  # the start's stays the first
+                merged = np.full(len(first), np.iinfo(least.dtype).max)
+                np.minimum.at(merged, rank, least)
+                least, options = merged, np.append(rank, len(first))[options]
+            columns.append(options)
+            least_air.append(least)
+        merged_options, self._of_node = np.unique(np.column_stack(columns), axis=0, return_inverse=True)
+        self._of_node = self._of_node.reshape(-1)
+        self._order = np.argsort(self._of_node, kind="stable")
+        self._first = np.flatnonzero(np.diff(self._of_node[self._order], prepend=-1))
+        self._timeline = Timeline(merged_options, least_air, problem.weights.switching)
+        start = nodes.start
+        self._start = None if start is None else int(self._of_node[start])
+        self._ends = np.unique(self._of_node[nodes.ending(problem)])
+
+    @property
+    def states(self) -> int:
+        """Size of the program, a knot."""
+        return self._timeline.states
+
+    def forward(self, stage: Stage) -> Forward | None:
+        """The cheapest way; None where the start or every end is left out."""
+        if self._start is None or not len(self._ends):
+            return None
+        return self._timeline.forward(self._start, self._ends, self._knots, self._merged(stage))
+
+    def through(self, way: Forward, stage: Stage) -> Array:
+        """The least cost (knots, n) of a whole way that is on a node at a knot."""
+        merged = self._merged(stage)
+        whole = self._timeline.through(way, self._ends, merged)
+        found = np.empty((self._knots, len(self._of_node)))
+        for knot in range(self._knots):
+            rest = whole[knot] - np.where(np.isfinite(merged(knot)), merged(knot), 0.0)
+            found[knot] = rest[self._of_node] + stage(knot)
+        return found
+
+    def _merged(self, stage: Stage) -> Stage:
+        tables: dict[int, tuple[Array, Array]] = {}  # by the table given, which most knots share
+
+        def of(knot: int) -> Array:
+            table = stage(knot)
+            if id(table) not in tables:
+                tables[id(table)] = table, np.minimum.reduceat(table[self._order], self._first)
+            return tables[id(table)][1]
+
+        return of

@@ -15,8 +15,6 @@ Both hold for the planner's steps (walk.gait.Step): their shape, the least knots
 ones; the first also for the accelerations that the walk's margins allow.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,9 +30,8 @@ from crux_planner.solvers.qp import Qp
 
 def lower_bound(problem: WalkProblem) -> float:
     """A number that J of no crawl is below."""
-    return max(
-        _forces_and_steps(problem) + _body(problem), crawl_bound(problem) + _heading(problem, heading_share(problem))
-    )
+    crawls = crawl_bound(problem) + _heading(problem, heading_share(problem))
+    return max(_forces_and_steps(problem) + _body(problem), crawls)
 
 
 def _forces_and_steps(problem: WalkProblem) -> float:

@@ -3,8 +3,6 @@
 The way is looked for in the graph of `connection`, of all sets of grips that the relaxed P1 of `relaxed` allows.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -13,14 +11,12 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips
-from crux_planner.certificates.infeasibility.palms import clashes, largest_gap
+from crux_planner.certificates.infeasibility.connection import AIR, Connection, Grips, clashes, largest_gap
 from crux_planner.certificates.infeasibility.poses import GoalPoses
 from crux_planner.certificates.infeasibility.relaxed import RelaxedBalance, RelaxedReach, near_goal
 from crux_planner.errors import InfeasibleError, LevelGoalError
-from crux_planner.model.arrays import Array
 from crux_planner.model.build import all_grips
-from crux_planner.model.poses import point_text
+from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.shapes import palm_shape
 from crux_planner.solvers import clock
@@ -59,7 +55,9 @@ class Proof:
                 return InfeasibleError("reach", f"no hold can be gripped by {name}", proven=True)
             beyond = self.reach.beyond_goal(limb)[usable]
             if beyond.min() > 0:
-                return self._out_of_reach(limb, usable, beyond, wanted is not None)
+                nearest = int(np.argmin(beyond))
+                hold = problem.hold_names[self.hold[usable[nearest]]]
+                return InfeasibleError("reach", out_of_reach(problem, limb, hold, beyond[nearest]), proven=True)
             ends.append([g for g, far in zip(usable, beyond, strict=True) if far <= 0])
         if (crowded := self._crowded_start()) is not None:
             return crowded
@@ -71,9 +69,8 @@ class Proof:
         near: list[Grips] = list(map(tuple, stances.tolist()))
         self.goals = self.goal_poses.possible(near, self.reach.grips)
         if not self.goals:
-            text = (
-                f"no pose of the body at the goal {self._goal_text()} has a hold of its own within reach of every limb"
-            )
+            goal = self._goal_text()
+            text = f"no pose of the body at the goal {goal} has a hold of its own within reach of every limb"
             if near:
                 text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
             return InfeasibleError("reach", text, proven=True)
@@ -116,9 +113,7 @@ class Proof:
         return InfeasibleError(reason.constraint, text)
 
     def _gap(self, most_turn_rad: float) -> str | None:
-        """Where on the straight way to the goal a limb has nothing in reach: that with most of it, of some that have as
-        much the first on the way; None: nowhere.
-        """
+        """Where on the straight way to the goal the limb that lacks most reach has nothing in reach; None: nowhere."""
         way = np.linspace(self.problem.start.position_m, self.problem.goal.body.position_m, _WAY_POINTS)
         gaps = np.array([~self.reach.in_reach(limb, way, most_turn_rad) for limb in range(len(LIMB_NAMES))])
         size, begin = gaps.sum(axis=1), gaps.argmax(axis=1)
@@ -178,33 +173,16 @@ class Proof:
             if self.apart[one, other] or self.palm is None:
                 continue
             gap = largest_gap(self.grips[one], self.grips[other], self.palm)
-            names = [
-                f"{LIMB_NAMES[limb]} on {self.problem.hold_names[self.hold[grip]]}"
-                for limb, grip in ((a, one), (b, other))
-            ]
-            text = (
-                f"start.grasps: the palms of {names[0]} and {names[1]} keep {1000 * gap:.1f} mm apart at most, "
-                "3 mm are needed"
-            )
+            on = [f"{LIMB_NAMES[i]} on {self.problem.hold_names[self.hold[g]]}" for i, g in ((a, one), (b, other))]
+            keep = f"the palms of {on[0]} and {on[1]} keep {1000 * gap:.1f} mm apart at most"
+            text = f"start.grasps: {keep}, 3 mm are needed"
             return InfeasibleError("clearance", text, proven=True)
         return None
 
     def _goal_text(self) -> str:
         return point_text(self.problem, self.problem.goal.body.position_m)
 
-    def _out_of_reach(self, limb: int, usable: list[int], beyond: Array, named: bool) -> InfeasibleError:
-        nearest = int(np.argmin(beyond))
-        hold = self.problem.hold_names[self.hold[usable[nearest]]]
-        name, far = LIMB_NAMES[limb], f"{1000 * beyond[nearest]:.0f} mm outside {LIMB_NAMES[limb]}'s workspace"
-        if named:
-            text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {self._goal_text()}: it is {far}"
-        else:
-            text = f"no hold within reach of {name} for the goal body at {self._goal_text()}: the nearest, {hold}, is "
-            text += far
-        return InfeasibleError("reach", text, proven=True)
-
     def _text(self, stance: Grips, without: int | None = None) -> str:
         names = self.problem.hold_names
-        return ", ".join(
-            f"{LIMB_NAMES[i]} {names[self.hold[g]]}" for i, g in enumerate(stance) if i != without and g != AIR
-        )
+        held = ((i, g) for i, g in enumerate(stance) if i != without and g != AIR)
+        return ", ".join(f"{LIMB_NAMES[i]} {names[self.hold[g]]}" for i, g in held)

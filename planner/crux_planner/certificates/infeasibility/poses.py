@@ -6,8 +6,6 @@ program. Tilt, place and heading are the same for all limbs, where bounds of eac
 each. Boxes of angles are halved until all are shown to have no pose, or one is found.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -217,8 +215,7 @@ def _centre(grip: Grip, height_m: float) -> Array:
 def _slopes(rpy_rad: Array, away: Array) -> Array:
     """(3, 3) derivatives of R(theta)^T away by roll, pitch and yaw: away is fixed, so it turns against the body."""
     seen = rotation_from_rpy(rpy_rad).T @ away
-    turned: Array = np.cross(seen, body_rates(rpy_rad).T).T
-    return turned
+    return np.asarray(np.cross(seen, body_rates(rpy_rad).T).T)
 
 
 def _largest(away: Array, yaw_rad: float | None, half_rad: float) -> Array:

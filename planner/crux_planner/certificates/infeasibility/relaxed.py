@@ -6,8 +6,6 @@ outside by tangents; grasps anywhere on their faces; what accelerations within t
 collisions, no torques.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,10 +66,7 @@ def near_goal(problem: Problem, before_s: float = 0.0) -> Problem:
 
 
 class RelaxedReach:
-    """Bounds of body positions with grips in reach: over all headings of a plan, and at the goal.
-
-    `grips` are those of the wrists (`Grip.raised`), as `boxes` are.
-    """
+    """Bounds of body positions with `grips`, the wrists' (`Grip.raised`), in reach: at all headings, at the goal."""
 
     def __init__(self, problem: Problem, grips: list[Grip]) -> None:
         self.problem, self.grips = problem, grips
@@ -139,8 +134,7 @@ class RelaxedReach:
         """(G,) how far each grip is out of a limb's reach at the goal, at the best heading; not positive: not."""
         low, high = self.goal.low[:, limb], self.goal.high[:, limb]
         beyond = np.maximum(low - self._goal_high[:, None], self._goal_low[:, None] - high)
-        least: Array = beyond.max(axis=2).min(axis=0)
-        return least
+        return np.asarray(beyond.max(axis=2).min(axis=0))
 
     def in_reach(self, limb: int, position_m: Array, most_turn_rad: float) -> Flags:
         """(P,) whether a body at positions (P, 3), of any tilt, has some grip in reach of a limb.
@@ -153,14 +147,9 @@ class RelaxedReach:
         low, high = self.all.low[bins, None, limb] - self.shift_m, self.all.high[bins, None, limb] + self.shift_m
         return np.asarray(((place >= low) & (place <= high)).all(axis=3).any(axis=(0, 2)))
 
-    def hull(self, stance: tuple[int, ...], bins: Flags | None = None) -> tuple[Array, Array] | None:
-        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none.
-
-        `bins` (B,): only at these headings.
-        """
+    def hull(self, stance: tuple[int, ...]) -> tuple[Array, Array] | None:
+        """Bounds along W's axes of all body positions with a stance's grips in reach (-1: air), None if none."""
         fits, low, high = self.all.fits(stance)
-        if bins is not None:
-            fits &= bins
         return self.region(fits, low, high) if fits.any() else None
 
     def region(self, bins: Flags, low: Array, high: Array) -> tuple[Array, Array]:
@@ -194,10 +183,7 @@ class RelaxedBalance:
         self.slack_N = _slack(problem, offset_m, arm_m)
 
     def missing_at_goal(self, stance: tuple[int, ...], low: Array, high: Array) -> float:
-        """`missing_force` of a body in [low, high] a knot before its goal, by those limbs that have a grip (-1: air).
-
-        What they hold says where their mass is.
-        """
+        """`missing_force` of a body in [low, high] a knot before its goal, by limbs (-1: air) in known places."""
         problem = near_goal(self.problem, self.problem.dt_s)
         goal = problem.goal
         slack = _goal_angle(self.problem) + problem.body.fastest_yaw_rad_s * problem.dt_s + 1e-3

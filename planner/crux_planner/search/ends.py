@@ -1,11 +1,12 @@
-"""Which pose within the goal's tolerances to aim at: one that leaves every limb the most holds.
+"""Where the ends of a climb are best: which pose of the goal's to aim at, and where on their holds grippers start.
 
 The tolerances (some 10 mm and 3 degrees, and with them a tilt) move the acceptance boxes by centimetres against the
-wall, so that a goal may be in reach of holds only at one edge of what it allows.
+wall, so that a goal may be in reach of holds only at one edge of what it allows: a pose is aimed at that leaves every
+limb the most. A scenario names hold and faces of a start grasp; grippers on neighbouring holds may need places off the
+middle so that one of them can leave.
 """
 
-from __future__ import annotations
-
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,6 +15,9 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Goal, Pose, Problem
+from crux_planner.model.schedule import Stance
+from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.swing.swing_cache import SwingCache
 
 _SAMPLES = 4000
 _USED_SHARE, _LEFT_SHARE = 0.93, 0.06  # of the tolerances: for the aim, and around it
@@ -77,3 +81,32 @@ def _usable(problem: Problem, yaw: Array) -> Flags:
     may &= np.array([[problem.may_end(limb, c) for c in problem.contacts] for limb in range(4)])
     turned = np.array([c.yaw_rad for c in problem.contacts]) - yaw[:, None]
     return np.asarray(may & ((turned >= low) & (turned <= high))[:, None])
+
+
+def clear_start(problem: Problem, swings: SwingCache) -> Stance | None:
+    """The start's contacts with the least way off the middle such that all grippers keep clear; None if none does.
+
+    `problem` has contacts off the middle; what it starts on is in the middle.
+    """
+    start = problem.start_contacts
+    options = []
+    rotation = rotation_from_rpy(problem.start.rpy_rad)
+    for limb, centred in enumerate(start):
+        wanted = problem.contacts[centred]
+        near = []
+        for i, c in enumerate(problem.contacts):
+            if (c.hold, c.finger1_face, c.spines_only) != (wanted.hold, wanted.finger1_face, wanted.spines_only):
+                continue
+            place = rotation.T @ (c.centre_w_m - problem.start.position_m)
+            aside = float(np.linalg.norm(c.centre_w_m - wanted.centre_w_m))
+            if c.yaw_rad == wanted.yaw_rad and (problem.boxes.beyond(limb, place) <= 0.0).all():
+                near.append((aside, i))
+        options.append(near)
+    equilibrium, at = StaticEquilibrium(problem, problem.friction_share), problem.start.position_m
+    for choice in sorted(itertools.product(*options), key=lambda picks: sum(aside for aside, _ in picks)):
+        first, second, third, fourth = (i for _, i in choice)
+        stance = (first, second, third, fourth)
+        apart = all(swings.apart(a, b) for a, b in itertools.combinations(stance, 2))
+        if apart and equilibrium.position(stance, at, at, at) is not None:
+            return stance
+    return None

@@ -1,4 +1,4 @@
-"""ipopt on the stages of an exact P1: used where the own interior-point method does not converge.
+"""The exact P1 of a climb as a program for ipopt: what the planner's own interior-point method must agree with.
 
 Bounds are those of `stage_problem`, equations those of `stage_functions`; here they become one program of casadi's,
 mapped over the knots and over all columns in stance, a knot and a limb each.
@@ -6,33 +6,68 @@ mapped over the knots and over all columns in stance, a knot and a limb each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.cost import schedule_cost
+from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step
+from crux_planner.solvers.ipopt import Nlp
+from crux_planner.solvers.mapped import Mapped
+from crux_planner.trajectory.exact import columns_of
+from crux_planner.trajectory.solution import Place, Start
+from crux_planner.trajectory.stage_functions import COLUMN, SPINE_WEIGHT, StageFunctions
+from crux_planner.trajectory.stage_problem import StageProblem
 from scipy.sparse import bsr_array
 
-from crux_planner.model.arrays import Array
-from crux_planner.model.problem import BODY_STATES
-from crux_planner.physics.dynamics import WRENCH_INPUTS
-from crux_planner.solvers.ipopt import ONCE, Nlp
-from crux_planner.trajectory.stage_functions import COLUMN, SPINE_WEIGHT
-from crux_planner.trajectory.stage_problem import StageProblem
+ONCE: dict[str, Any] = {
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.tol": 1e-4,
+    "ipopt.constr_viol_tol": 1e-7,
+    "ipopt.compl_inf_tol": 1e-3,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.max_iter": 300,
+}
 
-ITERATIONS = 80  # after which other sequences of contacts promise more; a count, so that plans depend on no clock
 
+class Optimum(NamedTuple):
+    """Where ipopt ended: J, the largest joint torque of each place over its limit, and whether it is a solution."""
 
-@dataclass(frozen=True)
-class Optimum:
-    """Body states (N + 1, 12) and columns (N, 4, 8) where ipopt ended, and how."""
-
-    body: Array
-    columns: Array
     cost: float
-    iterations: int
-    status: str
+    torque_shares: dict[Place, float]
     solved: bool
+
+
+class _Equations(NamedTuple):
+    """The equations alone, as functions of casadi's columns, for a solver that differentiates by itself."""
+
+    step: ca.Function  # (x, total, hands)
+    reach: ca.Function  # (x, grippers)
+    surface: ca.Function  # (u, fingers)
+    torques: ca.Function  # (x, q, grasp, numbers of the limb)
+    body_cost: ca.Function  # (x)
+    column_cost: ca.Function  # (u)
+
+    @classmethod
+    def of(cls, functions: StageFunctions) -> _Equations:
+        x, total, hands = (ca.SX.sym(name, n) for name, n in (("x", BODY_STATES), ("w", 6), ("hands", 16)))
+        centre = centre_of_mass(functions.problem, x, ca.vertsplit(hands, 4))
+        after = euler_step(x, total[0:3], total[3:6], centre, functions.problem)
+        f = functions
+        others = (f.reach, f.surface, f.torque_values, f.body_cost, f.column_cost)
+        return cls(ca.Function("step", [x, total, hands], [after]), *map(_equation, others))
+
+
+def _equation(mapped: Mapped) -> ca.Function:
+    """The first output, of the arguments that it depends on."""
+    arguments = mapped.function.sx_in()
+    value = mapped.function(*arguments)
+    value = value[0] if mapped.function.n_out() > 1 else value
+    needed = [argument for argument in arguments if ca.depends_on(value, argument)]
+    return ca.Function(mapped.function.name(), needed, [value])
 
 
 class _Rows:
@@ -50,9 +85,17 @@ class _Rows:
         self.high.append(np.broadcast_to(high, expression.T.shape).ravel())
 
 
-def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float, most_iterations: int) -> Optimum:
-    """Solve P1 of a schedule from body states (N + 1, 12) and columns (N, 4, 8)."""
-    f, n, stance = stages.functions.equations, stages.knots, stages.stance
+def solve(
+    problem: Problem,
+    schedule: Schedule,
+    start: Start,
+    limited: frozenset[Place] = frozenset(),
+    options: dict[str, Any] = ONCE,
+) -> Optimum:
+    """P1 of a schedule, with constraints on the joint torques at the places `limited`."""
+    stages = StageProblem(StageFunctions(problem), problem, schedule, limited)
+    body, columns = start.body, columns_of(stages, start)
+    f, n, stance = _Equations.of(stages.functions), stages.knots, stages.stance
     knots, limbs = np.nonzero(stance)
     x = ca.MX.sym("x", BODY_STATES, n + 1)
     u = ca.MX.sym("u", COLUMN, len(knots))
@@ -82,13 +125,12 @@ def solve(stages: StageProblem, body: Array, columns: Array, time_limit_s: float
     ]
     nlp = {"x": ca.veccat(x, u), "f": cost, "g": ca.vertcat(*rows.expressions)}
     row_bounds = np.concatenate(rows.low), np.concatenate(rows.high)
-    options = {**ONCE, "ipopt.max_iter": most_iterations, "ipopt.max_cpu_time": time_limit_s}
-    solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, options)
+    solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, {**options, "ipopt.max_cpu_time": 60.0})
     found = solver.solve(np.concatenate([body.ravel(), columns[stance].ravel()]))
     columns = stages.empty_columns()
     columns[stance] = found.x[body.size :].reshape(-1, COLUMN)
-    ended = found.x[: body.size].reshape(body.shape)
-    return Optimum(ended, columns, found.cost, found.iterations, found.status, found.solved)
+    shares = stages.torque_shares(found.x[: body.size].reshape(body.shape), columns)
+    return Optimum(found.cost + schedule_cost(schedule, problem), shares, found.solved)
 
 
 def _totals(stages: StageProblem, u: Any) -> Any:
