@@ -33,9 +33,9 @@ __all__ = [
 
 LIMIT_S = 300.0
 METHODS_HERE = """what the paper's methods are here:
-  two_block    on climbs it begins with auto's own search, and its MIP block has (8b), which the paper
-               leaves to the NLP; on walks it has no MIP, but auto's search over gaits
-  multi_block  has no MIP: a shortest path a limb on climbs, a limb's steps all looked at on walks
+  two_block    equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start; HiGHS takes no
+               quadratic MIP, so squares are tangents; contacts change between windows of some knots only
+  multi_block  P3: such a MIP a limb, without the body, an NLP, projection, duals; on most scenes it does not converge
   benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
   all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
 
@@ -52,14 +52,17 @@ class MethodReport:
 def climb_report(scenario: Scenario, method: str, **settings: Any) -> MethodReport:
     """Run `method` on a climb; `settings` as `crux_planner.admm.methods.Task` has them. Raises InfeasibleError."""
     from crux_planner.admm.methods import METHODS, Task
+    from crux_planner.admm.windows import Windows
     from crux_planner.checker import check_plan
     from crux_planner.model.build import build_problem
+    from crux_planner.physics.reachable_set import ReachableSet
     from crux_planner.pipeline.message import plan_message
-    from crux_planner.search.stances import Oracles
+    from crux_planner.swing.swing_cache import SwingCache
 
     robot = load_robot(scenario.robot)
     problem = build_problem(scenario, robot)
-    task = Task(**vars(Oracles.of(problem)), deadline=clock.now() + LIMIT_S, **settings)
+    windows = Windows(problem, ReachableSet(problem), SwingCache(problem))
+    task = Task(windows, deadline=clock.now() + LIMIT_S, **settings)
     decided = METHODS[method](task)
     knots = decided.knots
     plan = plan_message(scenario, robot, problem, knots.schedule, knots.solution, method)

@@ -11,8 +11,8 @@ from crux_contracts.scenario import parse_scenario
 from crux_planner.admm.windows import Windows
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
 

@@ -11,19 +11,14 @@ from crux_tools.benchmarks.figure6 import gait_decided, lines, trot_wall
 from crux_tools.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
 
 
-def test_without_moments_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:
-    scenario = parse_scenario(trot_wall(), "trot-wall")
-    trot = gait_decided(scenario, moments=False)
+def test_at_first_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:
+    trot = gait_decided(parse_scenario(trot_wall(), "trot-wall"))
     assert [set(pair.split("+")) for pair in trot.order] == [{"LF", "RR"}, {"RF", "LR"}]
     assert not trot.ok
     assert trot.tumbling_Nm > 1.0
-    single = gait_decided(scenario, moments=True)
-    assert sorted(single.order) == ["LF", "LR", "RF", "RR"]
-    assert single.most_away == 1
-    assert single.tumbling_Nm < 0.6  # the block's centre of mass is affine: 6 mm off, 94 N; the exact NLP takes it away
     diagram = list(lines(trot))
     assert diagram[1].count("█") == diagram[4].count("█") > 0
-    draw_gaits(tmp_path / "gaits.png", [trot, single], 2.0)
+    draw_gaits(tmp_path / "gaits.png", [trot, trot], 2.0)
     assert (tmp_path / "gaits.png").stat().st_size > 1000
 
 

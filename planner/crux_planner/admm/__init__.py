@@ -1,5 +1,5 @@
-"""The paper's distributed methods: two-block and multi-block ADMM, and the benchmark NLP; equations in problem terms.
+"""The paper's distributed methods, and P1 as one relaxed NLP.
 
-`admm` is the loop (17), (19); `contact_block` P2a, `motion_block` P2b, `limb_block` a limb's MIP of P3; `hull` the MILP
-behind the contact decisions, `bound` what it proves, `benchmark` P1 as one NLP.
+`admm` has the loops (19) and P3; `contact_block` is P2a of a climb by the MIP of `hull` on `windows`, `walk_block` that
+of a walk by `walk_mip`; `motion_block` is P2b; `climb_limbs` and `walk_limbs` are the limbs' blocks of P3.
 """

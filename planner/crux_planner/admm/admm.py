@@ -6,20 +6,20 @@ In scaled form, with eta = [x; u] of the contact blocks, its copy delta and the 
     delta   <- argmin     rho / 2 |eta - delta + epsilon|^2    motion: (7), (8), (9)
     epsilon <- epsilon + eta - delta
 
-Two blocks: one MIP for all limbs. Multi-block: the first line falls into one MIP a limb, solved in parallel; the
-body's terms of J and (8a) go to the motion NLP, whose own variables are the shared copy: it is the projection.
+Two blocks: one MIP for all limbs. Multi-block: one MIP a limb, solved in parallel, and the motion NLP with the body's
+terms of J and (8a), all against a shared copy: the mean of what the limbs and the NLP have with their duals, which is
+the projection. Limbs know of one another by this copy alone. rho is constant.
+
 Both stop when the largest residual of any body or finger position and of any force component (maximum norm) is within
-the paper's thresholds, unless they are to run `to_the_end`.
-The loops know nothing of holds or feet.
+the paper's thresholds, unless they are to run `to_the_end`. z is binary: no theorem says that they come so far, and
+what does not is said not to have converged. The loops know nothing of holds or feet.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Generic, Protocol, Self, TypeVar
-
-from crux_contracts import LIMB_NAMES
 
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
@@ -60,24 +60,9 @@ class Contacts(Protocol[K]):
 class Limbs(Protocol[K]):
     """One MIP a limb."""
 
-    def first_guess(self, motion: Motion, rho: float) -> Eta:
-        """The copy that the limbs meet in the first iteration."""
-        ...
-
     def minimise(self, rho: float, target: Eta) -> ContactPlan[K]:
-        """Every limb's argmin of its share, joined; the body, in no limb's block, is the target's."""
+        """Every limb's argmin of its share; the body, in no limb's block, is the target's. Raises InfeasibleError."""
         ...
-
-
-class LimbBlocks:
-    """The MIPs of all limbs, `make(*arguments, limb)` each."""
-
-    def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
-        self._blocks = [make(*arguments, limb) for limb in range(len(LIMB_NAMES))]
-
-    def __call__(self, limb: int, *question: Any) -> Any:
-        """The argmin of one limb."""
-        return self._blocks[limb].minimise(*question)
 
 
 class Motion(Protocol):
@@ -95,7 +80,6 @@ class Settings:
     deadline: float  # of clock.now
     rho: float | None = None
     iterations: int | None = None
-    moments: bool = True  # (8b) in the contact block; without it the trot of the paper's figure 6 appears
     to_the_end: bool = False  # all iterations, thresholds or not
     report: Report = lambda _line: None
 
@@ -131,54 +115,60 @@ class Decided(Generic[K]):
 
 
 def two_block(contacts: Contacts[K], motion: Motion, given: Settings, rho: float, iterations: int) -> Decided[K]:
-    """Equation (19). Stops at the thresholds, after `iterations`, or when the time is up."""
-    rho = given.rho or rho
-
-    def decide(target: Eta | None) -> ContactPlan[K]:
-        return contacts.minimise(rho, target, given.deadline)
-
-    return _run(decide, motion, None, given, rho, iterations)
-
-
-def multi_block(limbs: Limbs[K], motion: Motion, given: Settings, rho: float, iterations: int) -> Decided[K]:
-    """P3. Stops at the thresholds, after `iterations`, or when the time is up."""
-    rho = given.rho or rho
-    first = limbs.first_guess(motion, rho)
-
-    def decide(target: Eta | None) -> ContactPlan[K]:
-        return limbs.minimise(rho, target or first)
-
-    return _run(decide, motion, first, given, rho, iterations)
-
-
-def _run(
-    decide: Callable[[Eta | None], ContactPlan[K]],
-    motion: Motion,
-    first: Eta | None,
-    given: Settings,
-    rho: float,
-    iterations: int,
-) -> Decided[K]:
-    """The loop (17); where it begins from a `first` copy, the contacts do not decide on the body, the copy does."""
+    """Equation (19), from no copy at all. Stops at the thresholds, after `iterations`, or when the time is up."""
+    rho, target, run = given.rho or rho, None, Iterations[K](given)
     epsilon: Eta | None = None
-    run: Decided[K] | None = None
-    target = first
-    for iteration in range(1, (given.iterations or iterations) + 1):
-        plan = decide(target)
-        eta = plan.eta
-        epsilon = epsilon or eta.times(0.0)
-        delta = motion.project(eta + epsilon, rho)
-        epsilon = epsilon + eta - delta
+    for _ in range(given.iterations or iterations):
+        plan = contacts.minimise(rho, target, given.deadline)
+        epsilon = epsilon or plan.eta.times(0.0)
+        delta = motion.project(plan.eta + epsilon, rho)
+        epsilon = epsilon + plan.eta - delta
         target = delta - epsilon
-        run = run or Decided(knots=plan.knots)
-        run.knots = plan.knots if first is None else plan.knots.with_body(delta.body)
-        run.residuals.append(Residuals.of(eta - delta, body=first is None))
-        run.gaits.append(plan.knots.order)
-        given.report(_line(run, iteration))
-        if (run.converged and not given.to_the_end) or clock.now() > given.deadline:
+        if run.ends(plan.knots, Residuals.of(plan.eta - delta)):
             break
-    assert run is not None
-    return run
+    return run.decided()
+
+
+def multi_block(
+    limbs: Limbs[K], motion: Motion, first: Eta, given: Settings, rho: float, iterations: int
+) -> Decided[K]:
+    """P3, from a `first` copy. Stops at the thresholds, after `iterations`, or when the time is up."""
+    rho, copy, run = given.rho or rho, first, Iterations[K](given)
+    of_limbs, of_motion = first.times(0.0), first.times(0.0)
+    for _ in range(given.iterations or iterations):
+        plan = limbs.minimise(rho, copy - of_limbs)
+        delta = motion.project(copy - of_motion, rho)
+        eta = replace(plan.eta, body=delta.body)
+        copy = (eta + of_limbs + delta + of_motion).times(0.5)
+        of_limbs, of_motion = of_limbs + eta - copy, of_motion + delta - copy
+        if run.ends(plan.knots.with_body(delta.body), Residuals.of(eta - delta, body=False)):
+            break
+    return run.decided()
+
+
+class Iterations(Generic[K]):
+    """What a loop has come to."""
+
+    def __init__(self, given: Settings) -> None:
+        self._given = given
+        self._decided: Decided[K] | None = None
+
+    def decided(self) -> Decided[K]:
+        """After the last iteration; says so where it has not come within the thresholds."""
+        run = self._decided
+        assert run is not None
+        if not run.converged:
+            self._given.report(f"not converged after {run.iterations} iterations")
+        return run
+
+    def ends(self, knots: K, residuals: Residuals) -> bool:
+        """Note an iteration and report it; whether it is the last."""
+        run = self._decided = self._decided or Decided(knots=knots)
+        run.knots = knots
+        run.residuals.append(residuals)
+        run.gaits.append(knots.order)
+        self._given.report(_line(run, len(run.residuals)))
+        return (run.converged and not self._given.to_the_end) or clock.now() > self._given.deadline
 
 
 def _line(run: Decided[K], iteration: int) -> str:

@@ -1,4 +1,7 @@
-"""P2a, equation (19a): contacts by the hull MILP on windows, then all of x, u and y at the knots by one convex QP."""
+"""P2a of a climb, equation (19a): contacts by the MIP on windows, then x, u and y at the knots by one convex QP.
+
+The QP is P2a with its binaries fixed. Both are without (8b), and begin with nothing that a search has found.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +13,24 @@ from crux_planner.admm.window_cost import window_cost
 from crux_planner.admm.windows import Swinging, Windows, clash
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
-from crux_planner.search.stances import Oracles, search
+from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers import clock
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 
-MILP_GAP = 0.02
+MILP_GAP = 0.01
 MILP_TIME_S = 6.0  # of one iteration, once some contacts are known
-_SEARCH_TIME_S = 2.0
-GREED = 1.5  # of that search
 _CUTS = 12  # decisions thrown away in one iteration before giving up
 
 
 class ContactBlock:
-    """P2a of one problem; rows are built once, cuts stay, and each decision starts from the one before."""
+    """P2a of one problem; rows are built once, cuts and tangents stay, and each decision starts from the one before."""
 
-    def __init__(self, oracles: Oracles, *, moments: bool = True, scales: Scales) -> None:
-        self.problem, self.moments, self.scales = oracles.problem, moments, scales
-        self.windows = Windows(oracles.problem, oracles.reachable, oracles.swings)
-        self._balance, self._oracles = oracles.equilibrium, oracles
-        self._hull = HullMilp(self.windows, oracles.equilibrium, moments=moments)
-        self._known = self._searched()
+    def __init__(self, windows: Windows, *, scales: Scales) -> None:
+        self.windows, self.problem, self.scales = windows, windows.problem, scales
+        self._balance = StaticBalance(self.problem, self.problem.friction_share)
+        self._hull = HullMilp(windows, self._balance)
+        self._known: list[Swinging] | None = None
         self.bound = -np.inf  # proven, of the last MILP's objective
 
     def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[KnotSolution]:
@@ -49,21 +49,16 @@ class ContactBlock:
                 continue
             schedule = self.windows.schedule(decision.swings)
             knots = solve_knots(
-                self.problem, self._balance, schedule, rho, target, self.scales, self.path(decision), self.moments
+                self.problem, self._balance, schedule, rho, target, self.scales, self.path(decision), False
             )
             if knots is None:
                 self._hull.forbid_exactly(decision)
                 continue
+            self._hull.touch(knots.wrenches, schedule)
             self._known, self.bound = decision.swings, result.bound
             eta = Eta.of_contacts(self.problem, schedule, knots.body, knots.wrenches)
             return ContactPlan(eta, knots)
         raise InfeasibleError("contacts", f"no contacts with a body path at the knots among the {_CUTS} best decisions")
-
-    def _searched(self) -> list[Swinging] | None:
-        """A first set of contacts for the MILP to start from: the quickest by the stance search, one limb at a time."""
-        until = clock.now() + _SEARCH_TIME_S
-        moves, _ = search(self._oracles, at_once=1, greed=GREED, deadline=until)
-        return None if moves is None else self.windows.one_by_one(moves)
 
     def path(self, decision: Decision) -> Array:
         """Body positions (N + 1, 3) through those of the windows, each in the middle of its window."""
@@ -76,5 +71,5 @@ class ContactBlock:
 
 def _nothing_found(infeasible: bool) -> InfeasibleError:
     if infeasible:
-        return InfeasibleError("contacts", "no contacts on the windows of the contact block satisfy reach and balance")
+        return InfeasibleError("contacts", "no contacts on the windows of the contact block satisfy reach and (8a)")
     return InfeasibleError("time limit", "the contact block found no contacts in the time allowed")

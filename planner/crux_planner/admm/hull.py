@@ -1,27 +1,31 @@
-"""The contact block's MILP: P2a on windows, one binary per limb, window and (hold, face pair), in hull form.
+"""P2a of a climb on windows, equation (19a), as a MIP: a binary a limb, window and (hold, face pair), in hull form.
 
 A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole windows). The wrench of a contact is
 its own set of variables q = (s1, s2, m / k, F+, F-, n), zero unless the contact is held, so that the limit surface
 (2)+(3) needs no big M; n is the smaller of the two normal forces n1 = n + F+ and n2 = n + F-, and the sign variable
-gamma of (12) is not needed (physics.limit_surface). Grasp points are constants, so that balance (8), moments included,
-is linear. Squares enter as tangents, in perspective form where they hang on a binary; the rows do not depend on the
-ADMM's iteration, only the cost does.
+gamma of (12) is not needed (physics.limit_surface); nor is beta of (14): arcs are swings that keep clear. Forces
+balance (8a), moments (8b) are not in it: they are the NLP's. HiGHS takes no quadratic MIP: squares enter as tangents,
+in perspective form where they hang on a binary, more of them where answers have been (`touch`); the rows do not depend
+on the ADMM's iteration, only the cost does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.windows import Arc, Swinging, Windows
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.search.body_path import SPEED_SHARE
-from crux_planner.search.equilibrium import StaticEquilibrium
+from crux_planner.model.schedule import Schedule
+from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.milp import Milp, MilpResult
 
 SHARES = 6  # q of one contact
 SQUARED = 5  # s1, s2, m / k, n1, n2
+ALL = tuple(range(len(LIMB_NAMES)))
 _TANGENTS_N = (
     np.array([-24.0, -10.0, 10.0, 24.0]),
     np.array([-24.0, -10.0, 10.0, 24.0]),
@@ -61,27 +65,30 @@ class Decision:
 
 
 class HullMilp:
-    """The rows of P2a on windows."""
+    """The rows of P2a on windows; of some limbs alone, without what ties them to the others and the body."""
 
-    def __init__(self, windows: Windows, equilibrium: StaticEquilibrium, *, moments: bool = True) -> None:
-        self.windows, self.equilibrium, self.moments = windows, equilibrium, moments
+    def __init__(self, windows: Windows, balance: StaticBalance, limbs: Sequence[int] = ALL) -> None:
+        self.windows, self.balance, self.limbs = windows, balance, limbs
         self.milp = Milp()
         low, high = windows.body_range()
         self.body = np.stack([self.milp.variables(3, low, high) for _ in range(windows.count)])
         self.body_squares = np.stack([self.milp.variables(3, 0.0, np.inf) for _ in range(windows.count)])
-        self.held: list[list[dict[int, int]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in range(4)] for _ in range(windows.count)]
-        self.arcs: list[Indices] = []
-        for limb in range(4):
+        self.held: list[list[dict[int, int]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.wrench: list[list[dict[int, Indices]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.squares: list[list[dict[int, Indices]]] = [[{} for _ in ALL] for _ in range(windows.count)]
+        self.arcs = [self.milp.variables(len(windows.arcs[limb]), 0.0, 1.0) for limb in range(len(ALL))]
+        for limb in limbs:
             self._flow(limb)
-            self._reach(limb)
         for t in range(windows.count):
-            self._one_gripper_a_hold(t)
-            self._out_of_the_way(t)
             self._wrenches(t)
-            self._balance(t)
-        self._body_motion()
+        if limbs == ALL:  # what ties them together
+            for limb in limbs:
+                self._reach(limb)
+            for t in range(windows.count):
+                self._one_gripper_a_hold(t)
+                self._out_of_the_way(t)
+                self._forces(t)
+            self._body_motion()
 
     def solve(
         self, cost: WindowCost, *, gap: float, time_limit_s: float, start: list[Swinging] | None = None
@@ -90,7 +97,7 @@ class HullMilp:
         hint = None
         if start is not None:
             hint = np.full(self.milp.size, np.nan)
-            for limb in range(4):
+            for limb in self.limbs:
                 for t, contact in enumerate(self.windows.held(limb, start)):
                     for c, column in self.held[t][limb].items():
                         hint[column] = float(c == contact)
@@ -100,7 +107,7 @@ class HullMilp:
         """What a result says."""
         assert result.values is not None
         swings = []
-        for limb in range(4):
+        for limb in self.limbs:
             taken = [arc for arc, column in self._limb_arcs(limb) if result.values[column] > 0.5]
             swings += [self.windows.swinging(limb, arc) for arc in sorted(taken, key=lambda arc: arc.first)]
         return Decision(swings, result.values[self.body], result.objective, result.bound, result.values)
@@ -126,7 +133,6 @@ class HullMilp:
 
     def _flow(self, limb: int) -> None:
         windows, milp, start = self.windows, self.milp, self.windows.problem.start_contacts[limb]
-        self.arcs.append(milp.variables(len(windows.arcs[limb]), 0.0, 1.0))
         last = windows.count - 1
         for t in range(windows.count):
             for c in windows.contacts[limb]:
@@ -168,7 +174,7 @@ class HullMilp:
 
     def _one_gripper_a_hold(self, t: int) -> None:
         problem, by_hold = self.windows.problem, dict[int, list[int]]()
-        for limb in range(4):
+        for limb in self.limbs:
             for c, column in self.held[t][limb].items():
                 by_hold.setdefault(problem.contacts[c].hold, []).append(column)
             for arc, column in self._limb_arcs(limb):
@@ -179,64 +185,70 @@ class HullMilp:
 
     def _out_of_the_way(self, t: int) -> None:
         """No swing passes a gripper that stands in its way."""
-        for limb in range(4):
+        for limb in self.limbs:
             over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
-            for other in range(4):
+            for other in self.limbs:
                 for c, held in self.held[t][other].items():
                     blocked = [column for arc, column in over if self.windows.blocks(limb, arc, other, c)]
                     if blocked:
                         self.milp.row([held, *blocked], np.ones(len(blocked) + 1), -np.inf, 1.0)
 
     def _wrenches(self, t: int) -> None:
-        problem, equilibrium, milp = self.windows.problem, self.equilibrium, self.milp
-        directions = equilibrium.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
-        high = np.array([*[_FORCE_BOUND_N] * 3, *[equilibrium.max_normal_N] * 3])
+        problem, balance, milp = self.windows.problem, self.balance, self.milp
+        directions = balance.directions * np.array([1.0, 1.0, problem.patch.k_m])  # on (s1, s2, m / k)
+        high = np.array([*[_FORCE_BOUND_N] * 3, *[balance.max_normal_N] * 3])
         low = np.array([-high[0], -high[1], -high[2], 0.0, 0.0, 0.0])
-        for limb in range(4):
+        for limb in self.limbs:
             for c, held in self.held[t][limb].items():
                 q = milp.variables(SHARES, low, high)
                 squares = milp.variables(SQUARED, 0.0, np.inf)
                 self.wrench[t][limb][c], self.squares[t][limb][c] = q, squares
-                for finger, limit in enumerate(equilibrium.limits[c]):
+                for finger, limit in enumerate(balance.limits[c]):
                     more = [q[3 + finger]] * abs(limit.side)  # of a finger's normal force, beside the squeeze q[5]
                     for direction, load, spine in zip(
-                        directions, equilibrium.load[c, finger], equilibrium.spine[c, finger], strict=True
+                        directions, balance.load[c, finger], balance.spine[c, finger], strict=True
                     ):
                         loads = [-load] * (1 + len(more))
                         milp.row([*q[:3], q[5], *more, held], [*direction, *loads, -spine], -np.inf, 0.0)
-                for pull, press in zip((3, 4), equilibrium.press_N[c], strict=True):
+                for pull, press in zip((3, 4), balance.press_N[c], strict=True):
                     milp.row([q[pull], q[5], held], [1.0, 1.0, -press], -np.inf, 0.0)
                 for i, tangents in enumerate(_TANGENTS_N):
-                    base = [int(q[i])] if i < 3 else [int(q[5]), int(q[i])]
                     for d in tangents:
-                        columns = [int(squares[i]), *base, held]
-                        milp.row(columns, [1.0, *([-2 * d] * len(base)), d * d], 0.0, np.inf)
+                        self._tangent(t, limb, c, i, float(d))
 
-    def _balance(self, t: int) -> None:
-        """(8a) and (8b) in balance, a limb in the air half way between its contacts."""
-        equilibrium, k = self.equilibrium, self.windows.problem.patch.k_m
-        body, columns, ends, places = equilibrium.weight(np.zeros(3))[0], list[int](), list[int](), list[Array]()
-        parts: list[Array] = []
-        for limb in range(4):
+    def touch(self, wrenches: list[dict[int, Array]], schedule: Schedule) -> None:
+        """Tangents at the mean wrenches (s1, s2, m, n1, n2) of a window's knots, by knot and limb in stance."""
+        unit = np.array([1.0, 1.0, self.windows.problem.patch.k_m, 1.0, 1.0])
+        for t in range(self.windows.count):
+            knots = range(*self.windows.span(t))
+            for limb in self.limbs:
+                for c in self.held[t][limb]:
+                    known = [wrenches[k][limb] for k in knots if schedule.contacts[k][limb] == c]
+                    for i, d in enumerate(np.mean(known, axis=0) / unit if known else ()):
+                        self._tangent(t, limb, c, i, float(d))
+
+    def _tangent(self, t: int, limb: int, c: int, i: int, d: float) -> None:
+        """The square of number i of a contact's, at d: in perspective form, 0 where it is not held."""
+        q, squares = self.wrench[t][limb][c], self.squares[t][limb][c]
+        base = [int(q[i])] if i < 3 else [int(q[5]), int(q[i])]
+        columns = [int(squares[i]), *base, self.held[t][limb][c]]
+        self.milp.row(columns, [1.0, *([-2 * d] * len(base)), d * d], 0.0, np.inf)
+
+    def _forces(self, t: int) -> None:
+        """(8a), at rest."""
+        columns, parts, weight = list[int](), list[Array](), self.windows.problem.weight_N
+        for limb in self.limbs:
             for c, q in self.wrench[t][limb].items():
-                force = equilibrium.maps[c]
-                columns += map(int, q[:5])
-                parts.append(np.column_stack([force[:, :2], k * force[:, 2], force[:, 3], -force[:, 3]]))
-            over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
-            ends += [*self.held[t][limb].values(), *[column for _, column in over]]
-            places += [equilibrium.centres[c] for c in self.held[t][limb]]
-            places += [equilibrium.mean_place((arc.start, arc.goal)) for arc, _ in over]
-        matrix, share = np.hstack(parts), np.array([equilibrium.weight(place)[1] for place in places]) / 4
-        weight = equilibrium.problem.weight_N
+                force = self.balance.maps[c, :3]
+                columns += map(int, q[[0, 1, 3, 4]])
+                parts.append(np.column_stack([force[:, :2], force[:, 3], -force[:, 3]]))
+        matrix = np.hstack(parts)
         for axis in range(3):
             self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
-            if self.moments:
-                numbers = np.concatenate([matrix[3 + axis], body[3 + axis], -share[:, 3 + axis]])
-                self.milp.row([*columns, *map(int, self.body[t]), *ends], numbers, 0.0, 0.0)
 
     def _body_motion(self) -> None:
         windows, problem, milp = self.windows, self.windows.problem, self.milp
-        step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s * windows.knots
+        step = problem.body.max_speed_m_s * problem.dt_s * windows.knots
         goal, slack = problem.goal.body.position_m, problem.goal.position_slack_m
         low, high = windows.body_range()
         for axis in range(3):
@@ -254,7 +266,7 @@ class HullMilp:
         vector = np.zeros(self.milp.size)
         vector[self.body], vector[self.body_squares] = cost.body_linear, cost.body_square
         for t in range(self.windows.count):
-            for limb in range(4):
+            for limb in self.limbs:
                 for c, held in self.held[t][limb].items():
                     vector[held] = cost.held[t, limb, c]
                     vector[self.wrench[t][limb][c]] = cost.linear[t, limb, c]

@@ -172,6 +172,8 @@ class MotionBlock:
         first = np.concatenate([target.body.ravel(), self._first(target).ravel(), (to_u / self._ends.units).ravel()])
         parameters = np.concatenate([[rho], to_x.ravel(), to_u.ravel()])
         found = self._nlp.solve(np.clip(first, low, high), parameters, again=True)
+        if not found.solved:  # the last answer leads nowhere
+            found = self._nlp.solve(np.clip(first, low, high), parameters)
         self.solved, self.iterations = found.solved, found.iterations
         return self._eta(found.x)
 

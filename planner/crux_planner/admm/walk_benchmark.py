@@ -20,11 +20,11 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.gait import LEAST_AIR, SPEED_SHARE
 from crux_planner.model.problem import BODY_STATES
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.bounds import FEET_APART_M, least_load_N, rate_steps, walk_bounds
 from crux_planner.physics.cost import FORCE_SHARE, walk_cost
 from crux_planner.physics.limit_surface import SMOOTHING_N
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP, Slot, Slots
 from crux_planner.solvers.relaxation import Relaxed
 from crux_planner.trajectory.walk_qp import WalkKnots
 
@@ -90,8 +90,7 @@ class WalkBenchmark:
         feet = p.reshape(n + 1, _FEET, 3)
         footholds = np.vstack([problem.start_feet_w_m, *[feet[step.land, step.limb, :2] for step in gait.steps]])
         forces = FORCE_UNIT_N * u[:n].reshape(n, _FEET, 3) * gait.stance[:n, :, None]
-        cost = walk_cost(problem, gait, x, forces)
-        return WalkKnots(gait, x, forces, footholds, problem, cost, cost, np.zeros((n, _FEET, 3)))
+        return WalkKnots(gait, x, forces, footholds, problem, walk_cost(problem, gait, x, forces))
 
     def _bounds(self) -> tuple[Array, Array]:
         problem, n = self.problem, self.problem.steps

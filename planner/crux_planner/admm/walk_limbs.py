@@ -1,101 +1,106 @@
-"""The limbs of P3 on a walk: their blocks' answers joined, and what each is told of the others."""
+"""The feet of P3 on a walk: a MIP for each, solved in parallel; then their forces and footholds at the knots by QPs.
+
+A foot's block is P2a's rows of that foot (walk_mip.WalkMip). The body is in none of them: (8) and (9a) are the NLP's.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.admm import ContactPlan, Motion
-from crux_planner.admm.walk_limb_block import FootPlan
+from crux_planner.admm.admm import ContactPlan
+from crux_planner.admm.walk_mip import WalkMip
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
+from crux_planner.model.gait import Gait, nominal_footholds
+from crux_planner.model.slots import Slot, Slots
 from crux_planner.model.walk_problem import WalkProblem
-from crux_planner.search.gait_search import FlatSearch
-from crux_planner.search.slots import LEAST_GAP, Slots
+from crux_planner.physics.bounds import foothold_bounds, least_load_N, step_polygon
+from crux_planner.physics.cost import FORCE_SHARE
+from crux_planner.solvers.qp import SparseQp
 from crux_planner.solvers.worker import Team
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import WalkKnots
 
-_USUAL_ORDER = [2, 0, 3, 1]  # rear before front, side after side
-_RIGHT_OF_WAY = 3.0  # cost of a knot in the air beside a foot that comes before in the order
+_TIME_S = 6.0  # of a foot's MIP
+_SIDES = 8  # of the polygon inside the cone
+
+
+class FootMips:
+    """The MIPs of a process: rows of every foot by itself, of which one is asked for."""
+
+    def __init__(self, problem: WalkProblem, scales: Scales) -> None:
+        self._mip, self._scales = WalkMip(problem, alone=True), scales
+
+    def __call__(self, limb: int, rho: float, target: Eta) -> tuple[Slot, ...]:
+        """The foot's steps in the argmin of its share. Raises InfeasibleError."""
+        values, _ = self._mip.solve(rho, target, self._scales, time_limit_s=_TIME_S, limb=limb)
+        if values is None:
+            raise InfeasibleError("contacts", f"{LIMB_NAMES[limb]} finds no steps to the goal in its block")
+        return self._mip.slots(values, limb)
 
 
 class WalkLimbs:
-    """The four limb blocks of a walk as one."""
+    """The four feet's blocks as one."""
 
-    def __init__(self, problem: WalkProblem, blocks: Team[FootPlan], scales: Scales) -> None:
-        self._problem, self._blocks, self._scales = problem, blocks, scales
-        self._plans: dict[int, FootPlan] = {}
-        self._order = _right_of_way(problem)
+    def __init__(self, problem: WalkProblem, mips: Team[tuple[Slot, ...]], scales: Scales) -> None:
+        self._problem, self._mips, self._scales = problem, mips, scales
 
-    def first_guess(self, motion: Motion, rho: float) -> Eta:
-        """A first copy: forces that carry the body on its way, and feet that choose one after another."""
-        problem = self._problem
-        n = problem.steps
-        pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad, np.zeros(6)])
-        feet = np.concatenate([problem.start_feet_w_m, np.zeros((4, 1))], axis=1)
-        forces = np.tile(-problem.mass_kg * problem.gravity_w / 4, (n, 4, 1))
-        still = Eta(
-            np.tile(pose, (n + 1, 1)), np.tile(feet, (n + 1, 1, 1)), np.zeros((n + 1, 0)), forces, np.zeros((n, 0, 3))
-        )
-        moving = motion.project(still, rho)
-        # Feet go on evenly with the time, one after another.
-        turn = np.argsort(self._order)
-        way = np.clip((np.arange(n + 1)[:, None] - n * (turn + 0.5) / 4.5) / (n / 4.5) + 0.5, 0.0, 1.0)
-        there = np.concatenate([problem.goal_feet_w_m, np.zeros((4, 1))], axis=1)
-        even = Eta(moving.body, feet + way[..., None] * (there - feet), moving.yaws, moving.forces, moving.moments)
-        self._plans = {}
-        for limb in self._order:
-            (self._plans[limb],) = self._answers([limb], rho, even)
-        chosen = self._joined(moving.body).eta
-        return Eta(chosen.body, chosen.fingers, chosen.yaws, moving.forces, moving.moments)
+    def standing(self) -> Eta:
+        """Nothing but the start, and no forces."""
+        n, start = self._problem.steps, self._problem.start
+        body = np.tile(np.concatenate([start.position_m, start.rpy_rad, np.zeros(6)]), (n + 1, 1))
+        feet = np.tile(np.pad(self._problem.start_feet_w_m, ((0, 0), (0, 1))), (n + 1, 1, 1))
+        return Eta.of_points(body, feet, np.zeros((n, len(LIMB_NAMES), 3)))
 
     def minimise(self, rho: float, target: Eta) -> ContactPlan[WalkKnots]:
-        """Every limb's argmin against `target`, in parallel, joined."""
-        self._plans = dict(enumerate(self._answers(list(range(4)), rho, target)))
-        return self._joined(target.body)
+        """Every foot's argmin against `target`."""
+        problem = self._problem
+        slots = self._mips.answers([(limb, rho, target) for limb in range(len(LIMB_NAMES))])
+        gait = Slots(tuple(slots)).gait(problem.steps + 1)
+        footholds, forces = self._footholds(gait, target), self._forces(gait, rho, target)
+        knots = WalkKnots(gait, target.body, forces, footholds, problem, np.inf)
+        return ContactPlan(Eta.of_points(target.body, knots.feet(problem.step_height_m), forces), knots)
 
-    def _answers(self, limbs: list[int], rho: float, target: Eta) -> list[FootPlan]:
-        air_cost = self._yielding()
-        return self._blocks.answers(
-            [
-                (limb, rho, target.fingers[:, limb], target.forces[:, limb], air_cost[:, limb], self._scales)
-                for limb in limbs
-            ]
-        )
+    def _footholds(self, gait: Gait, target: Eta) -> Array:
+        """Those (4 + S, 2) with which the feet are nearest to the target."""
+        problem, qp, blend, last = self._problem, SparseQp(), gait.blend, list(range(len(LIMB_NAMES)))
+        spots, nominal = foothold_bounds(problem, gait), nominal_footholds(problem, gait)
+        if spots is None:
+            raise InfeasibleError("contacts", "the feet's blocks leave no footholds")
+        start = [qp.variables(at, at) for at in problem.start_feet_w_m]
+        places = np.array([*start, *(qp.variables(low, high) for low, high in zip(*spots, strict=True))])
+        for j, step in enumerate(gait.steps):
+            both = last[step.limb], len(LIMB_NAMES) + j
+            normals, most = step_polygon(problem, step, *nominal[list(both)])
+            qp.below(np.hstack([-normals, normals]), places[list(both)].ravel(), most)
+            until = next((s.lift for s in gait.steps[j + 1 :] if s.limb == step.limb), problem.steps + 1)
+            for k in range(step.lift, until):
+                shares = np.tile(blend[k, step.limb, list(both)], (2, 1))
+                if shares.any():
+                    qp.squares(places[list(both)].T, shares, target.fingers[k, step.limb, :2], 1.0)
+            last[step.limb] = both[1]
+        found = qp.solve()
+        if found is None:
+            raise InfeasibleError("contacts", "the feet's blocks leave no footholds")
+        footholds: Array = found[places]
+        return footholds
 
-    def _yielding(self) -> Array:
-        """(N, 4): what it costs a foot to be in the air where one before it in the order last was.
-
-        Feet alike would else step together and, each knowing nothing of the others, go on doing so.
-        """
-        n = self._problem.steps
-        flying = np.zeros((n, 4), dtype=int)
-        for limb, plan in self._plans.items():
-            for lift, land in plan.slots:
-                flying[max(lift - LEAST_GAP, 0) : land + LEAST_GAP, limb] = 1
-        cost = np.zeros((n, 4))
-        ordered = flying[:, self._order]
-        cost[:, self._order] = _RIGHT_OF_WAY * (np.cumsum(ordered, axis=1) - ordered)
-        return cost
-
-    def _joined(self, body: Array) -> ContactPlan[WalkKnots]:
-        """The limbs' answers as one eta, with the body given."""
-        problem, n = self._problem, self._problem.steps
-        gait = Slots(tuple(self._plans[limb].slots for limb in range(4))).gait(n + 1)
-        done = [0] * 4
-        spots = list(problem.start_feet_w_m)
-        for step in gait.steps:
-            spots.append(self._plans[step.limb].footholds[done[step.limb]])
-            done[step.limb] += 1
-        forces = np.stack([self._plans[limb].forces for limb in range(4)], axis=1)
-        knots = WalkKnots(gait, body, forces, np.array(spots), problem, np.inf, np.inf, np.zeros((n, 4, 3)))
-        return ContactPlan(Eta.of_points(body, knots.feet(problem.step_height_m), forces), knots)
-
-
-def _right_of_way(problem: WalkProblem) -> list[int]:
-    """The order of the feet in the cheapest regular gait, which is one that leaves the body in balance."""
-    try:
-        gait = FlatSearch(problem).begin(np.inf).gait
-    except InfeasibleError:
-        return _USUAL_ORDER
-    return list(dict.fromkeys(step.limb for step in gait.steps)) or _USUAL_ORDER
+    def _forces(self, gait: Gait, rho: float, target: Eta) -> Array:
+        """Those (N, 4, 3) in the cone that are cheapest by J and the consensus term."""
+        problem, qp, on = self._problem, SparseQp(), gait.stance[:-1]
+        effort, near = FORCE_SHARE * problem.weights.wrench, rho / 2 * self._scales.force**2
+        angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        cone = np.column_stack([np.cos(angles), np.sin(angles), np.full(_SIDES, -problem.friction * np.cos(np.pi / 8))])
+        most, forces = problem.max_normal_N, np.zeros(target.forces.shape)
+        places = np.argwhere(on)
+        columns = [qp.variables(np.array([-most, -most, least_load_N(problem)]), np.full(3, most)) for _ in places]
+        for q, (k, limb) in zip(columns, places, strict=True):
+            qp.below(cone, q, np.zeros(_SIDES))
+            wanted = near / (near + effort) * target.forces[k, limb]
+            qp.squares(q[:, None], np.ones((3, 1)), wanted, near + effort)
+        found = qp.solve()
+        if found is None:
+            raise InfeasibleError("contacts", "a foot's forces leave the cone")
+        forces[on] = found[np.array(columns)]
+        return forces

@@ -10,7 +10,7 @@ from crux_contracts import LIMB_NAMES
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, Stance
-from crux_planner.search.stances import ReachableSet, goal_contacts
+from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.swing.swing_cache import SwingCache
 
 STAGE_KNOTS = 5
@@ -103,16 +103,6 @@ class Windows:
             flying = any(s.first // self.knots <= t <= (s.end - 1) // self.knots for s in own)
             contacts.append(None if flying else current)
         return contacts
-
-    def one_by_one(self, moves: list[Move]) -> list[Swinging] | None:
-        """Moves scheduled over the windows one after the other; None where they take too long."""
-        airborne, t = [], 1
-        for move in moves:
-            legs = [(limb, move.before[limb], move.after[limb]) for limb in move.limbs]
-            last = t + max(self._stages_for(start, goal) for _, start, goal in legs)
-            airborne += [self.swinging(limb, Arc(t, last, start, goal)) for limb, start, goal in legs]
-            t = last
-        return airborne if t < self.count else None
 
     def blocks(self, limb: int, arc: Arc, other: int, contact: int) -> bool:
         """Whether a gripper of limb `other` on `contact` stands in an arc's way."""

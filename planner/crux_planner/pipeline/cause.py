@@ -20,11 +20,12 @@ from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
+from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.explanation import LACKING_N
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.solve_and_check import Climb, evenly, path_to_goal
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, goal_contacts, search
+from crux_planner.search.stances import Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 
 LONGER = 2  # times as long a horizon is tried

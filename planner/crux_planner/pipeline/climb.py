@@ -7,6 +7,7 @@ from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError, wrong
 from crux_planner.model.build import build_problem
+from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
@@ -15,7 +16,7 @@ from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ANY, Oracles, goal_contacts, search
+from crux_planner.search.stances import ANY, Oracles, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
@@ -154,6 +155,7 @@ def _within_torques(climb: Climb, friction_share: float) -> Climb:
 def _plan_by_method(climb: Climb) -> PlanResult:
     """One of the paper's methods decides the contacts; the exact NLP and the check are the same for all."""
     from crux_planner.admm.methods import METHODS, Task
+    from crux_planner.admm.windows import Windows
 
     work = climb.work
     failures: list[InfeasibleError] = []
@@ -163,10 +165,9 @@ def _plan_by_method(climb: Climb) -> PlanResult:
 
     def attempt(climb: Climb) -> PlanResult | InfeasibleError:
         problem = climb.problem
-        equilibrium = StaticEquilibrium(problem, problem.friction_share)
         with work.part("contacts", 0.1):
-            oracles = Oracles(problem=problem, equilibrium=equilibrium, reachable=climb.reachable, swings=climb.swings)
-            decided = METHODS[climb.method](Task(**vars(oracles), **method_settings(climb)))
+            windows = Windows(problem, climb.reachable, climb.swings)
+            decided = METHODS[climb.method](Task(windows, **method_settings(climb)))
         knots = decided.knots
         reached = plan_message(climb.scenario, climb.robot, problem, knots.schedule, knots.solution, climb.method)
         with work.part("check", 0.4):

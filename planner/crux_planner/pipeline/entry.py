@@ -30,7 +30,7 @@ def plan(
     """
     session = begin(scenario, robot, method, time_limit_s, progress, log)
     walks = scenario.contact.model == "point"
-    modules = ["certificates.bound.walk", "admm.walk_contact_block"] if walks else ["certificates.bound.climb"]
+    modules = ["certificates.bound.walk", "pipeline.walk_contacts"] if walks else ["certificates.bound.climb"]
     with Worker(*(f"crux_planner.{each}" for each in modules), log=session.work.log) as worker:  # begins meanwhile
         if walks:
             from crux_planner.pipeline import walk

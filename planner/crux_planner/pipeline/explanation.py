@@ -12,8 +12,9 @@ from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_r
 from crux_planner.model.poses import out_of_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
+from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, ReachableSet, SearchReport, costs_to_go, goal_contacts
+from crux_planner.search.stances import Oracles, SearchReport, costs_to_go
 from crux_planner.swing.swing_cache import SwingCache
 
 LACKING_N = 0.01  # a balance that lacks less is met

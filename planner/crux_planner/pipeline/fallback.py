@@ -15,13 +15,14 @@ from crux_planner.model.arrays import Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.solve_and_check import Climb, solve_and_check
 from crux_planner.search.ends import aimed, clear_start
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.heading_search import HeadingSearch
-from crux_planner.search.stances import Oracles, ReachableSet
+from crux_planner.search.stances import Oracles
 from crux_planner.swing.swing_cache import SwingCache
 
 GREED = 3.0

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
@@ -17,6 +16,7 @@ from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, walk_message
 from crux_planner.pipeline.refusals import CUTS, bent
 from crux_planner.pipeline.session import Session, method_settings
+from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers.worker import Worker, spare_cores
 from crux_planner.trajectory.waiting import walk_without_waiting
 from crux_planner.trajectory.walk_qp import WalkKnots, of_knots, solve
@@ -136,7 +136,7 @@ def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = WALK_METHODS[method](WalkTask(problem, workers, **method_settings(walk)))
+            decided = WALK_METHODS[method](WalkTask(problem, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait

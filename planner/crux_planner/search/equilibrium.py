@@ -1,10 +1,7 @@
 """Static balance on a set of grasps: is there a body position within bounds, and a wrench for every gripper?
 
-The oracle of the search. Balance (8) is linear (physics.dynamics.static_map), the limit surface (2)+(3) enters as its
-inner polytope, scaled by a margin. The centre of mass of a level body is taken as linear in the places of its origin
-and its grippers (model.mass.linear_centre). Least-norm wrenches, one product with a stored matrix, settle most queries;
-a small QP settles the rest. A gripper's wrench is w = (s1, s2, m, F): shear and twist of a finger, net force along the
-axis.
+The oracle of the search, of what physics.static_balance has. Least-norm wrenches, one product with a stored matrix,
+settle most queries; a small QP settles the rest.
 """
 
 from typing import Any, NamedTuple
@@ -13,10 +10,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from crux_planner.model.arrays import Array
-from crux_planner.model.mass import linear_centre
 from crux_planner.model.problem import Problem
-from crux_planner.physics.dynamics import static_map
-from crux_planner.physics.limit_surface import finger_limits, grip_rows, polytope_directions
+from crux_planner.physics.limit_surface import grip_rows
+from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import skews
 
@@ -24,7 +20,6 @@ _SETTINGS = {"eps_abs": 1e-6, "max_iter": 60}  # of PIQP
 WRENCH = 5  # QP variables a gripper: w and its squeeze n, see physics.limit_surface
 FORCE_BOUND_N, TWIST_BOUND_NM = 500.0, 20.0  # beyond any limit surface; they only keep the QPs compact
 MOMENT_ARM_M = 0.3  # weighs moments against forces where both are one residual
-_LEVEL = np.eye(3)
 _POSITION_WEIGHT, _WRENCH_WEIGHT = 1.0, 1e-7  # in a query the position wanted comes first
 
 
@@ -48,23 +43,12 @@ class Query(NamedTuple):
         return self.support, self.grippers, np.round(np.concatenate(self[1:4]), 4).tobytes()
 
 
-class StaticEquilibrium:
+class StaticEquilibrium(StaticBalance):
     """Balance queries of one problem; contacts are indices into `problem.contacts`."""
 
     def __init__(self, problem: Problem, margin: float) -> None:
-        self.problem, self.margin = problem, margin
+        super().__init__(problem, margin)
         self.queries = self.solves = 0
-        self.maps = np.stack([static_map(c.centre_w_m, c.axis, c.tangent) for c in problem.contacts])  # (C, 6, 4)
-        self.directions, self.reach = polytope_directions(problem.patch.k_m)
-        self.limits = [finger_limits(c.grip_friction, margin * c.spines) for c in problem.contacts]
-        # Of both fingers in all directions, (C, 2, 26): load borne a newton of normal force, and what spines hold.
-        self.load = margin * np.array([np.outer(c.grip_friction, self.reach) for c in problem.contacts])
-        self.spine = margin * np.array([c.spines for c in problem.contacts]) @ np.abs(self.directions).T
-        self.max_normal_N = margin * problem.patch.max_normal_N
-        # Most that fingers 1 and 2 may press: bounds of the net force F along the axis, up and down.
-        self.press_N = self.max_normal_N * np.array([c.may_press for c in problem.contacts])
-        self.centres = np.stack([c.centre_w_m for c in problem.contacts])  # (C, 3)
-        self._follow, self._rest = linear_centre(problem)
         # Twists count as the forces at the patch's rim that make them.
         self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
         self._least_norm: dict[tuple[int, ...], Array] = {}
@@ -95,20 +79,6 @@ class StaticEquilibrium:
     def bearing(self, support: tuple[int, ...]) -> tuple[int, ...]:
         """Those of the contacts that are grasps."""
         return tuple(c for c in support if self.problem.contacts[c].bears)
-
-    def mean_place(self, contacts: tuple[int, ...]) -> Array:
-        """(3,) of these contacts."""
-        return np.asarray(self.centres[list(contacts)].mean(axis=0))
-
-    def centre(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
-        """(3, 3) A, (3,) b: A @ r + b is the centre of mass of a body at r, turned by `to_w`, grippers about (3,)."""
-        follow = to_w @ self._follow @ to_w.T
-        return np.eye(3) - follow, follow @ grippers + to_w @ self._rest
-
-    def weight(self, grippers: Array, to_w: Array = _LEVEL) -> tuple[Array, Array]:
-        """(6, 3) A and (6,) b: in balance, A @ r and the grippers' forces and moments about the origin sum to b."""
-        (moved, still), turn = self.centre(grippers, to_w), skews(self.problem.weight_N)
-        return np.vstack([np.zeros((3, 3)), -turn @ moved]), np.append(-self.problem.weight_N, turn @ still)
 
     def right_side(self, position: Array, grippers: Array) -> Array:
         """What the grippers' forces and moments about the origin must sum to, (6,), their mean place `grippers`."""

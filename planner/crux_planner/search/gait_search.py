@@ -10,9 +10,9 @@ from collections.abc import Container, Iterable, Sequence
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
+from crux_planner.model.slots import Change, Slots, Strides
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.planar_qp import FlatQp, FlatWalk
-from crux_planner.search.slots import Change, Slots, Strides
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Team, Worker
 

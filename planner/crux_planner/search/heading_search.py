@@ -18,10 +18,11 @@ from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Contacts, Move, Stance, stance_after
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.physics.speed_limits import steady_speed
 from crux_planner.search.equilibrium import clipped
 from crux_planner.search.schedule import TURN_SHARE
-from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, ReachableSet, SearchReport
+from crux_planner.search.stances import MOVE_COST, STANCE_KNOTS, SearchReport
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.swing.swing import STEP_SHARE

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.problem import Problem, turned_problem
+from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Stance, stance_after
-from crux_planner.physics.reach import between, body_positions, spread, turned
+from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.search.equilibrium import StaticEquilibrium, clipped
 from crux_planner.solvers import clock
 from crux_planner.swing.link_clearance import LinkClearance
@@ -21,7 +21,6 @@ from crux_planner.swing.swing_cache import SwingCache
 
 UNREACHABLE = 1e6
 ANY = (np.inf, 0.0)  # stances, see `search`
-REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
 
@@ -36,71 +35,6 @@ class SearchReport:
     nearest: Stance | None = None  # the stance with the least cost to go
     nearest_cost: float = np.inf
     lifts_without_balance: Counter[int] = field(default_factory=Counter)  # per limb, from the nearest stance
-
-
-class ReachableSet:
-    """Body positions (level, unturned body) from which limbs have their contacts in the acceptance box.
-
-    `fixed`: it does not turn on its way either, as where the search chooses headings; else it turns and tilts from the
-    start's orientation to the goal's.
-    """
-
-    def __init__(self, problem: Problem, fixed: bool = False) -> None:
-        self.problem = problem
-        self._turned: dict[float, ReachableSet] = {0.0: self}
-        reserve, fixed = problem.reach_reserve_m, fixed or problem.turns
-        self.shape = turned(problem.boxes, 0.0, reserve) if fixed else between(problem, reserve)
-        self._spread = spread(problem.boxes)
-        centres = np.stack([c.centre_w_m for c in problem.contacts])
-        bounds = body_positions(centres[:, None], self.shape)
-        self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)
-        self.low[..., 2] = np.maximum(self.low[..., 2], problem.body.height_m[0])
-        self.high[..., 2] = np.minimum(self.high[..., 2], problem.body.height_m[1])
-
-        low = np.maximum(self.low[:, :, None], self.low[:, None])
-        high = np.minimum(self.high[:, :, None], self.high[:, None])
-        self._meet: Flags = np.all(low <= high, axis=3)  # (4, C, C)
-
-    def turned(self, yaw_rad: float) -> ReachableSet:
-        """The same for a body turned by `yaw_rad`: positions are along its axes then."""
-        if yaw_rad not in self._turned:
-            self._turned[yaw_rad] = ReachableSet(turned_problem(self.problem, yaw_rad), fixed=True)
-        return self._turned[yaw_rad]
-
-    def neighbours(self, limb: int, contact: int) -> Indices:
-        """Contacts that a limb has in reach from some body position from which it also has `contact`."""
-        return np.flatnonzero(self._meet[limb, contact])
-
-    def of(self, stance: Stance) -> tuple[Array, Array] | None:
-        """Bounds (m,) of the body position for all four limbs, None where they leave nothing.
-
-        A small tilt moves all grippers by the same way against their boxes: what it gives is space around the bounds.
-        """
-        index = (np.arange(4), list(stance))
-        low, high = self.low[index].max(axis=0), self.high[index].min(axis=0)
-        if (low > high + 1e-9).any():
-            return None
-        slack = self.problem.tilt_slack_m * np.abs(self.shape.directions[:, :2]).sum(axis=1)
-        return low - slack, high + slack
-
-    def around(self, position: Array, half_m: float) -> tuple[Array, Array]:
-        """Bounds (m,) of a cube around a position."""
-        along = self.shape.directions @ position
-        return along - half_m * self._spread, along + half_m * self._spread
-
-
-def goal_contacts(problem: Problem, reach: ReachableSet, tolerance_m: float | None = None) -> list[list[int]]:
-    """Per limb, the contacts it may end on: the goal's grasp where named, and in reach of the goal pose.
-
-    That is a cube of half edge `tolerance_m`, usually the goal's `position_slack_m`.
-    """
-    low, high = reach.around(problem.goal.body.position_m, tolerance_m or problem.goal.position_slack_m)
-    result = []
-    for limb, usable in enumerate(problem.limb_contacts):
-        ends = [c for c in usable if problem.may_end(limb, problem.contacts[c])]
-        near = [c for c in ends if (reach.low[limb, c] <= high).all() and (reach.high[limb, c] >= low).all()]
-        result.append(near)
-    return result
 
 
 def costs_to_go(problem: Problem, reach: ReachableSet, swings: SwingCache) -> list[dict[int, float]]:

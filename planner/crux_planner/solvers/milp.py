@@ -68,6 +68,21 @@ class Milp:
         self._row_low.append(low)
         self._row_high.append(high)
 
+    def add(self, terms: list[tuple[Indices | int, Any]], low: Any, high: Any) -> None:
+        """Add rows low <= sum of coefficient * x[column] <= high, one for each element of what all of these
+        broadcast to; a column comes once in a row at most.
+        """
+        shape = np.broadcast_shapes(*(np.shape(part) for term in terms for part in term), np.shape(low), np.shape(high))
+        columns, values = (
+            np.stack([np.broadcast_to(term[i], shape).ravel() for term in terms], axis=1) for i in (0, 1)
+        )
+        used = values != 0.0
+        self._columns.append(columns[used].astype(int))
+        self._values.append(values[used].astype(float))
+        self._lengths += used.sum(axis=1).tolist()
+        self._row_low += np.broadcast_to(low, shape).ravel().tolist()
+        self._row_high += np.broadcast_to(high, shape).ravel().tolist()
+
     def solve(
         self, cost: Array, *, start: Array | None = None, gap: float, time_limit_s: float, relaxed: bool = False
     ) -> MilpResult:

@@ -17,13 +17,12 @@ from crux_planner.physics.bounds import body_bounds, wrench_bounds
 from crux_planner.physics.cost import plan_cost, wrench_weights
 from crux_planner.physics.dynamics import WRENCH_INPUTS
 from crux_planner.physics.reach import between, body_positions
-from crux_planner.search.body_path import BodyPath
-from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import REACH_RESERVE_M
+from crux_planner.physics.reachable_set import REACH_RESERVE_M
+from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.sparse_blocks import skews
 from crux_planner.trajectory.centroidal_qp import MOMENT_OF_FORCE, CentroidalQp
 from crux_planner.trajectory.consensus import Eta, Scales
-from crux_planner.trajectory.solution import Solution, Start, start_from_path, to_net
+from crux_planner.trajectory.solution import Solution, Start, start_from_positions
 
 _FORCE_BOUND_N, _TWIST_BOUND_NM = 300.0, 10.0  # beyond what matters: they keep the QP compact
 
@@ -53,14 +52,13 @@ class KnotSolution:
         return Solution(self.body, self.wrenches, self.cost, 0, "", True, 0.0, 0.0, {}, self.problem.torque_limits_Nm)
 
     def start(self) -> Start:
-        """Where the exact program starts: no more squeeze than the smaller of two normal forces."""
-        shared = [{limb: to_net(q) for limb, q in knot.items()} for knot in self.wrenches]
-        return start_from_path(self.problem, BodyPath(self.body[:, :3], shared), self.schedule.yaw_rad)
+        """Where the exact program starts: these wrenches, and a body that turns evenly."""
+        return start_from_positions(self.problem, self.body[:, :3], self.wrenches, self.schedule.yaw_rad)
 
 
 def solve_knots(
     problem: Problem,
-    equilibrium: StaticEquilibrium,
+    balance: StaticBalance,
     schedule: Schedule,
     rho: float,
     target: Eta | None,
@@ -76,20 +74,20 @@ def solve_knots(
     places = np.argwhere(held >= 0)
     qp = CentroidalQp(problem, places, WRENCH_INPUTS)
     contacts = held[places[:, 0], places[:, 1]]
-    _add_dynamics(qp, equilibrium, contacts, path, schedule.poses[:, :, :3].mean(axis=1))
+    _add_dynamics(qp, balance, contacts, path, schedule.poses[:, :, :3].mean(axis=1))
     qp.add_body_cost(rho, target, scales)
     qp.squares(qp.inputs, problem.weights.wrench * wrench_weights(problem), 0.0)
     if target is not None:
         _pull(qp, problem, contacts, rho, target, scales)
-    cone = np.zeros((len(places), len(equilibrium.directions), WRENCH_INPUTS))
-    cone[..., :3] = equilibrium.directions
+    cone = np.zeros((len(places), len(balance.directions), WRENCH_INPUTS))
+    cone[..., :3] = balance.directions
     at = cone.shape[1] * np.arange(len(places))
     for finger in (0, 1):  # (2)-(4) at the margin
         rows = cone.copy()
-        rows[..., 3 + finger] = -equilibrium.load[contacts, finger]
+        rows[..., 3 + finger] = -balance.load[contacts, finger]
         qp.rows.blocks(at, qp.inputs[:, 0], rows)
-        qp.rows.close(-np.inf, equilibrium.spine[contacts, finger].ravel())
-    free = np.array([_FORCE_BOUND_N] * 2 + [_TWIST_BOUND_NM] + [equilibrium.max_normal_N] * 2)
+        qp.rows.close(-np.inf, balance.spine[contacts, finger].ravel())
+    free = np.array([_FORCE_BOUND_N] * 2 + [_TWIST_BOUND_NM] + [balance.max_normal_N] * 2)
     limits = np.clip([wrench_bounds(problem, contact) for contact in problem.contacts], -free, free)[contacts]
     lows, highs = (np.append(body, limits[:, end]) for end, body in ((0, low), (1, high)))
     found = qp.solve(lows, highs, moments=moments, accuracy=1e-6, iterations=80)
@@ -111,19 +109,17 @@ def _bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
     return low, high
 
 
-def _add_dynamics(
-    qp: CentroidalQp, equilibrium: StaticEquilibrium, contacts: Indices, path: Array, grippers: Array
-) -> None:
+def _add_dynamics(qp: CentroidalQp, balance: StaticBalance, contacts: Indices, path: Array, grippers: Array) -> None:
     """(8) of a level body about its `path` (N + 1, 3), with its grippers' mean places (N + 1, 3).
 
     Moment about c: M - c x F, with c x F taken as c x (-M g) + c0 x (F + M g), c0 on the path.
     """
     n, knots = qp.problem.steps, qp.places[:, 0]
-    centres = [equilibrium.centre(place) for place in grippers[:n]]
-    maps = np.insert(equilibrium.maps, 4, -equilibrium.maps[..., 3], axis=2)[contacts]
+    centres = [balance.centre(place) for place in grippers[:n]]
+    maps = np.insert(balance.maps, 4, -balance.maps[..., 3], axis=2)[contacts]
     easier = np.linalg.inv(qp.problem.inertia_b)
     arms = np.array([moved @ r + still for r, (moved, still) in zip(path[:n], centres, strict=True)])
-    lean = easier @ equilibrium.weight(grippers[0])[0][3:]
+    lean = easier @ balance.weight(grippers[0])[0][3:]
     qp.add_dynamics(maps[:, :3], easier @ (maps[:, 3:] - skews(arms)[knots] @ maps[:, :3]), np.tile(lean, (n, 1, 1)))
     qp.right[:, MOMENT_OF_FORCE] = -qp.problem.dt_s * path[:n] @ lean.T
 

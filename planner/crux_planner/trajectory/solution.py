@@ -56,16 +56,23 @@ class Start:
 
 
 def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:
-    """The quasi-static path: orientation turned evenly, or the heading as given; velocities from the steps."""
+    """The quasi-static path, as `start_from_positions` has it."""
+    wrenches = [{limb: to_normals(w) for limb, w in knot.items()} for knot in path.wrenches]
+    return start_from_positions(problem, path.positions, wrenches, yaw_rad)
+
+
+def start_from_positions(
+    problem: Problem, positions: Array, wrenches: list[dict[int, Array]], yaw_rad: Array | None
+) -> Start:
+    """A body at `positions` (N + 1, 3) that turns evenly, or with the heading as given; velocities from the steps."""
     n = problem.steps
     body = np.zeros((n + 1, BODY_STATES))
-    body[:, 0:3] = path.positions
+    body[:, 0:3] = positions
     body[:, 3:6] = np.linspace(problem.start.rpy_rad, problem.goal.body.rpy_rad, n + 1)
     if yaw_rad is not None:
         body[:, 5] = yaw_rad
         body[:-1, 11] = np.diff(yaw_rad) / problem.dt_s
-    body[:-1, 6:9] = np.diff(path.positions, axis=0) / problem.dt_s
-    wrenches = [{limb: to_normals(w) for limb, w in knot.items()} for knot in path.wrenches]
+    body[:-1, 6:9] = np.diff(positions, axis=0) / problem.dt_s
     return Start(body, wrenches)
 
 
@@ -73,8 +80,3 @@ def to_normals(w: Array) -> Array:
     """A gripper's q = (s1, s2, m, n1, n2) from (s1, s2, m, F, n): net normal force, and the smaller of the two."""
     s1, s2, m, net, least = w
     return np.array([s1, s2, m, least + max(net, 0.0), least + max(-net, 0.0)])
-
-
-def to_net(q: Array) -> Array:
-    """The other way round."""
-    return np.array([*q[:3], q[3] - q[4], min(q[3], q[4])])

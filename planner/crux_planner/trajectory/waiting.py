@@ -77,6 +77,5 @@ def walk_without_waiting(problem: WalkProblem, knots: WalkKnots) -> tuple[WalkPr
         gait=replace(gait, steps=steps, knots=len(kept)),
         body=states_at(kept, knots.body, problem.dt_s),
         forces=knots.forces[kept[:-1]],
-        pull=knots.pull[kept[:-1]],
     )
     return replace(problem, steps=len(kept) - 1), shorter

@@ -20,7 +20,7 @@ from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import BODY_STATES
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import apart_rows, foothold_bounds, least_load_N, rate_steps, step_rows, walk_bounds
-from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost, walk_cost
+from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, walk_cost
 from crux_planner.physics.walk_dynamics import defects, euler_rates
 from crux_planner.solvers import clock
 from crux_planner.solvers.sparse_blocks import Rows, skews
@@ -44,12 +44,10 @@ _COST = 1e-5  # of J, as a share, from one answer to the next
 
 @dataclass(frozen=True)
 class WalkKnots(WalkMotion):
-    """x, u, J, J with the consensus term, and what a newton would change where a foot is off the ground (N, 4, 3)."""
+    """x and u at the knots, and J."""
 
     problem: WalkProblem
     cost: float
-    value: float
-    pull: Array
 
     @property
     def order(self) -> list[str]:
@@ -58,8 +56,7 @@ class WalkKnots(WalkMotion):
 
     def with_body(self, body: Array) -> WalkKnots:
         """The same with other body states."""
-        cost = walk_cost(self.problem, self.gait, body, self.forces)
-        return replace(self, body=body, cost=cost, value=cost)
+        return replace(self, body=body, cost=walk_cost(self.problem, self.gait, body, self.forces))
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class ContactQp:
 
         (8b) and (9a) are linear about a motion by the gait.
         """
-        gait, problem, dt = about.gait, self.problem, self.problem.dt_s
+        gait, problem = about.gait, self.problem
         bounds = walk_bounds(problem, gait)
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
@@ -107,7 +104,7 @@ class ContactQp:
         of = _About.of(problem, about)
         qp = CentroidalQp(problem, of.places, 3, len(gait.steps))
         k, i = of.places.T
-        lever = self._add_dynamics(qp, of)
+        self._add_dynamics(qp, of)
         self._add_cost(qp, of, rho, target)
         self._add_inequalities(qp, of)
         least = least_load_N(problem)
@@ -122,21 +119,17 @@ class ContactQp:
         body, forces = found.x[qp.states], np.zeros((problem.steps, 4, 3))
         forces[k, i] = found.x[qp.inputs]
         footholds = np.vstack([problem.start_feet_w_m, found.x[qp.footholds]])
-        dual = found.multipliers
-        pull = -dt / problem.mass_kg * dual[:, None, 6:9] - dt * np.einsum("kiab,ka->kib", lever, dual[:, 9:12])
-        cost = walk_cost(problem, gait, body, forces)
-        value = qp.cost(found.x) + gait_cost(problem, gait)
-        return WalkKnots(gait, body, forces, footholds, problem, cost, value, pull)
+        return WalkKnots(gait, body, forces, footholds, problem, walk_cost(problem, gait, body, forces))
 
-    def _add_dynamics(self, qp: CentroidalQp, of: _About) -> Array:
-        """(8); returns the angular accelerations per newton of a foot (N, 4, 3, 3)."""
+    def _add_dynamics(self, qp: CentroidalQp, of: _About) -> None:
+        """(8)."""
         problem, n, dt = self.problem, self.problem.steps, self.problem.dt_s
         reference, feet = of.reference, of.feet
         arms = feet[:n] - of.centre[:n, None]
         theta, omega = reference.body[:n, 3:6], reference.body[:n, 9:12]
         easier = np.linalg.inv(problem.inertia_b)
         turn = easier @ rotation_from_rpy(theta).swapaxes(1, 2)
-        lever: Array = np.einsum("kab,kibc->kiac", turn, skews(arms))
+        lever = np.einsum("kab,kibc->kiac", turn, skews(arms))
         # The centre of mass follows body and feet, each limb's mass its foot by `limbs_share`.
         total = skews(reference.forces.sum(axis=1))
         lean = (1.0 - 4 * problem.limbs_share) * turn @ total
@@ -152,14 +145,14 @@ class ContactQp:
         constant -= np.einsum("kab,kb->ka", lean, reference.body[:n, :3])
         constant -= np.cross(omega, omega @ problem.inertia_b.T) @ easier.T
         qp.right[:, MOMENT_OF_FORCE] = dt * constant
-        return lever
 
     def _add_inequalities(self, qp: CentroidalQp, of: _About) -> None:
         """The cone, (7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
         cone = self._cone(qp, of)
         self._accelerations(qp.rows)
         self._reach(qp, of)
-        self._three_feet(qp, of, cone)
+        if self.moments:
+            self._three_feet(qp, of, cone)
         step_rows(qp.rows, self.problem, of.reference.gait, of.reference.footholds, qp.at_h)
         apart_rows(qp.rows, of.blend, of.fixed, qp.at_h)
 

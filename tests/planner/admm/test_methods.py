@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import parse_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
+from crux_planner.admm.climb_limbs import ClimbLimbs, LimbMips
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
+from crux_planner.method_report import climb_report
+from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.pipeline.entry import plan
-from crux_planner.search.stances import Oracles
+from crux_planner.solvers.worker import Team
+from crux_planner.trajectory.consensus import Scales
 from scenes import scene, wall
 
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
-@pytest.mark.parametrize("method", ["two_block", "multi_block"])
-def test_a_climb_converges_and_passes_the_check(method: str) -> None:
+
+def test_a_climb_converges_and_passes_the_check() -> None:
+    method = "two_block"
     lines: list[str] = []
     result = plan(parse_scenario(wall(30)), load_robot("scaler"), method=method, log=lines.append)
     shown = result.to_json()
@@ -29,12 +41,53 @@ def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     assert shown["cost"] <= shown["method_report"]["cost"] + 0.05
 
 
-def test_iterations_are_limited() -> None:
+def test_the_residuals_of_two_block_fall_from_a_cold_start() -> None:
+    report = climb_report(load_scenario(SCENES / "climb-four-holds.yaml"), "two_block", iterations=6, to_the_end=True)
+    forces = [each["force_rms_N"] for each in report.decided.history]
+    positions = [each["position_rms_m"] for each in report.decided.history]
+    assert len(forces) == 6
+    assert forces[0] > 2.0  # the NLP has moments to correct: the MIP knows of none
+    assert all(later < before for before, later in pairwise(forces))
+    assert forces[-1] < forces[0] / 8
+    assert positions[-1] < positions[0] / 4
+
+
+def test_the_methods_begin_without_the_search_of_auto() -> None:
+    """Nothing of it is even imported."""
+    searches = "[name for name in sys.modules if name.startswith('crux_planner.search')]"
+    code = f"import sys, crux_planner.admm.methods; print({searches})"
+    shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert shown.strip() == "[]"
+
+
+def test_limbs_alone_meet_the_forces_of_their_copy_on_the_limit_surface() -> None:
+    """Each limb's block and QP against the definition: nearest forces within (2), (3), none in the air."""
     small = scene(30)
-    task = Task(**vars(Oracles.of(small.problem)), deadline=small.later, iterations=2)
+    problem, scales = small.problem, Scales(force=1.0, moment=1.0)
+    limbs = ClimbLimbs(small.windows, Team((), LimbMips, small.windows, scales), scales)
+    target = limbs.standing()
+    grip = [problem.contacts[c] for c in problem.start_contacts]
+    wanted = np.array([2.0, -1.0, 0.0, 9.0, 7.0])
+    for limb, contact in enumerate(grip):
+        place = slice(2 * limb, 2 * limb + 2)
+        target.forces[:, place], target.moments[:, place] = finger_forces(wanted, contact.axis, contact.tangent)
+    plan = limbs.minimise(1e4, target)
+    assert sorted(set(plan.knots.order)) != []
+    for k, knot in enumerate(plan.knots.wrenches):
+        assert set(knot) == {limb for limb, c in enumerate(plan.knots.schedule.contacts[k]) if c is not None}
+    for limb in range(4):
+        assert plan.knots.wrenches[0][limb] == pytest.approx(wanted, abs=0.01)
+
+
+def test_multi_block_says_that_it_did_not_converge() -> None:
+    """Limbs that know of one another by the shared copy alone fly together on a symmetric wall."""
+    small = scene(30)
+    lines: list[str] = []
+    task = Task(windows=small.windows, deadline=small.later, iterations=2, report=lines.append)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged
+    assert lines[-1] == "not converged after 2 iterations"
 
 
 def test_the_benchmark_says_when_it_ran_out_of_time() -> None:

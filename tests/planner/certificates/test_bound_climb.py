@@ -20,8 +20,8 @@ from crux_planner.certificates.bound.places import body_boxes, orientations
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet
 from crux_planner.solvers.worker import Worker
 from crux_planner.swing.swing_cache import SwingCache
 from crux_planner.trajectory.consensus import Scales

@@ -14,7 +14,6 @@ import pytest
 import scipy.optimize as so
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.certificates.bound.centre_of_pressure import (
     _TILTING_SHARE,
     _TURNING_SHARE,
@@ -27,9 +26,10 @@ from crux_planner.certificates.bound.loads import least_loads
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait, straight_motion
 from crux_planner.model.kinematics import rotation_from_rpy
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, Slots
 from crux_planner.model.walk_problem import WalkProblem, build_walk
 from crux_planner.physics.cost import FORCE_SHARE, gait_cost, walk_cost
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, Slots
+from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots, solve
 
 SCENE = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-slope.yaml").read_text()

@@ -17,8 +17,8 @@ from crux_planner.errors import InfeasibleError, LevelGoalError
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.mass import centres_of_mass
+from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ReachableSet, goal_contacts
 from crux_planner.solvers import clock
 from crux_tools.benchmarks.random_walls import random_wall
 from hypothesis import given, settings

@@ -11,8 +11,8 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Obstacle, parse_scenario
 from crux_planner import InfeasibleError, plan
 from crux_planner.model.foothold_regions import CLEARANCE_M, foothold_ranges
+from crux_planner.model.slots import Strides
 from crux_planner.model.walk_problem import build_walk
-from crux_planner.search.slots import Strides
 
 FLAT = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-flat.yaml").read_text()
 ROBOT = load_robot("scaler")

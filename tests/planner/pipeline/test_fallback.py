@@ -12,8 +12,8 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_planner.errors import HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
+from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.ends import aimed
-from crux_planner.search.stances import ReachableSet
 from walls import hold, scenario, two_rows
 
 

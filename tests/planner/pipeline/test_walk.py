@@ -10,7 +10,6 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner import InfeasibleError, PlanResult, plan
-from crux_planner.admm.walk_contact_block import WalkContacts
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
@@ -19,9 +18,10 @@ from crux_planner.checker.sampling import on_pads, sample
 from crux_planner.errors import unsolved
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait, Step, longest_step
+from crux_planner.model.slots import Strides
 from crux_planner.model.walk_problem import FINAL_FOOT_M, USUAL, build_walk
 from crux_planner.pipeline import walk as walking
-from crux_planner.search.slots import Strides
+from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers import clock
 from crux_planner.trajectory.walk_qp import solve
 

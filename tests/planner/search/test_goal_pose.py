@@ -8,7 +8,7 @@ import crux_planner
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
-from crux_planner.search.stances import ReachableSet
+from crux_planner.physics.reachable_set import ReachableSet
 from walls import scenario, two_rows
 
 

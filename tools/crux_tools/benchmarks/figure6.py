@@ -1,8 +1,10 @@
-"""`crux bench fig6`: the gait with and without moments in the contact block, the paper's Fig. 6.
+"""`crux bench fig6`: the gait of two-block ADMM's MIP, which knows nothing of moments, over the iterations, the paper's
+Fig. 6.
 
 A steep wall on which the holds of diagonal limbs stand side by side, and a cost that is impatient to be at the goal:
-a contact block that knows of forces alone (8a) lets diagonal limbs go together. The checker sees the robot tumble.
-With moments (8b) in the block one limb goes at a time.
+the MIP, which knows of forces alone (8a), begins with diagonal limbs that go together. The checker sees the robot
+tumble. The NLP has moments (8b): what it cannot agree to makes the trot dearer from iteration to iteration. In the
+paper one limb goes at a time in the end; where the MIP keeps the trot, that is said, and the exit status is 1.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ ROWS_M, STAGGER_M, ASIDE_M = 0.16, 0.03, 0.36  # of the start's holds
 ADVANCE_M, BODY_ADVANCE_M = 0.14, 0.25
 HOLD_M = 0.06
 BODY_WEIGHT = 50.0  # of the body's distance from the goal, where 1 is usual
+ITERATIONS = 10
 TUMBLING = "moment_balance"
 _HELD, _AWAY = "─", "█"
 
@@ -83,28 +86,16 @@ def trot_wall() -> str:
     return yaml.safe_dump(scenario, sort_keys=False)
 
 
-def gait_decided(scenario: Scenario, *, moments: bool, iterations: int = 1) -> Gait:
-    """The gait of two-block ADMM after some iterations, with and without (8b) in the contact block."""
+def gait_decided(scenario: Scenario, iterations: int = 1) -> Gait:
+    """The gait of two-block ADMM's MIP after some iterations."""
     from crux_planner.method_report import climb_report
 
-    reached = climb_report(scenario, "two_block", moments=moments, iterations=iterations)
+    reached = climb_report(scenario, "two_block", iterations=iterations)
     off = [v.amount for v in reached.check.violations if v.constraint == TUMBLING]
     schedule = reached.decided.knots.schedule
     away = [[knot[limb] is None for knot in schedule.contacts] for limb in range(len(LIMB_NAMES))]
-    name = f"after {reached.decided.iterations} iteration(s), moments {'in' if moments else 'left out'}"
+    name = f"after {reached.decided.iterations} iteration(s)"
     return Gait(name, schedule.gait, away, reached.check.ok, max(off, default=0.0), reached.decided.knots.cost)
-
-
-def gait_planned(scenario: Scenario) -> Gait:
-    """The gait of `crux plan --method two_block`, exact NLP and check included."""
-    from crux_contracts.robot import load_robot
-    from crux_msgs import limb_knot_t
-    from crux_planner import plan
-
-    result = plan(scenario, load_robot(scenario.robot), method="two_block")
-    knots = result.plan.knots
-    away = [[knot.limbs[limb].phase == limb_knot_t.AIR for knot in knots] for limb in range(len(LIMB_NAMES))]
-    return Gait("planned with moments, exact", result.gait, away, result.check.ok, 0.0, result.cost)
 
 
 def lines(gait: Gait) -> Iterable[str]:
@@ -145,15 +136,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when the trot appears and is rejected, and the one-limb gait passes."""
+    """Exit status 0 when the trot appears and tumbles, and in the end one limb goes at a time."""
     look_at_outputs({"--output": options.output})
     scenario = parse_scenario(trot_wall(), "trot-wall")
-    trot, single = gait_decided(scenario, moments=False), gait_planned(scenario)
-    gaits = [trot, single]
-    ok = trot.most_away == 2 and not trot.ok and trot.tumbling_Nm > 0.0 and single.most_away == 1 and single.ok
+    trot, last = gaits = [gait_decided(scenario, iterations) for iterations in (1, ITERATIONS)]
+    ok = trot.most_away == 2 and trot.tumbling_Nm > 0.0 and last.most_away == 1
     draw(options.output, gaits, scenario.horizon.dt_s)
     if options.json:
-        print_json({"ok": ok, "without_moments": trot.as_json(), "with_moments": single.as_json()})
+        print_json({"ok": ok, "first": trot.as_json(), "last": last.as_json()})
     else:
         for gait in gaits:
             for line in lines(gait):

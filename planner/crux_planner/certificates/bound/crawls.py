@@ -12,9 +12,9 @@ import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.gait import LEAST_AIR, Step, longest_step
+from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem
 from crux_planner.physics.bounds import FEET_APART_M
-from crux_planner.search.slots import FIRST_LIFT, LAST_LAND, LEAST_GAP
 
 BETWEEN = (3, 4, 5, 6, 7, 8)  # knots in the air at most to a foothold between that is told from anywhere
 _FIRST, _LAST, _NEAR = 0, 1, 2  # from _NEAR on: between, after so many knots
