@@ -3,12 +3,13 @@
 #include <type_traits>
 #include <utility>
 
-#include "core/fault_monitor.hpp"
+#include "crux_msgs/faults.hpp"
 
 namespace crux {
 namespace {
 
 using crux_msgs::can_frames_t;
+using crux_msgs::FaultCode;
 
 /// A log that lags has no room for more.
 bool calls_for_frames(const CycleResult& result) {
