@@ -30,7 +30,7 @@ from hand_plan import Wall, climbing_plan, finish, standing_plan
 from mcap.reader import make_reader
 
 KEYS = {"ok", "reached_goal", "fell", "slips", "tracking", "real_time_factor", "missed_cycles", "log"}
-WALL_TIME = "/cycle_timing"
+WALL_TIME = ("/cycle_timing", "/can_frames")
 TIMEOUT_S = 300
 Climb = tuple[int, dict[str, Any], Path]  # exit status, result, log
 
@@ -57,7 +57,7 @@ def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
     found: dict[str, list[tuple[int, bytes]]] = {}
     with log.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-            if channel.topic != WALL_TIME:
+            if channel.topic not in WALL_TIME:
                 found.setdefault(channel.topic, []).append((message.log_time, message.data))
     return found
 
