@@ -61,8 +61,6 @@ def build_problem(
     body = BodyBounds(bounds.height_m, bounds.max_tilt_rad, bounds.max_speed_m_s, bounds.max_rate_rad_s)
     heading, start, goal = body_and_ends(scenario, body)
     margins = scenario.planner.margins
-    torque_share = 1.0 - margins.get("torque", TORQUE_MARGIN)
-    last_torque_share = 1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)
     effort = np.stack([limb.effort_Nm for limb in robot.limbs])
     tilt_rad = tilt_for([start.rpy_rad, goal.rpy_rad], bounds.max_tilt_rad)
     gripper, reach = robot.gripper, reach or reach_of(robot, tilt_rad)
@@ -99,8 +97,8 @@ def build_problem(
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         body_moment_kg_m=body_moment(robot),
         limb_shape=limb_shape(robot),
-        torque_limits_Nm=torque_share * effort,
-        last_torques_Nm=last_torque_share * effort,
+        torque_limits_Nm=(1.0 - margins.get("torque", TORQUE_MARGIN)) * effort,
+        last_torques_Nm=(1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)) * effort,
         heading_rad=heading,
         limit_surface=scenario.planner.limit_surface,
     )

@@ -107,15 +107,19 @@ def add_parser(subparsers: Any) -> None:
         help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
         "(a tool for tests; needs make build)",
     )
+    _add_log_options(parser)
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
+    add_json_option(parser)
+    parser.set_defaults(func=run)
+
+
+def _add_log_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
     parser.add_argument(
         "--log-frames",
         action="store_true",
         help="the CAN frames of every cycle into the log, not of the seconds around a fault alone",
     )
-    parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
-    add_json_option(parser)
-    parser.set_defaults(func=run)
 
 
 def _amount(value: float | None, scale: float, digits: int = 1) -> str:
