@@ -43,11 +43,12 @@ class InfeasibleError(Exception):
         return "undecided" if self.undecided else "infeasible"
 
     def out_of_time(self) -> InfeasibleError:
-        """The same where time ran out before all was tried."""
+        """The same where time ran out before all was tried; what was not tried is no reason then."""
         if self.proven or self.undecided:
             return self
-        text = f"{self}; time ran out before all was tried, allow more with --time-limit"
-        undecided = InfeasibleError(self.constraint, text, undecided=True)
+        more = "time ran out before all was tried, allow more with --time-limit"
+        text = f"{self}; {more}" if self.relaxed else f"{more}; what was tried failed: {self}"
+        undecided = InfeasibleError(self.constraint if self.relaxed else TIME_LIMIT, text, undecided=True)
         undecided.relaxed = self.relaxed
         return undecided
 
@@ -63,12 +64,13 @@ class InfeasibleError(Exception):
 
 
 class HorizonError(InfeasibleError):
-    """The horizon has too few steps; at least `needed` are needed, as far as is known."""
+    """The horizon has too few steps; at least `needed` are needed, as far as is known. `tried`: so many give a plan."""
 
-    def __init__(self, text: str, needed: int) -> None:
+    def __init__(self, text: str, needed: int, *, tried: bool = False) -> None:
         super().__init__("horizon", f"horizon.steps: {text}")
         self.needed = needed
-        self.relaxed = {"constraint": "horizon", "amount": needed, "unit": "steps", "place": None}
+        if tried:
+            self.relaxed = {"constraint": "horizon", "amount": needed, "unit": "steps", "place": None}
 
 
 def unsolved(gait: str, status: str) -> InfeasibleError:

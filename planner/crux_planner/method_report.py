@@ -27,6 +27,7 @@ __all__ = [
     "MethodReport",
     "climb_report",
     "least_normal_N",
+    "limits",
     "start_is_well_formed",
     "walk_residuals",
 ]
@@ -35,9 +36,27 @@ LIMIT_S = 300.0
 METHODS_HERE = """what the paper's methods are here:
   two_block    equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start; HiGHS takes no
                quadratic MIP, so squares are tangents; contacts change between windows of some knots only
-  multi_block  P3: such a MIP a limb, without the body, an NLP, projection, duals; on most scenes it does not converge
+  multi_block  P3: such a MIP a limb, without the body, an NLP, projection, duals; who is in the air is in the
+               consensus, and in its copy limbs take turns
   benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
   all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
+
+
+def limits() -> dict[str, float]:
+    """What bounds the paper's methods: seconds of computing of a run and of one MIP, gaps, rho, iterations."""
+    from crux_planner.admm import contact_block, limbs, methods, walk_mip
+
+    return {
+        "seconds a run of a figure": LIMIT_S,
+        "seconds a MIP": contact_block.MILP_TIME_S,
+        "seconds a limb's MIP": limbs.TIME_S,
+        "gap of a climb's MIP": contact_block.MILP_GAP,
+        "gap of a walk's MIP": walk_mip.GAP,
+        "rho of two_block": methods.RHO,
+        "rho of multi_block": methods.MULTI_RHO,
+        "iterations of two_block": methods.ITERATIONS,
+        "iterations of multi_block": methods.MULTI_ITERATIONS,
+    }
 
 
 @dataclass(frozen=True)
@@ -71,11 +90,11 @@ def climb_report(scenario: Scenario, method: str, **settings: Any) -> MethodRepo
 
 def walk_residuals(scenario: Scenario, method: str, **settings: Any) -> list[dict[str, float]]:
     """What `method` leaves between its blocks after each iteration of a walk; `settings` as WalkTask has them."""
-    from crux_planner.admm.methods import WALK_METHODS, WalkTask
+    from crux_planner.admm.methods import METHODS, WalkTask
     from crux_planner.model.walk_problem import build_walk
 
     problem = build_walk(scenario, load_robot(scenario.robot))
-    return WALK_METHODS[method](WalkTask(problem=problem, deadline=clock.now() + LIMIT_S, **settings)).history
+    return METHODS[method](WalkTask(problem=problem, deadline=clock.now() + LIMIT_S, **settings)).history
 
 
 def least_normal_N(shear_N: float, twist_Nm: float, friction: float, patch_k_m: float, most_N: float) -> float:

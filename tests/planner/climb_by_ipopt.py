@@ -127,7 +127,7 @@ def solve(
     row_bounds = np.concatenate(rows.low), np.concatenate(rows.high)
     solver = Nlp(nlp, (bounds[0], bounds[1]), row_bounds, {**options, "ipopt.max_cpu_time": 60.0})
     found = solver.solve(np.concatenate([body.ravel(), columns[stance].ravel()]))
-    columns = stages.empty_columns()
+    columns = np.zeros((stages.knots, 4, COLUMN))
     columns[stance] = found.x[body.size :].reshape(-1, COLUMN)
     shares = stages.torque_shares(found.x[: body.size].reshape(body.shape), columns)
     return Optimum(found.cost + schedule_cost(schedule, problem), shares, found.solved)

@@ -15,6 +15,7 @@ from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
+from crux_planner.trajectory.consensus import Eta, Scales
 
 FEET = {"LF": (0.14, 0.36), "RF": (0.14, -0.36), "LR": (-0.14, 0.36), "RR": (-0.14, -0.36)}
 
@@ -57,6 +58,16 @@ def wall(steps: int, *, width_m: float = 0.06, goal_m: float = 0.15) -> str:
             f"horizon: {{steps: {steps}, dt_s: 2.0}}",
         ]
     )
+
+
+def square(eta: Eta, scales: Scales) -> float:
+    """|eta|^2 in the consensus norm."""
+    parts = [
+        *((eta.body[:, :3], scales.position), (eta.body[:, 3:6], scales.orientation), (eta.body[:, 6:], scales.rate)),
+        *((eta.fingers, scales.position), (eta.yaws, scales.orientation)),
+        *((eta.forces, scales.force), (eta.moments, scales.moment), (eta.away, scales.flag)),
+    ]
+    return float(sum(unit**2 * (values**2).sum() for values, unit in parts))
 
 
 @lru_cache

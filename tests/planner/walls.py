@@ -65,6 +65,13 @@ def ladder(rows: int, *, pitch_m: float = 0.17, steps: int = 120, turned_deg: fl
     return wall
 
 
+def blocked(share: float) -> dict[str, Any]:
+    """Two rows, and a tall slab, or a share of it, between the hold that LF has and the next one."""
+    wall = two_rows(0.17)
+    size = [round(share * edge, 4) for edge in (0.012, 0.2, 0.2)]
+    return wall | {"obstacles": [{"name": "slab", "position_m": [0.225, 0.36], "size_m": size}]}
+
+
 class _Plain(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
         return True

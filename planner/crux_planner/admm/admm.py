@@ -8,7 +8,9 @@ In scaled form, with eta = [x; u] of the contact blocks, its copy delta and the 
 
 Two blocks: one MIP for all limbs. Multi-block: one MIP a limb, solved in parallel, and the motion NLP with the body's
 terms of J and (8a), all against a shared copy: the mean of what the limbs and the NLP have with their duals, which is
-the projection. Limbs know of one another by this copy alone. rho is constant.
+the projection. Limbs know of one another by this copy alone, of which who is in the air is a part (turns.py); turns
+with which forces come no nearer are given up for others, and the duals begin anew.
+rho is the paper's for climbs and is not adapted: what matters is the units of the consensus (methods.py).
 
 Both stop when the largest residual of any body or finger position and of any force component (maximum norm) is within
 the paper's thresholds, unless they are to run `to_the_end`. z is binary: no theorem says that they come so far, and
@@ -21,11 +23,14 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Generic, Protocol, Self, TypeVar
 
+import numpy as np
+
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
 from crux_planner.trajectory.consensus import Eta, Residuals
 
 Report = Callable[[str], None]
+_PATIENCE, _NEARER = 6, 0.85  # iterations, and what of a residual is to be left after so many
 
 
 class Knots(Protocol):
@@ -62,6 +67,10 @@ class Limbs(Protocol[K]):
 
     def minimise(self, rho: float, target: Eta) -> ContactPlan[K]:
         """Every limb's argmin of its share; the body, in no limb's block, is the target's. Raises InfeasibleError."""
+        ...
+
+    def in_turn(self, copy: Eta, away: Array, before: Array) -> Eta:
+        """The nearest copy in which the swings of `away` take turns; as `before` where others are as near."""
         ...
 
 
@@ -133,16 +142,23 @@ def multi_block(
     limbs: Limbs[K], motion: Motion, first: Eta, given: Settings, rho: float, iterations: int
 ) -> Decided[K]:
     """P3, from a `first` copy. Stops at the thresholds, after `iterations`, or when the time is up."""
-    rho, copy, run = given.rho or rho, first, Iterations[K](given)
-    of_limbs, of_motion = first.times(0.0), first.times(0.0)
+    rho, run = given.rho or rho, Iterations[K](given)
+    copy = replace(motion.project(first, rho), away=first.away)
+    nothing, given_up = first.times(0.0), np.zeros(first.away.shape)
+    of_limbs, of_motion = nothing, nothing
     for _ in range(given.iterations or iterations):
         plan = limbs.minimise(rho, copy - of_limbs)
-        delta = motion.project(copy - of_motion, rho)
+        delta = replace(motion.project(copy - of_motion, rho), away=plan.eta.away)
         eta = replace(plan.eta, body=delta.body)
-        copy = (eta + of_limbs + delta + of_motion).times(0.5)
-        of_limbs, of_motion = of_limbs + eta - copy, of_motion + delta - copy
-        if run.ends(plan.knots.with_body(delta.body), Residuals.of(eta - delta, body=False)):
+        residuals = replace(Residuals.of(eta - delta, body=False), out_of_turn=int(np.abs(eta.away - copy.away).sum()))
+        if run.ends(plan.knots.with_body(delta.body), residuals):
             break
+        stuck = run.stuck()
+        given_up += 2.0 * stuck * copy.away
+        copy = limbs.in_turn((eta + of_limbs + delta + of_motion).times(0.5), eta.away, copy.away - given_up)
+        of_limbs, of_motion = of_limbs + eta - copy, of_motion + delta - copy
+        if stuck:
+            of_limbs, of_motion = nothing, nothing
     return run.decided()
 
 
@@ -152,6 +168,7 @@ class Iterations(Generic[K]):
     def __init__(self, given: Settings) -> None:
         self._given = given
         self._decided: Decided[K] | None = None
+        self._since = 0
 
     def decided(self) -> Decided[K]:
         """After the last iteration; says so where it has not come within the thresholds."""
@@ -160,6 +177,16 @@ class Iterations(Generic[K]):
         if not run.converged:
             self._given.report(f"not converged after {run.iterations} iterations")
         return run
+
+    def stuck(self) -> bool:
+        """Whether the forces have not come nearer for some iterations; if so, these are counted from here on."""
+        assert self._decided is not None
+        forces = [each.force_N for each in self._decided.residuals[self._since :]]
+        stuck = len(forces) > _PATIENCE and forces[-1] > _NEARER * forces[-_PATIENCE] and not self._decided.converged
+        if stuck:
+            self._since = len(self._decided.residuals)
+            self._given.report("these turns are given up: forces come no nearer")
+        return stuck
 
     def ends(self, knots: K, residuals: Residuals) -> bool:
         """Note an iteration and report it; whether it is the last."""
@@ -174,4 +201,6 @@ class Iterations(Generic[K]):
 def _line(run: Decided[K], iteration: int) -> str:
     """One line for people."""
     text = f"{run.residuals[-1].line(iteration)}; gait {' '.join(run.gaits[-1])}"
+    if run.residuals[-1].out_of_turn:
+        text += f"; windows out of turn {run.residuals[-1].out_of_turn}"
     return f"{text}; within the thresholds in the maximum norm" if run.converged else text

@@ -4,9 +4,9 @@ A limb is a unit flow over contacts: it stays, or takes an arc (a swing of whole
 its own set of variables q = (s1, s2, m / k, F+, F-, n), zero unless the contact is held, so that the limit surface
 (2)+(3) needs no big M; n is the smaller of the two normal forces n1 = n + F+ and n2 = n + F-, and the sign variable
 gamma of (12) is not needed (physics.limit_surface); nor is beta of (14): arcs are swings that keep clear. Forces
-balance (8a), moments (8b) are not in it: they are the NLP's. HiGHS takes no quadratic MIP: squares enter as tangents,
-in perspective form where they hang on a binary, more of them where answers have been (`touch`); the rows do not depend
-on the ADMM's iteration, only the cost does.
+balance (8a); moments (8b) are the NLP's, and in the rows only if asked for. HiGHS takes no quadratic MIP: squares enter
+as tangents, in perspective form where they hang on a binary, more of them where answers have been (`touch`); the rows
+do not depend on the ADMM's iteration, only the cost does.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class WindowCost:
     """What the MILP minimises, equation (19a) summed over each window's knots.
 
     Contacts: `linear` (S, 4, C, 6) on q, `square` (S, 5) on the squares of s1, s2, m / k, n1, n2, `held` (S, 4, C) on
-    the binaries. Body: `body_linear` (S, 3) and `body_square` (S, 3). Arcs: one number each, by limb.
+    the binaries. Body: `body_linear` (S, 3) and `body_square` (S, 3). Arcs: one number each, by limb. With the constant
+    it is J and the consensus term, of which a gap is a share.
     """
 
     square: Array
@@ -51,6 +52,7 @@ class WindowCost:
     linear: Array
     held: Array
     arcs: list[Array]
+    constant: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,9 @@ class Decision:
 class HullMilp:
     """The rows of P2a on windows; of some limbs alone, without what ties them to the others and the body."""
 
-    def __init__(self, windows: Windows, balance: StaticBalance, limbs: Sequence[int] = ALL) -> None:
+    def __init__(
+        self, windows: Windows, balance: StaticBalance, limbs: Sequence[int] = ALL, *, moments: bool = False
+    ) -> None:
         self.windows, self.balance, self.limbs = windows, balance, limbs
         self.milp = Milp()
         low, high = windows.body_range()
@@ -88,6 +92,8 @@ class HullMilp:
                 self._one_gripper_a_hold(t)
                 self._out_of_the_way(t)
                 self._forces(t)
+                if moments:
+                    self._moments(t)
             self._body_motion()
 
     def solve(
@@ -101,7 +107,8 @@ class HullMilp:
                 for t, contact in enumerate(self.windows.held(limb, start)):
                     for c, column in self.held[t][limb].items():
                         hint[column] = float(c == contact)
-        return self.milp.solve(self._cost(cost), start=hint, gap=gap, time_limit_s=time_limit_s)
+        vector = self._cost(cost)
+        return self.milp.solve(vector, constant=cost.constant, start=hint, gap=gap, time_limit_s=time_limit_s)
 
     def decision(self, result: MilpResult) -> Decision:
         """What a result says."""
@@ -245,6 +252,24 @@ class HullMilp:
         matrix = np.hstack(parts)
         for axis in range(3):
             self.milp.row(columns, matrix[axis], -weight[axis], -weight[axis])
+
+    def _moments(self, t: int) -> None:
+        """(8b), at rest, about W's origin, a limb in the air half way between its contacts: no part of P2a."""
+        balance, k = self.balance, self.windows.problem.patch.k_m
+        columns, ends, parts, places = list[int](), list[int](), list[Array](), list[Array]()
+        for limb in self.limbs:
+            for c, q in self.wrench[t][limb].items():
+                turn = balance.maps[c, 3:]
+                columns += map(int, q[:5])
+                parts.append(np.column_stack([turn[:, :2], k * turn[:, 2], turn[:, 3], -turn[:, 3]]))
+            over = [(arc, column) for arc, column in self._limb_arcs(limb) if arc.first <= t < arc.end]
+            ends += [*self.held[t][limb].values(), *(column for _, column in over)]
+            places += [balance.centres[c] for c in self.held[t][limb]]
+            places += [balance.mean_place((arc.start, arc.goal)) for arc, _ in over]
+        body, shares = balance.weight(np.zeros(3))[0][3:], np.array([balance.weight(place)[1][3:] for place in places])
+        for axis, row in enumerate(np.hstack(parts)):
+            numbers = np.concatenate([row, body[axis], -shares[:, axis] / len(self.limbs)])
+            self.milp.row([*columns, *map(int, self.body[t]), *ends], numbers, 0.0, 0.0)
 
     def _body_motion(self) -> None:
         windows, problem, milp = self.windows, self.windows.problem, self.milp

@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.admm import Decided, Settings, multi_block, two_block
 from crux_planner.admm.benchmark import Benchmark
-from crux_planner.admm.climb_limbs import ClimbLimbs, LimbMips
-from crux_planner.admm.contact_block import ContactBlock
+from crux_planner.admm.contact_block import ClimbContacts, WalkSteps
+from crux_planner.admm.limbs import ClimbLimbs, FootMips, LimbMips, WalkLimbs
 from crux_planner.admm.motion_block import MotionBlock
 from crux_planner.admm.walk_benchmark import WalkBenchmark
-from crux_planner.admm.walk_block import WalkBlock
-from crux_planner.admm.walk_limbs import FootMips, WalkLimbs
 from crux_planner.admm.windows import Windows
 from crux_planner.model.problem import Problem
 from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.physics.cost import FORCE_SHARE
 from crux_planner.solvers.relaxation import RELAXATIONS
 from crux_planner.solvers.worker import Team, crew
 from crux_planner.trajectory.consensus import Scales
-from crux_planner.trajectory.knot_qp import KnotSolution
-from crux_planner.trajectory.walk_qp import WalkKnots
 
 RHO, MULTI_RHO = 10.0, 10.0
-ITERATIONS, MULTI_ITERATIONS = 20, 20
-SCALES = Scales(position=3.0, orientation=3.0, force=0.007, moment=0.5)
-WALK_SCALES = Scales()
+ITERATIONS, MULTI_ITERATIONS = 30, 30
+SCALES = Scales(position=3.0, orientation=3.0, force=0.007, moment=0.5, flag=4.0)
+WALK_SCALES = Scales(flag=4.0)
 
 
 @dataclass(frozen=True)
@@ -36,6 +34,7 @@ class Task(Settings):
     """A climb on the grid of its contact blocks, and the method's settings."""
 
     windows: Windows
+    moments: bool = False  # (8b) in two_block's MIP, too, where the paper has none
 
     @property
     def problem(self) -> Problem:
@@ -50,34 +49,38 @@ class WalkTask(Settings):
     problem: WalkProblem
 
 
-def decide_two_block(task: Task) -> Decided[KnotSolution]:
+def decide_two_block(task: Task | WalkTask) -> Decided[Any]:
     """Equation (19)."""
-    contacts, motion = ContactBlock(task.windows, scales=SCALES), MotionBlock(task.problem, scales=SCALES)
-    return two_block(contacts, motion, task, RHO, ITERATIONS)
+    contacts: WalkSteps | ClimbContacts
+    if isinstance(task, WalkTask):
+        contacts = WalkSteps(task.problem, WALK_SCALES)
+    else:
+        contacts = ClimbContacts(task.windows, SCALES, moments=task.moments)
+    return two_block(contacts, MotionBlock(task.problem, scales=contacts.scales), task, RHO, ITERATIONS)
 
 
-def decide_walk_two_block(task: WalkTask) -> Decided[WalkKnots]:
-    """Equation (19)."""
-    contacts, motion = WalkBlock(task.problem, WALK_SCALES), MotionBlock(task.problem, scales=WALK_SCALES)
-    return two_block(contacts, motion, task, RHO, ITERATIONS)
-
-
-def decide_multi_block(task: Task) -> Decided[KnotSolution]:
+def decide_multi_block(task: Task | WalkTask) -> Decided[Any]:
     """P3: a MIP a limb in parallel processes, and one NLP."""
+    rho = task.rho or MULTI_RHO
     with crew(len(LIMB_NAMES) - 1, LimbMips.__module__, log=task.report) as workers:
-        limbs = ClimbLimbs(task.windows, Team(workers, LimbMips, task.windows, SCALES), SCALES)
-        motion = MotionBlock(task.problem, scales=SCALES, body_weight=1.0)
-        first = motion.project(limbs.standing(), task.rho or MULTI_RHO)
-        return multi_block(limbs, motion, first, task, MULTI_RHO, MULTI_ITERATIONS)
+        if isinstance(task, WalkTask):
+            scales = _even(WALK_SCALES, rho, FORCE_SHARE * task.problem.weights.wrench, 1.0)
+            feet = Team(workers, FootMips, task.problem, scales)
+            limbs: WalkLimbs | ClimbLimbs = WalkLimbs(task.problem, feet, scales)
+        else:
+            scales = _even(SCALES, rho, task.problem.weights.wrench, task.problem.patch.k_m)
+            limbs = ClimbLimbs(task.windows, Team(workers, LimbMips, task.windows, scales), scales)
+        motion = MotionBlock(task.problem, scales=scales, body_weight=1.0)
+        return multi_block(limbs, motion, limbs.standing(), task, MULTI_RHO, MULTI_ITERATIONS)
 
 
-def decide_walk_multi_block(task: WalkTask) -> Decided[WalkKnots]:
-    """P3: a MIP a foot in parallel processes, and one NLP."""
-    with crew(len(LIMB_NAMES) - 1, FootMips.__module__, log=task.report) as workers:
-        limbs = WalkLimbs(task.problem, Team(workers, FootMips, task.problem, WALK_SCALES), WALK_SCALES)
-        motion = MotionBlock(task.problem, scales=WALK_SCALES, body_weight=1.0)
-        first = motion.project(limbs.standing(), task.rho or MULTI_RHO)
-        return multi_block(limbs, motion, first, task, MULTI_RHO, MULTI_ITERATIONS)
+def _even(scales: Scales, rho: float, effort: float, twist_m: float) -> Scales:
+    """With forces and moments that weigh as much in the consensus as in J, where forces cost `effort` [1/N^2]: with
+    contacts that stay, limbs and NLP then halve what is between them from one iteration to the next, and neither a
+    larger rho nor a smaller one is as quick.
+    """
+    force = float(np.sqrt(2 * effort / rho))
+    return replace(scales, force=force, moment=force / twist_m)
 
 
 def decide_benchmark(task: Task | WalkTask) -> Decided[Any]:
@@ -87,14 +90,9 @@ def decide_benchmark(task: Task | WalkTask) -> Decided[Any]:
     return Decided(knots=knots, relaxations=dict(zip(RELAXATIONS, iterations, strict=True)))
 
 
-METHODS: dict[str, Callable[[Task], Decided[KnotSolution]]] = {
+METHODS: dict[str, Callable[[Task | WalkTask], Decided[Any]]] = {
     "two_block": decide_two_block,
     "multi_block": decide_multi_block,
-    "benchmark": decide_benchmark,
-}
-WALK_METHODS: dict[str, Callable[[WalkTask], Decided[WalkKnots]]] = {
-    "two_block": decide_walk_two_block,
-    "multi_block": decide_walk_multi_block,
     "benchmark": decide_benchmark,
 }
 """All raise InfeasibleError where they find no contacts."""

@@ -140,6 +140,7 @@ class MotionBlock:
         rho = ca.MX.sym("rho")
         state = [scales.position] * 3 + [scales.orientation] * 3 + [scales.rate] * 6
         yaws = kinematics.size1_out(0) - BODY_STATES - 3 * ends.fingers
+        state = [(1.0 - body_weight) * unit for unit in state]  # what no other block has is in no consensus
         unit_x = ca.DM([*state, *[scales.position] * (3 * ends.fingers), *[scales.orientation] * yaws])
         unit_u = ca.DM(np.repeat([scales.force, scales.moment], 3 * ends.fingers)[:inputs])
         near = ca.sumsqr(self._kinematics(x, g) * unit_x - to_x * unit_x)

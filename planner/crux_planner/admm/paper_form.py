@@ -13,75 +13,48 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import highspy
 import numpy as np
-import scipy.sparse as sp
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 
 from crux_planner.admm.paper_scene import PaperScene, paper_scene
-from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.solvers.milp import highs_model
+from crux_planner.model.arrays import Array, Indices
+from crux_planner.solvers.milp import Milp
 
 _BESIDE_M = 0.6  # how far beyond the outermost face a finger or the body may be
 _TANGENTS = np.array([-0.9, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9])  # shares of a variable's bound
 
 
-@dataclass
-class Model:
-    """Variables and rows in blocks."""
+class Model(Milp):
+    """Variables and rows in blocks, and what the variables cost."""
 
-    low: list[Array] = field(default_factory=list)
-    high: list[Array] = field(default_factory=list)
-    cost: list[Array] = field(default_factory=list)
-    integer: list[Flags] = field(default_factory=list)
-    size: int = 0
-    rows: int = 0
-    _entries: list[tuple[Indices, Indices, Array]] = field(default_factory=list)
-    _bounds: list[tuple[Array, Array]] = field(default_factory=list)
+    def __init__(self) -> None:
+        super().__init__()
+        self._costs: list[Array] = []
 
-    def variables(
-        self, shape: tuple[int, ...], low: Any, high: Any, cost: Any = 0.0, *, binary: bool = False
-    ) -> Indices:
+    def block(self, shape: tuple[int, ...], low: Any, high: Any, cost: Any = 0.0, *, binary: bool = False) -> Indices:
         """Numbers of new variables, in their shape; bounds and costs broadcast."""
-        index = np.arange(self.size, self.size + int(np.prod(shape))).reshape(shape)
-        for values, given in ((self.low, low), (self.high, high), (self.cost, cost)):
-            values.append(np.broadcast_to(np.asarray(given, dtype=float), shape).ravel())
-        self.integer.append(np.full(index.size, binary))
-        self.size += index.size
-        return index
-
-    def add(self, terms: list[tuple[Indices, Any]], low: Any, high: Any) -> None:
-        """Rows low <= sum of coefficient * variable <= high; all shapes broadcast to one."""
-        shape = np.broadcast_shapes(*[i.shape for i, _ in terms], *[np.shape(c) for _, c in terms])
-        count = int(np.prod(shape))
-        rows = np.arange(self.rows, self.rows + count)
-        for index, coefficient in terms:
-            values = np.broadcast_to(np.asarray(coefficient, dtype=float), shape).ravel()
-            used = values != 0.0
-            self._entries.append((rows[used], np.broadcast_to(index, shape).ravel()[used], values[used]))
-        self._bounds.append(tuple(np.broadcast_to(np.asarray(b, dtype=float), shape).ravel() for b in (low, high)))  # type: ignore[arg-type]
-        self.rows += count
+        low, high, cost = (np.broadcast_to(np.asarray(each, dtype=float), shape).ravel() for each in (low, high, cost))
+        self._costs.append(cost)
+        return self.variables(int(np.prod(shape)), low, high, integer=binary).reshape(shape)
 
     def squares(self, index: Indices, target: Any, weight: float, bound: Any) -> None:
         """Cost of weight (x - target)^2 by tangents from below; |x - target| is about `bound` at most."""
         target, bound = (np.broadcast_to(np.asarray(v, dtype=float), index.shape) for v in (target, bound))
-        square = self.variables(index.shape, 0.0, np.inf, weight)
+        square = self.block(index.shape, 0.0, np.inf, weight)
         for share in _TANGENTS:
             d = share * bound
             self.add([(square, 1.0), (index, -2 * d)], -(d**2) - 2 * d * target, np.inf)
 
     def highs(self) -> highspy.HighsLp:
         """What HiGHS takes."""
-        rows, columns, values = (np.concatenate([entry[i] for entry in self._entries]) for i in range(3))
-        matrix = sp.coo_matrix((values, (rows, columns)), (self.rows, self.size))
-        low, high = (np.concatenate([bounds[i] for bounds in self._bounds]) for i in range(2))
-        bounds = np.concatenate(self.low), np.concatenate(self.high)
-        return highs_model(matrix, np.concatenate(self.cost), bounds, (low, high), np.concatenate(self.integer))
+        model = self._model()
+        model.col_cost_ = np.concatenate(self._costs)
+        return model
 
 
 def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:
@@ -93,8 +66,8 @@ def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:
     big = 3 * far  # beyond any distance on the wall
     low, high = np.array([-far, -far, 0.0]), np.array([far, far, scene.top_m])
     lift = scene.weights.lift * 4 / fingers
-    x["p"] = p = model.variables((n + 1, fingers, 3), low, high, np.array([0.0, 0.0, lift]))
-    x["alpha"] = alpha = model.variables((n + 1, fingers, faces), 0.0, 1.0, binary=True)
+    x["p"] = p = model.block((n + 1, fingers, 3), low, high, np.array([0.0, 0.0, lift]))
+    x["alpha"] = alpha = model.block((n + 1, fingers, faces), 0.0, 1.0, binary=True)
     _reach(model, scene, x)
     _ends(model, scene, x)
     # (10a): on the face, and at rest; (10c)
@@ -109,14 +82,14 @@ def build(scene: PaperScene) -> tuple[Model, dict[str, Indices]]:
         model.add([(p[1:, :, None, :], sign), (p[:-1, :, None, :], -sign), *both], -np.inf, 2 * big)
     model.add([(alpha[:, :, c], 1.0) for c in range(faces)], 0.0, 1.0)
     model.add([(p[1:], 1.0), (p[:-1], -1.0)], -scene.step_m, scene.step_m)
-    changed = model.variables((n, fingers, faces), 0.0, 1.0, scene.weights.switching * 4 / fingers)
+    changed = model.block((n, fingers, faces), 0.0, 1.0, scene.weights.switching * 4 / fingers)
     for sign in (1.0, -1.0):
         model.add([(changed, 1.0), (alpha[1:], sign), (alpha[:-1], -sign)], 0.0, np.inf)
     _wrenches(model, scene, x)
     normals, reaches = scene.boxes
     if len(normals):  # (14)
         shape = (n + 1, fingers, *reaches.shape)
-        x["beta"] = beta = model.variables(shape, 0.0, 1.0, binary=True)
+        x["beta"] = beta = model.block(shape, 0.0, 1.0, binary=True)
         terms = [(p[:, :, None, None, i], normals[..., i]) for i in range(3)]
         model.add([*terms, (beta, big)], reaches, np.inf)
         model.add([(beta[..., h], 1.0) for h in range(5)], 0.0, 4.0)
@@ -145,10 +118,10 @@ def _body(model: Model, scene: PaperScene) -> dict[str, Indices]:
         lows, highs = np.tile(low, (n + 1, 1)), np.tile(high, (n + 1, 1))
         lows[0] = highs[0] = start
         lows[-1], highs[-1] = np.maximum(low, end - slack), np.minimum(high, end + slack)
-        x[name] = model.variables((n + 1, 3), lows, highs)
+        x[name] = model.block((n + 1, 3), lows, highs)
         fastest = np.full((n + 1, 3), fast)
         fastest[[0, -1]] = 0.0
-        x[rate] = model.variables((n + 1, 3), -fastest, fastest)
+        x[rate] = model.block((n + 1, 3), -fastest, fastest)
         model.add([(x[name][1:], 1.0), (x[name][:-1], -1.0), (x[rate][:-1], -dt)], 0.0, 0.0)
         model.squares(x[name], end, weight, np.abs(start - end) + 0.1)
         model.squares(x[rate], 0.0, weights.velocity, fast)
@@ -167,9 +140,9 @@ def _reach(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     if len(own[0]) == 2:
         size = np.array([scene.separation_m, scene.separation_m, 0.0])
         opening = np.array([scene.weights.opening, 0.0, 0.0])
-        x["d"] = model.variables((n + 1, 4, 3), -size, size, opening)
+        x["d"] = model.block((n + 1, 4, 3), -size, size, opening)
         model.add([(p[:, 0::2], 1.0), (p[:, 1::2], -1.0), (x["d"], -1.0)], 0.0, 0.0)
-    x["q"] = model.variables((n + 1, 4), -np.pi, np.pi)
+    x["q"] = model.block((n + 1, 4), -np.pi, np.pi)
     model.add([(x["q"], 1.0), (x["theta"][:, None, 2], -1.0)], *scene.yaw_rad)
 
 
@@ -193,9 +166,9 @@ def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     fingers, faces = len(scene.limb), len(scene.centre)
     shear = scene.friction * most + scene.spine[:, 0]
     sides = np.stack([-shear, -shear, np.zeros(faces)], axis=1), np.stack([shear, shear, np.full(faces, most)], axis=1)
-    x["f"] = f = model.variables((n, fingers, faces, 3), *sides)
+    x["f"] = f = model.block((n, fingers, faces, 3), *sides)
     reach = float(np.max(shear)) + most
-    x["lambda"] = force = model.variables((n, fingers, 3), -reach, reach)
+    x["lambda"] = force = model.block((n, fingers, 3), -reach, reach)
     for i in range(3):  # (13)
         terms = [(f[:, :, c, a], -scene.along[c, a, i]) for c in range(faces) for a in (0, 1)]
         terms += [(f[:, :, c, 2], -scene.normal[c, i]) for c in range(faces)]
@@ -204,8 +177,8 @@ def _wrenches(model: Model, scene: PaperScene, x: dict[str, Indices]) -> None:
     model.add([(f[..., 2], 1.0), (alpha, -most)], -np.inf, 0.0)  # (10b)
     if scene.k_m > 0.0:
         twist = scene.k_m * scene.friction * most + scene.spine[:, 1]
-        x["m"] = m = model.variables((n, fingers, faces), -twist, twist)
-        x["gamma"] = gamma = model.variables((n, fingers, faces), 0.0, 1.0, binary=True)
+        x["m"] = m = model.block((n, fingers, faces), -twist, twist)
+        x["gamma"] = gamma = model.block((n, fingers, faces), 0.0, 1.0, binary=True)
         model.squares(m, 0.0, scene.effort / scene.k_m**2, twist)
         model.add([(m, 1.0), (gamma, -twist)], -np.inf, 0.0)
         model.add([(m, 1.0), (gamma, -twist)], -twist, np.inf)
@@ -246,7 +219,7 @@ def solve(scene: PaperScene, time_limit_s: float, gap: float = 1e-4) -> dict[str
         "ok": bool(found),
         "rows": model.rows,
         "columns": model.size,
-        "binaries": int(np.concatenate(model.integer).sum()),
+        "binaries": model.binaries,
         "incumbent": float(info.objective_function_value) if found else None,
         "bound": bound if np.isfinite(bound) else None,
         "nodes": int(info.mip_node_count),

@@ -66,6 +66,7 @@ def paper_scene(scenario: Scenario, robot: Robot) -> PaperScene:
 def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
     problem, patch = build_problem(scenario, robot), scenario.contact.patch_radius_m
     cuboids, share = problem.cuboids, problem.friction_share
+    least = 1.0 - (scenario.uncertainty.friction if scenario.uncertainty else 0.0)
     turns = [rotation_z(float(yaw)) for yaw in cuboids.yaw_rad]
     middles = np.column_stack([cuboids.foot_w_m, cuboids.half_m[:, 2]])
     normals = np.stack([SIDES @ turn.T for turn in turns])  # (V, 5, 3)
@@ -99,7 +100,7 @@ def _climb(scenario: Scenario, robot: Robot) -> PaperScene:
         along=np.concatenate([tangents @ turns[v].T for v in range(many)]),
         centre=np.concatenate(points),
         half_m=np.concatenate(extents),
-        friction=share * np.array([hold.friction for hold in scenario.holds]).ravel(),
+        friction=least * share * np.array([hold.friction for hold in scenario.holds]).ravel(),
         spine=share * spiny[:, None] * np.array([problem.patch.spine_shear_N, problem.patch.spine_twist_Nm]),
         k_m=problem.patch.k_m,
         largest_N=share * problem.patch.max_normal_N,

@@ -27,7 +27,7 @@ from crux_planner.trajectory.consensus import Eta, Scales
 WINDOW_KNOTS = LEAST_AIR
 MOST_WINDOWS = 2  # that a step takes
 _FEET = 4
-_GAP = 0.02
+GAP = 0.02
 _SIDES = 8  # of the polygon inside the cone, and of the one inside a step's longest way
 _TANGENTS_N = (np.array([-10.0, 10.0]), np.array([-10.0, 10.0]), np.array([15.0, 30.0, 45.0]))
 _OFF_M = (-0.05, 0.0, 0.05)  # of start and goal, where the first tangents of places are
@@ -38,7 +38,7 @@ class WalkMip:
 
     def __init__(self, problem: WalkProblem, *, alone: bool = False) -> None:
         self.problem, n = problem, problem.steps
-        self.ends = ends = np.unique([0, *range(FIRST_LIFT, n - LAST_LAND + 1, WINDOW_KNOTS), n])  # knots
+        self.ends = ends = window_ends(n)
         self.count = count = len(ends) - 1
         self.knots = np.diff(ends)  # of each window
         spans = [(i, i + long) for long in range(1, MOST_WINDOWS + 1) for i in range(1, count - long)]
@@ -75,7 +75,7 @@ class WalkMip:
         limb: int | None = None,
     ) -> tuple[Array | None, bool]:
         """Values of all variables, None where none were found; and whether there are none. Of one `limb` if asked."""
-        cost = self._cost(rho, target, scales)
+        cost, constant = self._cost(rho, target, scales)
         if limb is not None:
             own = np.zeros(cost.shape, dtype=bool)
             for index in (
@@ -88,7 +88,7 @@ class WalkMip:
         if start is not None:
             hint = np.full(self.milp.size, np.nan)
             hint[self.taken] = np.round(start[self.taken])
-        found = self.milp.solve(cost, gap=_GAP, time_limit_s=time_limit_s, start=hint)
+        found = self.milp.solve(cost, constant=constant, gap=GAP, time_limit_s=time_limit_s, start=hint)
         return found.values, found.infeasible
 
     def slots(self, values: Array, limb: int) -> tuple[Slot, ...]:
@@ -201,8 +201,8 @@ class WalkMip:
             for at in tangents:
                 self._tangents(self.squares[..., axis], f[..., axis], np.full(on.shape, at), on)
 
-    def _cost(self, rho: float, target: Eta | None, scales: Scales) -> Array:
-        """J and, where there is a target, the consensus term, but for constants; ends of windows stand for knots."""
+    def _cost(self, rho: float, target: Eta | None, scales: Scales) -> tuple[Array, float]:
+        """J and, where there is a target, the consensus term, with its constant; ends of windows stand for knots."""
         problem, weights = self.problem, self.problem.weights
         vector, knots = np.zeros(self.milp.size), self.knots[:, None, None]
         each = np.append(self.knots, 1)[:, None]  # knots that an end of a window stands for
@@ -210,8 +210,9 @@ class WalkMip:
         vector[self.squares] = knots * FORCE_SHARE * weights.wrench
         vector[self.body_squares] = each * np.repeat([weights.position, weights.velocity], 3)
         vector[self.body[:, :3]] = -2 * each * weights.position * problem.goal.body.position_m
+        constant = float(each.sum()) * weights.position * float((problem.goal.body.position_m**2).sum())
         if target is None:
-            return vector
+            return vector, constant
         near = rho / 2 * np.repeat([scales.position**2, scales.rate**2], 3)
         vector[self.body_squares] += each * near
         vector[self.body] -= 2 * each * near * target.body[self.ends][:, [0, 1, 2, 6, 7, 8]]
@@ -220,9 +221,18 @@ class WalkMip:
         vector[self.feet] = -2 * near_foot * each[..., None] * target.fingers[self.ends, :, :2]
         lifted = (self.heights**2).sum(axis=1) - 2 * target.fingers[..., 2].T @ self.heights.T
         vector[self.taken] += near_foot * lifted
+        if len(target.away):
+            vector[self.taken] += rho / 2 * scales.flag**2 * ((1.0 - 2.0 * target.away).T @ self.airborne)
         vector[self.squares] += near_force * knots
         vector[self.forces] = -2 * near_force * np.add.reduceat(target.forces, self.ends[:-1])
-        return vector
+        feet = (each[..., None] * target.fingers[self.ends, :, :2] ** 2).sum() + (target.fingers[..., 2] ** 2).sum()
+        constant += float((each * near * target.body[self.ends][:, [0, 1, 2, 6, 7, 8]] ** 2).sum() + near_foot * feet)
+        return vector, constant + near_force * float((target.forces**2).sum())
+
+
+def window_ends(steps: int) -> Indices:
+    """Knots at which windows begin, and the last one."""
+    return np.unique([0, *range(FIRST_LIFT, steps - LAST_LAND + 1, WINDOW_KNOTS), steps])
 
 
 def _polygon() -> list[tuple[float, float]]:

@@ -45,10 +45,13 @@ def window_cost(windows: Windows, rho: float, target: Eta | None, scales: Scales
                 twist = -moment * k_m * float(moments.sum(axis=(0, 1)) @ contact.axis)
                 normal = -force * np.array([forces[0] @ contact.axis, -forces[1] @ contact.axis])
                 linear[t, limb, c] = [*shear, twist, *normal, normal.sum()]
+    constant = problem.steps * weights.position * float((problem.goal.body.position_m**2).sum())
     if target is not None:
+        constant += near / 2 * float((target.body[: problem.steps, 0:3] ** 2).sum())
+        constant += force / 2 * float((target.forces**2).sum()) + moment / 2 * float((target.moments**2).sum())
         held = np.stack([held_costs(windows, limb, target, pull, scales) for limb in range(4)], axis=1)
     arcs = [arc_costs(windows, limb, target, pull, scales) for limb in range(4)]
-    return WindowCost(square, body_linear, body_square, linear, held, arcs)
+    return WindowCost(square, body_linear, body_square, linear, held, arcs, constant)
 
 
 def held_costs(windows: Windows, limb: int, target: Eta, pull: float, scales: Scales) -> Array:
@@ -74,6 +77,7 @@ def arc_costs(windows: Windows, limb: int, target: Eta | None, pull: float, scal
         if target is not None:
             rest = np.tile(_grasp_pose(windows, swing.start), (REST_KNOTS, 1))
             costs[i] += _apart(np.vstack([rest, poses]), target, limb, swing.first - REST_KNOTS, pull, scales)
+            costs[i] += pull / 2 * scales.flag**2 * float((1.0 - 2.0 * target.away[arc.first : arc.end, limb]).sum())
     return costs
 
 

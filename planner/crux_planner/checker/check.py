@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import Scenario
 
 from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
@@ -15,11 +16,11 @@ from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import check_limit_surface, finger_loads
-from crux_planner.checker.parts import body_parts, limb_parts
+from crux_planner.checker.parts import limb_parts, shapes
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import CheckReport, Findings
 from crux_planner.checker.sampling import on_pads, sample
-from crux_planner.checker.scene import Scene, check_identity, read_scene
+from crux_planner.checker.scene import check_identity, read_scene
 from crux_planner.checker.terminal import check_ends
 from crux_planner.checker.uncertainty import check_uncertainty
 
@@ -38,23 +39,23 @@ def check_plan(plan: Any, robot: Robot) -> CheckReport:
     findings, report = Findings(), CheckReport()
     check_identity(plan, robot, findings)
     arrays = read_plan(plan, findings)
-    scene = read_scene(plan, arrays, findings) if arrays is not None else None
-    if arrays is not None and scene is not None:
-        _check(arrays, scene, robot, findings, report)
+    scenario = read_scene(plan, arrays, findings) if arrays is not None else None
+    if arrays is not None and scenario is not None:
+        _check(arrays, scenario, robot, findings, report)
     report.violations = findings.violations
     report.worst = findings.worst()
     report.seconds = time.perf_counter() - began
     return report
 
 
-def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, report: CheckReport) -> None:
-    """All checks that need a plan of sound form, a robot and a scene."""
-    model, point = load_model(robot), scene.point_model
+def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Findings, report: CheckReport) -> None:
+    """All checks that need a plan of sound form, a robot and a scenario."""
+    model, point = load_model(robot), scenario.contact.model == "point"
     check_bounds(plan, robot, point, findings)
-    check_contact(plan, scene, robot, findings)
-    check_ends(plan, scene.ends, findings)
-    report.friction_margin_N = check_limit_surface(plan, scene, findings)
-    loads = finger_loads(plan, scene.wall_friction)
+    check_contact(plan, scenario, robot, findings)
+    check_ends(plan, scenario, findings)
+    report.friction_margin_N = check_limit_surface(plan, scenario, findings)
+    loads = finger_loads(plan, scenario.wall.friction)
     report.tumble_margin_m = tumble_margin(plan, loads, model.mass_kg)
 
     samples = feet = sample(plan)
@@ -73,12 +74,13 @@ def _check(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings, rep
         check_feet_press(feet, inertial, window_s, findings)
     net = (feet.force.sum(axis=1), np.zeros_like(centre)) if point else None
     shared, left = shared_load(feet, centre, net, robot.control.twist_length_m)
-    check_between_knots(plan, shared, left, loads, scene, findings)
+    check_between_knots(plan, shared, left, loads, scenario, findings)
     shared = on_pads(shared, pad_radius_m) if point else shared
     report.largest_torque = check_torques(shared, motions, model, plan.gravity_w, findings)
     limbs = [limb_parts(samples, limb, i, motions[i], pad_radius_m) for i, limb in enumerate(model.limbs)]
-    body = body_parts(samples, model.body)
-    check_clearance(samples, plan.cuboids, limbs, body, point_model=point, findings=findings)
-    check_limb_clearance(samples, limbs, body, findings)
-    if scene.uncertainty is not None:
-        check_uncertainty(plan, scene, loads, robot, findings)
+    body = shapes("body", model.body, samples.body_position, samples.rotation)
+    spare_m = 2**0.5 * scenario.uncertainty.hold_position_m if scenario.uncertainty else 0.0  # along x and y, each
+    check_clearance(samples, plan.cuboids, limbs, body, point_model=point, spare_m=spare_m, findings=findings)
+    check_limb_clearance(samples, limbs, body, spare_m, findings)
+    if scenario.uncertainty is not None:
+        check_uncertainty(plan, scenario, loads, robot, findings)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from numpy.typing import NDArray
+from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import Indices
 from crux_planner.checker.plan_arrays import FACE_NONE, FACE_WALL, PlanArrays
 from crux_planner.checker.report import Findings
-from crux_planner.checker.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -34,21 +34,24 @@ def swings(plan: PlanArrays) -> list[Swing]:
     return found
 
 
-def check_contact(plan: PlanArrays, scene: Scene, robot: Robot, findings: Findings) -> None:
+def check_contact(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Findings) -> None:
     """All of (10) at the knots."""
-    _check_contact_names(plan, scene.wall_friction, scene.point_model, findings)
-    _check_faces(plan, scene.patch_radius_m, robot.grasp.pad_height_m, findings)
+    _check_contact_names(plan, scenario, findings)
+    _check_faces(plan, scenario.contact.patch_radius_m, robot.grasp.pad_height_m, findings)
     _check_rest(plan, findings)
     _check_air(plan, findings)
     _check_swings(plan, findings)
     _check_sharing(plan, findings)
 
 
-def _check_contact_names(plan: PlanArrays, wall_friction: float, point_model: bool, findings: Findings) -> None:
-    """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces."""
+def _check_contact_names(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
+    """Holds exist and may be grasped, faces exist, friction is the smaller one of the two faces, as little as that may
+    be.
+    """
+    least = 1.0 - (scenario.uncertainty.friction if scenario.uncertainty else 0.0)
     for k, limb in np.argwhere(plan.stance):
         hold, face, where = plan.hold[k, limb], plan.finger1_face[k, limb], plan.time_s[k]
-        if point_model:
+        if scenario.contact.model == "point":
             if face != FACE_WALL or hold != -1:
                 detail = f"a point contact stands on the wall (face {FACE_WALL}, hold -1), not face {face}, hold {hold}"
                 findings.add("hold", 1.0, "", limb=limb, time_s=where, detail=detail)
@@ -70,7 +73,7 @@ def _check_contact_names(plan: PlanArrays, wall_friction: float, point_model: bo
         pair = plan.cuboids.friction[index[..., None], plan.faces].min(axis=2)
     else:
         pair = np.zeros(plan.hold.shape)
-    expected = np.where(plan.on_wall, wall_friction, np.where(plan.gripped, pair, 0.0))
+    expected = np.where(plan.on_wall, scenario.wall.friction, np.where(plan.gripped, least * pair, 0.0))
     for limb in range(4):
         off = np.abs(plan.friction[:, limb] - expected[:, limb])
         findings.add_series("friction", off, plan.time_s, "", tolerance=tolerances.MATCH_REL, limb=limb)
@@ -148,7 +151,7 @@ def _check_swings(plan: PlanArrays, findings: Findings) -> None:
             findings.add("swing_structure", 1.0, "knots", detail=detail, **where)
 
 
-def occupancy(plan: PlanArrays) -> NDArray[np.int_]:
+def occupancy(plan: PlanArrays) -> Indices:
     """Hold whose faces a limb's fingers are at during [k, k + 1), -1 for none, (K, 4): in stance, at the first air knot
     (still standing in the old grasp) and at the last (closing on the new one).
     """

@@ -15,16 +15,17 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Array, cross, solved, turned_back
-from crux_planner.checker.kinematics import LimbMotion
+from crux_planner.checker.geometry import Array, cross, solved
+from crux_planner.checker.kinematics import LimbMotion, held_torque
 from crux_planner.checker.limb_model import WholeRobot
-from crux_planner.checker.limit_surface import FingerLoads, cone_excess
+from crux_planner.checker.limit_surface import FingerLoads
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings, PeakTorque
 from crux_planner.checker.sampling import Samples
-from crux_planner.checker.scene import Scene
 
 
 def corrected_wrenches(
@@ -82,7 +83,7 @@ _POOR_PIVOT = 1e-4
 
 
 def check_between_knots(
-    plan: PlanArrays, shared: Samples, left: Array, loads: FingerLoads, scene: Scene, findings: Findings
+    plan: PlanArrays, shared: Samples, left: Array, loads: FingerLoads, scenario: Scenario, findings: Findings
 ) -> None:
     """Blended wrenches: none on a limb whose load is zero, and a correction inside the limit surface everywhere.
 
@@ -96,19 +97,13 @@ def check_between_knots(
     for limb in range(4):
         at = samples.interval
         bears = samples.load[:, limb] > 0.0
-        if scene.point_model:
-            excess = cone_excess(
-                force[:, limb, :2],
-                np.zeros(len(at)),
-                force[:, limb, 2],
-                friction=loads.friction[at, limb, 0],
-                patch_k_m=0.0,
-                spine_shear_N=loads.spine_shear_N[at, limb, 0],
-                spine_twist_Nm=loads.spine_twist_Nm[at, limb, 0],
-            )
-            excess = np.maximum(excess, force[:, limb, 2] - plan.max_normal_N)
+        if scenario.contact.model == "point":
+            normal = force[:, limb, 2]
+            excess = loads.excess(force[:, limb, :2], np.zeros(len(at)), normal, (at, limb, 0), 0.0)
+            excess = np.maximum(excess, normal - plan.max_normal_N)
         else:
-            excess = _grasp_excess(plan, samples, loads, limb, scene.spines_only.get(limb))
+            hanging = scenario.contact.spines_only.get(LIMB_NAMES[limb])
+            excess = _grasp_excess(plan, samples, loads, limb, hanging)
         excess, tolerance = np.where(bears, excess, -np.inf), tolerances.FRICTION_CONE_BETWEEN_KNOTS_N
         name = "limit_surface_between_knots"
         findings.add_series(name, excess, samples.time_s, "N", tolerance=tolerance, limb=limb)
@@ -132,18 +127,7 @@ def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: 
         normal = np.zeros_like(normal)
         normal[:, 2 - hanging] = pressing
         beyond = np.maximum(-pressing, pressing - plan.max_normal_N)
-    excess = [
-        cone_excess(
-            shear,
-            twist,
-            normal[:, f],
-            friction=loads.friction[at, limb, f],
-            patch_k_m=plan.patch_k_m,
-            spine_shear_N=loads.spine_shear_N[at, limb, f],
-            spine_twist_Nm=loads.spine_twist_Nm[at, limb, f],
-        )
-        for f in (0, 1)
-    ]
+    excess = [loads.excess(shear, twist, normal[:, f], (at, limb, f), plan.patch_k_m) for f in (0, 1)]
     return np.asarray(np.maximum(np.maximum(*excess), beyond))
 
 
@@ -218,11 +202,9 @@ def check_torques(
     """No joint is asked for more than it can give, with the shared wrenches in `samples` acting at the grippers'
     centres; returns the joint and moment that come closest to that, or furthest beyond.
     """
-    gravity_b = turned_back(samples.rotation, gravity_w)
     torques = []
     for index, (limb, motion) in enumerate(zip(robot.limbs, motions, strict=True)):
-        wrench_b = [turned_back(samples.rotation, part[:, index]) for part in (samples.force, samples.moment)]
-        torque = limb.gravity_torque(motion.state, gravity_b) + limb.contact_torque(motion.state, *wrench_b)
+        torque = held_torque(limb, motion.state, samples, index, gravity_w)
         torques.append(np.where(motion.reached[:, None], np.abs(torque), 0.0))
         for joint, size in zip(limb.joints, torques[-1].T, strict=True):
             beyond = np.where(motion.reached, size - joint.effort, -np.inf)

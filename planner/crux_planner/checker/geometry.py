@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int_]
 
 
 def rotation_from_rpy(rpy: Array) -> Array:
@@ -34,15 +36,6 @@ def turned(rotation: Array, vector: Array) -> Array:
     return np.asarray(rotation[..., :, 0] * x + rotation[..., :, 1] * y + rotation[..., :, 2] * z)
 
 
-def turned_constant(rotation: Array, vector: Array) -> Array:
-    """R v, shapes (n, 3, 3), (3,) -> (n, 3), by the components of v that are not zero."""
-    found = np.zeros((3, len(rotation)))
-    for along, column in zip(vector, rotation.T, strict=True):
-        if along != 0.0:
-            found += along * column
-    return found.T
-
-
 def turned_back(rotation: Array, vector: Array) -> Array:
     """R^T v, shapes (..., 3, 3), (..., 3) -> (..., 3)."""
     x, y, z = vector[..., 0, None], vector[..., 1, None], vector[..., 2, None]
@@ -52,6 +45,12 @@ def turned_back(rotation: Array, vector: Array) -> Array:
 def turned_by(rotation: Array, constant: Array) -> Array:
     """R C, shapes (n, 3, 3), (3, 3) -> (n, 3, 3)."""
     return np.asarray(np.tensordot(constant.T, rotation.T, axes=1).T)
+
+
+def about_z(columns: Array, sine: Array, cosine: Array) -> Array:
+    """R Rz(angle), columns of rotations first (3, 3, n), for sines and cosines (n,)."""
+    x, y, z = np.broadcast_arrays(*columns, sine)[:3]
+    return np.array([cosine * x + sine * y, cosine * y - sine * x, z])
 
 
 def cross(a: Array, b: Array) -> Array:

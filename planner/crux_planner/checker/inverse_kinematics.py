@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, cross, rotation_vector, solved
+from crux_planner.checker.geometry import Array, Flags, Indices, about_z, cross, rotation_vector, solved
 from crux_planner.checker.limb_model import Limb, axis_frame
 
 SEED_POSTURES = 1024
@@ -59,13 +58,7 @@ class Arm:
             if i > 0 and (self.turns[i - 1] != _IDENTITY).any():
                 columns = (self.turns[i - 1].T @ columns.reshape(3, -1)).reshape(3, 3, n)
             origins[:, i], axes[:, i] = position, columns[2]
-            turned = np.empty((3, 3, n))
-            np.multiply(cosine[i], columns[0], out=turned[0])
-            turned[0] += sine[i] * columns[1]
-            np.multiply(cosine[i], columns[1], out=turned[1])
-            turned[1] -= sine[i] * columns[0]
-            turned[2] = columns[2]
-            columns = turned
+            columns = about_z(columns, sine[i], cosine[i])
             for along, column in zip(self.offsets[i], columns, strict=True):
                 if along != 0.0:
                     position = position + along * column
@@ -132,7 +125,7 @@ class _Poses:
     def __len__(self) -> int:
         return int(self.position.shape[1])
 
-    def __getitem__(self, some: NDArray[np.int_] | slice | list[int]) -> _Poses:
+    def __getitem__(self, some: Indices | slice | list[int]) -> _Poses:
         return _Poses(self.position[:, some], self.columns[..., some])
 
 
@@ -184,7 +177,7 @@ def _follow(arm: Arm, start: Array, poses: _Poses) -> Solution:
     return Solution(q.T, error[0], error[1] / ROTATION_LENGTH_M)
 
 
-def _good(arm: Arm, q: Array, error: Array) -> NDArray[np.bool_]:
+def _good(arm: Arm, q: Array, error: Array) -> Flags:
     angles = q.T
     inside = ((angles >= arm.lower_rad - 1e-9) & (angles <= arm.upper_rad + 1e-9)).all(axis=1)
     return np.asarray(inside & (error.max(axis=0) < 1e-5))

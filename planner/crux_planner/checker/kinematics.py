@@ -5,30 +5,26 @@ plan's own clock within the speed limits, and the planned wrenches are held with
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crux_planner.checker import inverse_kinematics, tolerances
-from crux_planner.checker.geometry import Array, turned_back
-from crux_planner.checker.limb_model import ChainState, WholeRobot
+from crux_planner.checker.geometry import Array, Flags, turned_back
+from crux_planner.checker.limb_model import ChainState, Limb, WholeRobot
 from crux_planner.checker.report import Findings, JointLoad
 from crux_planner.checker.sampling import Samples
 
 
 @dataclass(frozen=True)
 class LimbMotion:
-    """Joint angles (T, J), links, torques (T, J) of one limb at the samples, and where it reaches its pose (T,)."""
+    """Links of one limb at the samples, and where it reaches its pose (T,)."""
 
-    q_rad: Array
     state: ChainState
-    torque_Nm: Array
-    reached: NDArray[np.bool_]
+    reached: Flags
 
 
 def check_kinematics(
     samples: Samples, robot: WholeRobot, gravity_w: Array, continuous_Nm: Array, findings: Findings
 ) -> tuple[list[LimbMotion], list[JointLoad]]:
     """Inverse kinematics of every limb at every sample; returns the motions and the loads of all joints."""
-    gravity_b = turned_back(samples.rotation, gravity_w)
     turn, body, limbs = samples.rotation, samples.body_position, range(len(robot.limbs))
     solutions = inverse_kinematics.solve(
         robot.limbs,
@@ -43,9 +39,7 @@ def check_kinematics(
         reached = solution.position_error_m <= tolerances.LENGTH_M
         reached = reached & (solution.rotation_error_rad <= tolerances.ANGLE_RAD)
         state = limb.forward(q, samples.opening[:, index])
-        force_b = turned_back(samples.rotation, samples.force[:, index])
-        moment_b = turned_back(samples.rotation, samples.moment[:, index])
-        torque = limb.gravity_torque(state, gravity_b) + limb.contact_torque(state, force_b, moment_b)
+        torque = held_torque(limb, state, samples, index, gravity_w)
         speed = np.zeros_like(q)
         speed[1:] = np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
         speed[1:][~(reached[1:] & reached[:-1])] = 0.0
@@ -65,8 +59,15 @@ def check_kinematics(
             peak, rms, fastest = float(size[:, j].max()), float(np.sqrt(mean_square[j])), float(speed[:, j].max())
             torques = peak, rms, joint.effort, float(continuous_Nm[j])
             loads.append(JointLoad(limb.name, name, *torques, fastest, joint.velocity))
-        motions.append(LimbMotion(q, state, torque, reached))
+        motions.append(LimbMotion(state, reached))
     return motions, loads
+
+
+def held_torque(limb: Limb, state: ChainState, samples: Samples, index: int, gravity_w: Array) -> Array:
+    """Joint torques (T, J) of limb number `index` for its own weight and the samples' wrench at its gripper."""
+    vectors = gravity_w, samples.force[:, index], samples.moment[:, index]
+    gravity_b, *wrench_b = (turned_back(samples.rotation, vector) for vector in vectors)
+    return limb.gravity_torque(state, gravity_b) + limb.contact_torque(state, *wrench_b)
 
 
 def _gripper_in_body(rotation: Array, yaw: Array) -> Array:

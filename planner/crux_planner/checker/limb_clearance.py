@@ -10,37 +10,41 @@ from itertools import combinations
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from numpy.typing import NDArray
 
-from crux_planner.checker import tolerances
+from crux_planner.checker import geometry, tolerances
 from crux_planner.checker.clearance import NEAR_M
-from crux_planner.checker.geometry import Array, box_to_box, segment_to_box, segment_to_segment, turned_back
+from crux_planner.checker.geometry import Array, Flags, Indices, turned_back
 from crux_planner.checker.parts import BLOCK, Part
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples
 
-Indices = NDArray[np.int_]
 
-
-def check_limb_clearance(samples: Samples, limbs: list[list[Part]], body: list[Part], findings: Findings) -> None:
-    """Every part of every limb (in limb order) against those of all others, and of the body but what turns on it."""
-    sides = [*combinations(limbs, 2), *(([part for part in limb if not part.on_body], body) for limb in limbs)]
-    names = [*combinations(range(len(limbs)), 2), *((limb, None) for limb in range(len(limbs)))]
-    groups = [(_Limb(first), _Limb(second)) for first, second in sides if first and second]
-    pairs = [_Pair(first, second, _apart(first.extent, second.extent)) for first, second in groups]
-    sure = max(0.0, tolerances.MOVING_CLEARANCE_M - tolerances.LENGTH_M)  # closer than this is a violation
-    least = min((float(pair.far.min(initial=np.inf)) for pair in pairs), default=np.inf)
-    for pair in pairs:
-        least = min(least, float(pair.measured(*pair.middles()).min(initial=np.inf)))
-    named = [name for name, (first, second) in zip(names, sides, strict=True) if first and second]
-    for (first, second), pair in zip(named, pairs, strict=True):
+def check_limb_clearance(
+    samples: Samples, limbs: list[list[Part]], body: list[Part], spare_m: float, findings: Findings
+) -> None:
+    """Every part of every limb (in limb order) against those of all others, and of the body but what turns on it;
+    `spare_m`: asked for beside the usual clearance.
+    """
+    clear_m = tolerances.MOVING_CLEARANCE_M + spare_m
+    whole, trunk = [_Limb(parts) for parts in limbs], _Limb(body)
+    sides: list[tuple[int, int | None, _Pair]] = []
+    for first, second in combinations(range(len(limbs)), 2):
+        sides.append((first, second, _Pair(whole[first], whole[second])))
+    for first, parts in enumerate(limbs):
+        sides.append((first, None, _Pair(_Limb([part for part in parts if not part.on_body]), trunk)))
+    sides = [side for side in sides if side[2].first.parts and side[2].second.parts]
+    least, sure = np.inf, max(0.0, clear_m - tolerances.LENGTH_M)  # nearer: a violation
+    for *_, pair in sides:
+        near = pair.measured(*pair.middles())
+        least = min(least, *(each.min(initial=np.inf) for each in (near, pair.apart_m[pair.apart_m >= NEAR_M])))
+    for first, other, pair in sides:
         gap, closest = pair.gaps(max(least, sure))
-        need = np.where(np.isfinite(gap), tolerances.MOVING_CLEARANCE_M - gap, -np.inf)
+        need = np.where(np.isfinite(gap), clear_m - gap, -np.inf)
         what, worst = "", closest[int(np.argmax(need))]
-        whose = "the body" if second is None else LIMB_NAMES[second]
+        whose = "the body" if other is None else LIMB_NAMES[other]
         if worst >= 0:
             i, j = divmod(int(worst), len(pair.second.parts))
-            part = "" if second is None else f"{pair.second.parts[j].kind} of "
+            part = "" if other is None else f"{pair.second.parts[j].kind} of "
             what = f"{pair.first.parts[i].kind} to {part}{whose}"
         findings.add_series("clearance_limbs", need, samples.time_s, "m", limb=first, detail=what or f"to {whose}")
 
@@ -70,23 +74,33 @@ class _Limb:
         return np.fmin.reduce(low), np.fmax.reduce(high)
 
     @cached_property
-    def is_box(self) -> NDArray[np.bool_]:
+    def ends(self) -> Array:
+        """Start and end of every part at every sample, (parts, 2, 3, T)."""
+        return np.array([[part.start.T, part.end.T] for part in self.parts])
+
+    @cached_property
+    def radii_m(self) -> Array:
+        """(parts,)"""
+        return np.array([part.radius_m for part in self.parts])
+
+    @cached_property
+    def is_box(self) -> Flags:
         """(parts,)"""
         return np.array([part.half_m is not None for part in self.parts], dtype=bool)
 
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two limbs; `apart_m` (T,) is a lower bound of their clearance, good enough where it is large."""
+    """Two limbs."""
 
     first: _Limb
     second: _Limb
-    apart_m: Array
 
-    @property
-    def far(self) -> Array:
-        """The bounds that are good enough."""
-        return self.apart_m[self.apart_m >= NEAR_M]
+    @cached_property
+    def apart_m(self) -> Array:
+        """Lower bound (T,) of the clearance, good enough where it is large."""
+        (low, high), (their_low, their_high) = self.first.extent, self.second.extent
+        return np.asarray((np.maximum(low, their_low) - np.minimum(high, their_high)).max(axis=0))
 
     def gaps(self, most: float) -> tuple[Array, Indices]:
         """Clearance (T,) where it is at most `most`, else infinite, and the parts: number of the first times how many
@@ -116,24 +130,17 @@ class _Pair:
 
     def measured(self, i: Indices, j: Indices, t: Indices) -> Array:
         """Exact clearance of parts i and j at samples t; infinite where one is nowhere."""
-        found = np.full(len(t), np.inf)
-        first, second = self.first.parts, self.second.parts
-        boxes = self.first.is_box, self.second.is_box
-        rows = np.flatnonzero(~boxes[0][i] & ~boxes[1][j])
+        found, first, second = np.full(len(t), np.inf), self.first, self.second
+        rows = np.flatnonzero(~first.is_box[i] & ~second.is_box[j])
         if len(rows) > 0:
-            both = ((parts, of[rows], name) for parts, of in ((first, i), (second, j)) for name in ("start", "end"))
-            ends = [_gathered(parts, name, of, t[rows]) for parts, of, name in both]
-            radii = [np.array([p.radius_m for p in parts]) for parts in (first, second)]
-            found[rows] = segment_to_segment(*ends) - (radii[0][i[rows]] + radii[1][j[rows]])
-        for a in np.flatnonzero(boxes[0]):
-            rows = np.flatnonzero((i == a) & ~boxes[1][j])
-            found[rows] = _capsules_to_box(second, j[rows], t[rows], first[a])
-        for b in np.flatnonzero(boxes[1]):
-            rows = np.flatnonzero((j == b) & ~boxes[0][i])
-            found[rows] = _capsules_to_box(first, i[rows], t[rows], second[b])
-            for a in np.flatnonzero(boxes[0]):
-                rows = np.flatnonzero((j == b) & (i == a))
-                found[rows] = _box_to_box(first[a], second[b], t[rows])
+            ends = (limb.ends[of[rows], end, :, t[rows]] for limb, of in ((first, i), (second, j)) for end in (0, 1))
+            found[rows] = geometry.segment_to_segment(*ends) - (first.radii_m[i[rows]] + second.radii_m[j[rows]])
+        for a in np.flatnonzero(first.is_box):
+            rows = np.flatnonzero((i == a) & ~second.is_box[j])
+            found[rows] = _to_box(second, j[rows], t[rows], first.parts[a])
+        for b in np.flatnonzero(second.is_box):
+            rows = np.flatnonzero(j == b)
+            found[rows] = _to_box(first, i[rows], t[rows], second.parts[b])
         return np.where(np.isnan(found), np.inf, found)  # nowhere: reported as out of reach already
 
     @cached_property
@@ -143,7 +150,7 @@ class _Pair:
         apart = np.maximum(low[:, None] - their_high, their_low - high[:, None])
         return np.asarray(np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2)))
 
-    def _where(self, blocks: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices]:
+    def _where(self, blocks: Flags) -> tuple[Indices, Indices, Indices]:
         """Parts and samples of the blocks where the limbs are close."""
         i, j, block = np.nonzero(blocks)
         t = block[:, None] * BLOCK + np.arange(BLOCK)
@@ -155,32 +162,16 @@ class _Pair:
 _ROUNDING_M = 1e-9
 
 
-def _apart(extent: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """Lower bound (T,) of the clearance of two limbs."""
-    return np.asarray((np.maximum(extent[0], other[0]) - np.minimum(extent[1], other[1])).max(axis=0))
-
-
-def _gathered(parts: list[Part], name: str, index: Indices, t: Indices) -> Array:
-    """`start` or `end` (n, 3) of parts number `index` at samples t."""
-    found = np.empty((3, len(t)))
-    for number in np.unique(index):
-        rows = np.flatnonzero(index == number)
-        found[:, rows] = getattr(parts[number], name).T[:, t[rows]]
-    return found.T
-
-
-def _capsules_to_box(capsules: list[Part], index: Indices, t: Indices, box: Part) -> Array:
-    """Clearance of parts number `index` at samples t to a box."""
+def _to_box(limb: _Limb, index: Indices, t: Indices, box: Part) -> Array:
+    """Clearance of a limb's parts number `index` at samples t to a box."""
     if box.half_m is None or box.rotation is None or len(t) == 0:
         return np.zeros(0)
     turn, centre = box.rotation[t], box.start[t]
-    start, end = (turned_back(turn, _gathered(capsules, name, index, t) - centre) for name in ("start", "end"))
-    return np.asarray(segment_to_box(start, end, box.half_m) - np.array([part.radius_m for part in capsules])[index])
-
-
-def _box_to_box(a: Part, b: Part, t: Indices) -> Array:
-    if a.half_m is None or b.half_m is None or a.rotation is None or b.rotation is None:
-        return np.zeros(0)
-    turn = b.rotation[t]
-    between = turn.swapaxes(1, 2) @ a.rotation[t]
-    return box_to_box(turned_back(turn, a.start[t] - b.start[t]), between, a.half_m, b.half_m)
+    start, end = (turned_back(turn, limb.ends[index, which, :, t] - centre) for which in (0, 1))
+    found = geometry.segment_to_box(start, end, box.half_m) - limb.radii_m[index]
+    for number, part in enumerate(limb.parts):
+        if part.half_m is not None and part.rotation is not None:
+            rows = np.flatnonzero(index == number)
+            between = turn[rows].swapaxes(1, 2) @ part.rotation[t[rows]]
+            found[rows] = geometry.box_to_box(start[rows], between, part.half_m, box.half_m)
+    return found

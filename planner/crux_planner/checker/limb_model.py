@@ -6,13 +6,14 @@ B by the caller. Nothing here knows the closed form of the limb: chains are walk
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import accumulate
 from xml.etree import ElementTree
 
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.urdf import link_shapes
 
-from crux_planner.checker.geometry import Array, cross, rotation_from_rpy, turned
+from crux_planner.checker.geometry import Array, about_z, cross, rotation_from_rpy, turned
 
 
 class RobotModelError(ValueError):
@@ -106,18 +107,12 @@ class Limb:
         return frozenset(joint.child for joint in self.chain[: first + 1])
 
     @cached_property
-    def _turns(self) -> list[tuple[Joint, Array, Array | None]]:
-        """The chain's joints with the constant turn before each, to a frame whose z is the joint's axis, and the one
-        back from there, transposed; None where the joint's own frame is such a one.
+    def _turns(self) -> list[tuple[Joint, Array, Array]]:
+        """The chain's joints with the constant turn before each, to a frame whose z is the axis of one that turns, and
+        the one back from there, transposed.
         """
-        found: list[tuple[Joint, Array, Array | None]] = []
-        for joint in self.chain:
-            to_axis = axis_frame(joint.axis)
-            if joint.kind != "revolute" or joint.axis[2] == 1.0:
-                found.append((joint, joint.rotation.T, None))
-            else:
-                found.append((joint, (joint.rotation @ to_axis).T, to_axis))
-        return found
+        frames = [axis_frame(joint.axis) if joint.kind == "revolute" else np.eye(3) for joint in self.chain]
+        return [(joint, (joint.rotation @ to).T, to) for joint, to in zip(self.chain, frames, strict=True)]
 
     def forward(self, q_rad: Array, opening_m: Array | None = None) -> ChainState:
         """Poses of all links for joint angles (n, J) and finger openings (n,); fingers are left out without these."""
@@ -134,11 +129,7 @@ class Limb:
                 columns = np.tensordot(before, columns, axes=1)
             if joint.kind == "revolute":
                 origins[:, i], axes[:, i] = position, columns[2]
-                turned = np.empty((3, 3, n))
-                turned[0] = cosine[i] * columns[0] + sine[i] * columns[1]
-                turned[1] = cosine[i] * columns[1] - sine[i] * columns[0]
-                turned[2] = columns[2]
-                columns = turned if back is None else np.tensordot(back, turned, axes=1)
+                columns = np.tensordot(back, about_z(columns, sine[i], cosine[i]), axes=1)
                 i += 1
             positions[joint.child], rotations[joint.child] = position, columns
         if opening_m is not None:
@@ -156,12 +147,11 @@ class Limb:
     def gravity_torque(self, state: ChainState, gravity_b_m_s2: Array) -> Array:
         """Joint torques (n, J) that carry the limb's own links under gravity (n, 3) given in B."""
         origins, axes, gravity = state.joint_origin_m.T, state.joint_axis.T, gravity_b_m_s2.T
-        depth = self._depth([j.child for j in self.chain if j.kind == "revolute"])
         torque = np.zeros(axes.shape[1:])
         mass, moment = 0.0, np.zeros((3, axes.shape[2]))  # of all links behind a joint
         for i in range(len(self.joints) - 1, -1, -1):
             for link in self.links:
-                if link.mass_kg > 0.0 and link.name in state.link_position_m and depth[link.name] == i + 1:
+                if link.mass_kg > 0.0 and link.name in state.link_position_m and self._depth[link.name] == i + 1:
                     at = state.link_position_m[link.name].T
                     mass += link.mass_kg
                     moment += link.mass_kg * (at + np.tensordot(link.com_m, state.link_rotation[link.name].T, axes=1))
@@ -179,13 +169,11 @@ class Limb:
         placed = ((link, state.link_position_m[link.name], state.link_rotation[link.name]) for link in self.links)
         return np.asarray(sum(link.mass_kg * (at + turned(turn, link.com_m)) for link, at, turn in placed))
 
-    def _depth(self, order: list[str]) -> dict[str, int]:
+    @cached_property
+    def _depth(self) -> dict[str, int]:
         """Number of revolute joints before each link."""
-        depth, count = {}, 0
-        for joint in self.chain:
-            count += joint.child in order
-            depth[joint.child] = count
-        return depth | {joint.child: count for joint in self.fingers}
+        before = accumulate(joint.kind == "revolute" for joint in (*self.chain, *self.fingers))
+        return {joint.child: depth for joint, depth in zip((*self.chain, *self.fingers), before, strict=True)}
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,16 @@ leaves a point in the cone. No polytope, no tolerance of a solver.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import Scenario
 
 from crux_planner.checker import tolerances
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
-from crux_planner.checker.scene import Scene
 
 
 def cone_excess(
@@ -52,6 +54,20 @@ class FingerLoads:
     spine_twist_Nm: Array
     touching: Array  # bool
 
+    def excess(
+        self, shear_N: Array, twist_Nm: Array, normal_N: Array, at: Any, patch_k_m: float, rough: float = 1.0
+    ) -> Array:
+        """`cone_excess` of wrenches on the faces of the fingers `at` some places, `rough` times their friction."""
+        return cone_excess(
+            shear_N,
+            twist_Nm,
+            normal_N,
+            friction=rough * self.friction[at],
+            patch_k_m=patch_k_m,
+            spine_shear_N=self.spine_shear_N[at],
+            spine_twist_Nm=self.spine_twist_Nm[at],
+        )
+
 
 def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
     """Resolve the plan's finger forces and moments in the frames of the faces they touch."""
@@ -83,18 +99,10 @@ def finger_loads(plan: PlanArrays, wall_friction: float) -> FingerLoads:
     )
 
 
-def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> float | None:
+def check_limit_surface(plan: PlanArrays, scenario: Scenario, findings: Findings) -> float | None:
     """(1)-(4) at every knot; returns the least margin mu fz - demand [N]. Fingers on spines only must not press."""
-    loads = finger_loads(plan, scene.wall_friction)
-    excess = cone_excess(
-        loads.shear_N,
-        loads.twist_Nm,
-        loads.normal_N,
-        friction=loads.friction,
-        patch_k_m=plan.patch_k_m,
-        spine_shear_N=loads.spine_shear_N,
-        spine_twist_Nm=loads.spine_twist_Nm,
-    )
+    loads = finger_loads(plan, scenario.wall.friction)
+    excess = loads.excess(loads.shear_N, loads.twist_Nm, loads.normal_N, ..., plan.patch_k_m)
     touching = loads.touching
     for limb in range(4):
         for finger in (0, 1):
@@ -108,10 +116,10 @@ def check_limit_surface(plan: PlanArrays, scene: Scene, findings: Findings) -> f
             ):
                 values = np.where(touching[at], amounts, -np.inf)
                 findings.add_series(name, values, plan.time_s, unit, limb=limb, finger=finger + 1)
-        if limb in scene.spines_only:
-            finger = scene.spines_only[limb]
-            pressing = np.where(touching[:, limb, finger - 1], np.abs(loads.normal_N[:, limb, finger - 1]), -np.inf)
-            findings.add_series("spines_only", pressing, plan.time_s, "N", limb=limb, finger=finger)
+        if (hanging := scenario.contact.spines_only.get(LIMB_NAMES[limb])) is not None:
+            at = (slice(None), limb, hanging - 1)
+            pressing = np.where(touching[at], np.abs(loads.normal_N[at]), -np.inf)
+            findings.add_series("spines_only", pressing, plan.time_s, "N", limb=limb, finger=hanging)
         pair = plan.gripped[:, limb]
         shear = np.abs(np.diff(loads.shear_N[:, limb], axis=1)[:, 0]).max(axis=-1)
         twist = np.abs(np.diff(loads.twist_Nm[:, limb], axis=1)[:, 0])

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, rotation_about_z, turned, turned_by, turned_constant
+from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z, turned, turned_by
 from crux_planner.checker.kinematics import LimbMotion
 from crux_planner.checker.limb_model import Limb, Link
 from crux_planner.checker.sampling import Samples
@@ -33,7 +32,7 @@ class Part:
     rotation: Array | None = None
     on_body: bool = False  # it turns on the body by its first joint
 
-    def at(self, some: NDArray[np.int_]) -> Part:
+    def at(self, some: Indices) -> Part:
         """The part at some of the samples."""
         if len(some) == len(self.start):
             return self
@@ -56,7 +55,7 @@ class Part:
         return np.fmin.reduceat(low, first, axis=1), np.fmax.reduceat(high, first, axis=1)
 
     @cached_property
-    def moved(self) -> NDArray[np.bool_]:
+    def moved(self) -> Flags:
         """(T,) False where the part is exactly where it was one sample before: a gripper at rest."""
         moved = np.ones(len(self.start), dtype=bool)
         if self.kind not in ("finger", "palm"):
@@ -83,9 +82,9 @@ def limb_parts(samples: Samples, limb: Limb, index: int, motion: LimbMotion, pad
             offset = slide.origin_m + samples.opening[:, index, None] * (slide.rotation @ slide.axis)
             position, rotation = gripper + turned(hand, offset), turned_by(hand, slide.rotation)
         kind = "finger" if finger else "palm"
-        parts += _shapes(kind, link, position, rotation, finger)
+        parts += shapes(kind, link, position, rotation, finger)
         if finger:
-            pad = position + turned_constant(rotation, pad_radius_m * slide.axis)
+            pad = position + turned(rotation, pad_radius_m * slide.axis)
             following = np.concatenate([pad[1:], pad[-1:]])
             parts.append(Part(kind, finger, pad, following, pad_radius_m))
     return parts
@@ -98,23 +97,18 @@ def _link_parts(samples: Samples, link: Link, motion: LimbMotion, *, on_body: bo
     position = samples.body_position + turned(samples.rotation, motion.state.link_position_m[link.name])
     position[~motion.reached] = np.nan  # nowhere: reported as out of reach already
     rotation = np.einsum("nij,njk->ikn", samples.rotation, motion.state.link_rotation[link.name]).transpose(2, 0, 1)
-    return _shapes("link", link, position, rotation, on_body=on_body)
+    return shapes("link", link, position, rotation, on_body=on_body)
 
 
-def body_parts(samples: Samples, body: Link) -> list[Part]:
-    """The body's boxes and capsules."""
-    return _shapes("body", body, samples.body_position, samples.rotation)
-
-
-def _shapes(
+def shapes(
     kind: str, link: Link, position: Array, rotation: Array, finger: int | None = None, *, on_body: bool = False
 ) -> list[Part]:
     """A link's capsules and boxes where the link is."""
     parts = []
     for capsule in link.capsules:
-        start, end = (position + turned_constant(rotation, point) for point in (capsule.start_m, capsule.end_m))
+        start, end = (position + turned(rotation, point) for point in (capsule.start_m, capsule.end_m))
         parts.append(Part(kind, finger, start, end, capsule.radius_m, on_body=on_body))
     for box in link.boxes:
-        centre = position + turned_constant(rotation, box.centre_m)
+        centre = position + turned(rotation, box.centre_m)
         parts.append(Part(kind, finger, centre, centre, 0.0, box.half_m, turned_by(rotation, box.rotation), on_body))
     return parts

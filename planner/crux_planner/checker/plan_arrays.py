@@ -5,9 +5,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from crux_planner.checker.geometry import Array, rotation_about_z
+from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
 from crux_planner.checker.report import Findings
 
 STANCE, AIR = 0, 1
@@ -23,12 +22,12 @@ class Cuboids:
     """Holds and obstacles, shapes (H, ...); friction and spines by face: +x, -x, +y, -y, top."""
 
     names: tuple[str, ...]
-    graspable: NDArray[np.bool_]
+    graspable: Flags
     foot_w_m: Array
     size_m: Array
     yaw_rad: Array
     friction: Array
-    spines: NDArray[np.bool_]
+    spines: Flags
 
     @cached_property
     def centre_w_m(self) -> Array:
@@ -61,9 +60,9 @@ class PlanArrays:
     body_rpy: Array
     body_velocity: Array
     body_rate: Array
-    phase: NDArray[np.int_]
-    hold: NDArray[np.int_]
-    finger1_face: NDArray[np.int_]
+    phase: Indices
+    hold: Indices
+    finger1_face: Indices
     friction: Array
     gripper_position: Array
     gripper_yaw: Array
@@ -78,7 +77,7 @@ class PlanArrays:
         return len(self.time_s)
 
     @cached_property
-    def stance(self) -> NDArray[np.bool_]:
+    def stance(self) -> Flags:
         """(K, 4)."""
         return np.asarray(self.phase == STANCE)
 
@@ -94,18 +93,18 @@ class PlanArrays:
         return np.stack([self.gripper_position + half, self.gripper_position - half], axis=2)
 
     @cached_property
-    def gripped(self) -> NDArray[np.bool_]:
+    def gripped(self) -> Flags:
         """(K, 4): in stance on a hold that exists, by faces that exist."""
         exists = (self.hold >= 0) & (self.hold < len(self.cuboids.names))
         return np.asarray(self.stance & exists & (self.finger1_face >= 0) & (self.finger1_face < 4))
 
     @cached_property
-    def gripped_hold(self) -> NDArray[np.int_]:
+    def gripped_hold(self) -> Indices:
         """(K, 4): the hold where `gripped`, -1 elsewhere."""
         return np.where(self.gripped, self.hold, -1)
 
     @cached_property
-    def hold_before(self) -> NDArray[np.int_]:
+    def hold_before(self) -> Indices:
         """(K, 4): the hold gripped at the knot before; at the first, that between whose faces a gripper stands in the
         air; -1 where there is none.
         """
@@ -118,7 +117,7 @@ class PlanArrays:
         return np.concatenate([first, self.gripped_hold[:-1]])
 
     @cached_property
-    def on_wall(self) -> NDArray[np.bool_]:
+    def on_wall(self) -> Flags:
         """(K, 4): in stance on the wall itself (point contact)."""
         return np.asarray(self.stance & (self.finger1_face == FACE_WALL))
 
@@ -128,7 +127,7 @@ class PlanArrays:
         return bool((self.on_wall | ~self.stance).all())
 
     @cached_property
-    def faces(self) -> NDArray[np.int_]:
+    def faces(self) -> Indices:
         """Faces under fingers 1 and 2, (K, 4, 2); +x opposite -x, +y opposite -y; wall for both; 0 where none."""
         first = np.where(self.gripped, self.finger1_face, 0)
         second = first ^ 1
@@ -156,27 +155,18 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
     limbs = [limb for knot in plan.knots for limb in knot.limbs]
     shape = (plan.n_knots, N_LIMBS)
 
-    def of_knots(name: str) -> Array:
-        return np.array([getattr(knot, name) for knot in plan.knots], dtype=float)
-
-    def of_limbs(name: str, *tail: int) -> Array:
-        return np.array([getattr(limb, name) for limb in limbs], dtype=float).reshape(*shape, *tail)
-
-    def of_limbs_int(name: str) -> NDArray[np.int_]:
-        return np.array([getattr(limb, name) for limb in limbs], dtype=int).reshape(shape)
-
-    def of_holds(name: str, *tail: int) -> Array:
-        return np.array([getattr(hold, name) for hold in plan.holds], dtype=float).reshape(plan.n_holds, *tail)
+    def read(messages: Any, name: str, *shape: int, kind: type = float) -> Any:
+        return np.array([getattr(message, name) for message in messages], dtype=kind).reshape(shape)
 
     try:
         cuboids = Cuboids(
             tuple(hold.name for hold in plan.holds),
-            of_holds("graspable") != 0,
-            of_holds("position_w_m", 3),
-            of_holds("size_m", 3),
-            of_holds("yaw_rad"),
-            of_holds("friction", 5),
-            of_holds("spines", 5) != 0,
+            read(plan.holds, "graspable", plan.n_holds) != 0,
+            read(plan.holds, "position_w_m", plan.n_holds, 3),
+            read(plan.holds, "size_m", plan.n_holds, 3),
+            read(plan.holds, "yaw_rad", plan.n_holds),
+            read(plan.holds, "friction", plan.n_holds, 5),
+            read(plan.holds, "spines", plan.n_holds, 5) != 0,
         )
         arrays = PlanArrays(
             float(plan.dt_s),
@@ -185,20 +175,20 @@ def read_plan(plan: Any, findings: Findings) -> PlanArrays | None:
             float(plan.max_normal_n),
             float(plan.spine_shear_n),
             float(plan.spine_twist_nm),
-            of_knots("time_s"),
-            of_knots("body_position_w_m").reshape(-1, 3),
-            of_knots("body_rpy_rad").reshape(-1, 3),
-            of_knots("body_velocity_w_m_s").reshape(-1, 3),
-            of_knots("body_angular_velocity_b_rad_s").reshape(-1, 3),
-            of_limbs_int("phase"),
-            of_limbs_int("hold"),
-            of_limbs_int("finger1_face"),
-            of_limbs("friction"),
-            of_limbs("gripper_position_w_m", 3),
-            of_limbs("gripper_yaw_w_rad"),
-            of_limbs("finger_separation_m"),
-            of_limbs("finger_force_w_n", 2, 3),
-            of_limbs("finger_moment_w_nm", 2, 3),
+            read(plan.knots, "time_s", plan.n_knots),
+            read(plan.knots, "body_position_w_m", -1, 3),
+            read(plan.knots, "body_rpy_rad", -1, 3),
+            read(plan.knots, "body_velocity_w_m_s", -1, 3),
+            read(plan.knots, "body_angular_velocity_b_rad_s", -1, 3),
+            read(limbs, "phase", *shape, kind=int),
+            read(limbs, "hold", *shape, kind=int),
+            read(limbs, "finger1_face", *shape, kind=int),
+            read(limbs, "friction", *shape),
+            read(limbs, "gripper_position_w_m", *shape, 3),
+            read(limbs, "gripper_yaw_w_rad", *shape),
+            read(limbs, "finger_separation_m", *shape),
+            read(limbs, "finger_force_w_n", *shape, 2, 3),
+            read(limbs, "finger_moment_w_nm", *shape, 2, 3),
             cuboids,
         )
     except (TypeError, ValueError) as error:

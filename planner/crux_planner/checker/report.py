@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
-from numpy.typing import NDArray
 
 from crux_planner.checker import tolerances
+from crux_planner.checker.geometry import Array
 
 UNBOUNDED = 1e9
 """Stands for infinity, which JSON does not have."""
@@ -80,15 +80,9 @@ class CheckReport:
 
     def to_json(self) -> dict[str, Any]:
         """The object that `crux check --json` prints."""
-        return {
-            "ok": self.ok,
-            "violations": [asdict(v) for v in self.violations],
-            "worst": [asdict(v) for v in self.worst],
-            "min_margin": {"friction": self.friction_margin_N, "tumble_m": self.tumble_margin_m},
-            "joints": [asdict(j) for j in self.joints],
-            "largest_torque": asdict(self.largest_torque) if self.largest_torque else None,
-            "seconds": self.seconds,
-        }
+        found = asdict(self)
+        margin = {"friction": found.pop("friction_margin_N"), "tumble_m": found.pop("tumble_margin_m")}
+        return {"ok": self.ok, "min_margin": margin, **found}
 
 
 class Findings:
@@ -125,8 +119,8 @@ class Findings:
     def add_series(
         self,
         constraint: str,
-        amounts: NDArray[np.float64],
-        times_s: NDArray[np.float64],
+        amounts: Array,
+        times_s: Array,
         unit: str,
         *,
         tolerance: float | None = None,
@@ -157,7 +151,7 @@ class Findings:
         return [entry for _, entry in sorted(self._worst.values(), key=lambda pair: -pair[0])]
 
 
-def _first_of_the_worst(values: NDArray[np.float64]) -> int:
+def _first_of_the_worst(values: Array) -> int:
     """Values that rounding alone tells apart are equal: which is the largest would be the processor's choice."""
     worst = float(values.max())
     if not np.isfinite(worst):

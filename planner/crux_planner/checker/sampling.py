@@ -7,13 +7,10 @@ looks at some thousand moments, and must not inherit a misreading from the code 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crux_planner.checker.contact import Swing, swings
-from crux_planner.checker.geometry import Array, rotation_from_rpy
+from crux_planner.checker.geometry import Array, Indices, rotation_from_rpy
 from crux_planner.checker.plan_arrays import PlanArrays
-
-Indices = NDArray[np.int_]
 
 STANCE_SAMPLES = 12
 SWING_SAMPLES = 40
@@ -25,7 +22,7 @@ class Samples:
     """The reference at T moments; limbs on axis 1."""
 
     time_s: Array
-    interval: NDArray[np.int_]
+    interval: Indices
     body_position: Array
     body_rpy: Array
     rotation: Array
@@ -35,7 +32,7 @@ class Samples:
     force: Array
     moment: Array
     load: Array
-    own_hold: NDArray[np.int_]
+    own_hold: Indices
     """Hold between whose faces the fingers are while closed, opening or closing; -1 elsewhere."""
 
     @property
@@ -57,7 +54,7 @@ def smooth(x: Array) -> Array:
     return x * x * (3.0 - 2.0 * x)
 
 
-def pchip(step: float, values: Array, interval: NDArray[np.int_], share: Array) -> Array:
+def pchip(step: float, values: Array, interval: Indices, share: Array) -> Array:
     """Monotone piecewise cubic through evenly spaced knots (K, D) (Fritsch & Carlson 1980; one-sided three-point ends),
     at share (T,) of intervals (T,).
     """
@@ -91,7 +88,7 @@ def sample(plan: PlanArrays) -> Samples:
     return sample_at(plan, interval, share)
 
 
-def sample_at(plan: PlanArrays, interval: NDArray[np.int_], share: Array) -> Samples:
+def sample_at(plan: PlanArrays, interval: Indices, share: Array) -> Samples:
     """The reference at `share` (T,) in [0, 1] of the intervals `interval` (T,)."""
     k, u = interval, share
     pose = np.concatenate([plan.body_position, plan.body_rpy], axis=1)
@@ -142,7 +139,7 @@ def _swing(
         own[near, limb] = plan.gripped_hold[last + 1, limb]
 
 
-def _blend(plan: PlanArrays, k: NDArray[np.int_], u: Array) -> tuple[Array, Array]:
+def _blend(plan: PlanArrays, k: Indices, u: Array) -> tuple[Array, Array]:
     """Gripper forces and moments (T, 4, 3) by the blending rule of the wrenches."""
     arm = plan.finger_position - plan.gripper_position[:, :, None, :]
     about_centre = (np.cross(arm, plan.finger_force) + plan.finger_moment).sum(axis=2)

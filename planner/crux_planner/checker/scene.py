@@ -1,56 +1,15 @@
 """Whose plan this is: its hashes, the scenario inside, what that fixes, and that the plan's copies of it are true."""
 
 import hashlib
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import BodyPose, Hold, Scenario, ScenarioError, Uncertainty, parse_scenario
-from crux_contracts.scenario import Grasp as ScenarioGrasp
+from crux_contracts.scenario import Hold, Scenario, ScenarioError, parse_scenario
 
 from crux_planner.checker import tolerances
-from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """A hold (index into the plan's), its gripped faces, "x" or "y", and the face under finger 1 where it matters."""
-
-    hold: int
-    faces: str
-    finger1: str | None
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Start and goal of the scenario; grasps, feet and grippers in the air (x, y, z, yaw, opening) by limb index."""
-
-    start_position_m: Array
-    start_rpy_rad: Array
-    start_grasps: dict[int, Grasp]
-    start_feet_m: dict[int, Array]
-    start_air: dict[int, Array]
-    goal_position_m: Array
-    goal_rpy_rad: Array
-    goal_tolerance_m: float
-    goal_tolerance_rad: float
-    goal_grasps: dict[int, Grasp]
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What the checks take from the scenario beside the holds."""
-
-    point_model: bool
-    wall_friction: float
-    patch_radius_m: float
-    spines_only: dict[int, int]  # by limb, the finger (1 or 2) that must not press
-    ends: Ends
-    uncertainty: Uncertainty | None
 
 
 def check_identity(plan: Any, robot: Robot, findings: Findings) -> None:
@@ -75,37 +34,15 @@ def check_identity(plan: Any, robot: Robot, findings: Findings) -> None:
         findings.add(name, float(differs), "", detail=detail)
 
 
-def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scene | None:
-    """The scene of a crux_msgs.plan_t, its copies compared; None after reporting why its text cannot be used."""
+def read_scene(plan: Any, arrays: PlanArrays, findings: Findings) -> Scenario | None:
+    """The scenario of a crux_msgs.plan_t, its copies compared; None after reporting why its text cannot be used."""
     try:
         scenario = parse_scenario(plan.scenario_yaml, "the scenario in the plan")
     except ScenarioError as error:
         findings.add("scenario", 1.0, "", detail=str(error))
         return None
     findings.add("scenario", 0.0, "")
-    if not _compare(plan, arrays, scenario, findings):
-        return None
-    start, goal = scenario.start, scenario.goal
-    ends = Ends(
-        *_pose(start.body),
-        _grasps(scenario, start.grasps),
-        {LIMB_NAMES.index(name): np.array(xy) for name, xy in start.feet.items()},
-        {LIMB_NAMES.index(n): np.array([*g.position_m, g.yaw_rad, g.opening_m]) for n, g in start.air.items()},
-        *_pose(goal.body),
-        goal.tolerance_m,
-        goal.tolerance_rad,
-        _grasps(scenario, goal.grasps),
-    )
-    contact = scenario.contact
-    spines_only = {LIMB_NAMES.index(limb): finger for limb, finger in contact.spines_only.items()}
-    return Scene(
-        contact.model == "point",
-        scenario.wall.friction,
-        contact.patch_radius_m,
-        spines_only,
-        ends,
-        scenario.uncertainty,
-    )
+    return scenario if _compare(plan, arrays, scenario, findings) else None
 
 
 def _compare(plan: Any, arrays: PlanArrays, scenario: Scenario, findings: Findings) -> bool:
@@ -157,12 +94,3 @@ def _match(what: str, planned: Any, wanted: Any, findings: Findings) -> None:
     tolerance = tolerances.MATCH_REL * max(1.0, float(np.abs(b).max()))
     detail = f"{what} is {a.tolist()} in the plan, {b.tolist()} in the scenario" if off > tolerance else ""
     findings.add("scenario_match", off, "", tolerance=tolerance, detail=detail)
-
-
-def _pose(body: BodyPose) -> tuple[Array, Array]:
-    return np.array(body.position_m), np.array(body.rpy_rad)
-
-
-def _grasps(scenario: Scenario, grasps: dict[str, ScenarioGrasp]) -> dict[int, Grasp]:
-    held = {limb: Grasp(scenario.hold_index(g.hold), g.faces, g.finger1) for limb, g in grasps.items()}
-    return {LIMB_NAMES.index(limb): grasp for limb, grasp in held.items()}

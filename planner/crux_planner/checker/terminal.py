@@ -2,52 +2,57 @@
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario import BodyPose, Grasp, Scenario
 
 from crux_planner.checker.geometry import Array, rotation_from_rpy, rotation_vector
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
-from crux_planner.checker.scene import Ends, Grasp
 
 
-def check_ends(plan: PlanArrays, ends: Ends, findings: Findings) -> None:
+def check_ends(plan: PlanArrays, scenario: Scenario, findings: Findings) -> None:
     """The start is met exactly, at rest; the goal within its tolerances (distance and angle of the one rotation)."""
+    start, goal = scenario.start, scenario.goal
     first, last = plan.time_s[0], plan.time_s[-1]
-    off = float(np.linalg.norm(plan.body_position[0] - ends.start_position_m))
+    off = float(np.linalg.norm(plan.body_position[0] - start.body.position_m))
     findings.add("start_position", off, "m", time_s=first)
-    turned = _angle(plan.body_rpy[0], ends.start_rpy_rad)
+    turned = _angle(plan.body_rpy[0], start.body)
     findings.add("start_orientation", turned, "rad", time_s=first)
     moving = float(np.abs(np.concatenate([plan.body_velocity[0], plan.body_rate[0]])).max())
     findings.add("start_at_rest", moving, "m/s or rad/s", time_s=first)
-    for limb, xy in ends.start_feet_m.items():
+    for name, xy in start.feet.items():
+        limb = LIMB_NAMES.index(name)
         away = float(np.linalg.norm(plan.gripper_position[0, limb, :2] - xy)) if plan.stance[0, limb] else 1.0
         findings.add("start_grasp", away, "m", limb=limb, time_s=first)
-    _check_grasps("start_grasp", plan, 0, ends.start_grasps, findings)
-    for limb, gripper in ends.start_air.items():
-        detail = f"{LIMB_NAMES[limb]} should be in the air" if plan.stance[0, limb] else ""
+    _check_grasps("start_grasp", plan, 0, start.grasps, findings)
+    for name, gripper in start.air.items():
+        limb = LIMB_NAMES.index(name)
+        detail = f"{name} should be in the air" if plan.stance[0, limb] else ""
         here = np.append(plan.gripper_position[0, limb], plan.separation[0, limb] / 2)
-        away = 1.0 if detail else float(np.abs(here - gripper[[0, 1, 2, 4]]).max())
+        away = 1.0 if detail else float(np.abs(here - [*gripper.position_m, gripper.opening_m]).max())
         findings.add("start_air", away, "m", limb=limb, time_s=first, detail=detail)
-        findings.add("start_air", abs(plan.gripper_yaw[0, limb] - gripper[3]), "rad", limb=limb, time_s=first)
+        findings.add("start_air", abs(plan.gripper_yaw[0, limb] - gripper.yaw_rad), "rad", limb=limb, time_s=first)
 
-    off = float(np.linalg.norm(plan.body_position[-1] - ends.goal_position_m))
-    findings.add("goal_position", off - ends.goal_tolerance_m, "m", time_s=last)
-    turned = _angle(plan.body_rpy[-1], ends.goal_rpy_rad)
-    findings.add("goal_orientation", turned - ends.goal_tolerance_rad, "rad", time_s=last)
-    _check_grasps("goal_grasp", plan, -1, ends.goal_grasps, findings)
+    off = float(np.linalg.norm(plan.body_position[-1] - goal.body.position_m))
+    findings.add("goal_position", off - goal.tolerance_m, "m", time_s=last)
+    turned = _angle(plan.body_rpy[-1], goal.body)
+    findings.add("goal_orientation", turned - goal.tolerance_rad, "rad", time_s=last)
+    _check_grasps("goal_grasp", plan, -1, goal.grasps, findings)
 
 
-def _check_grasps(name: str, plan: PlanArrays, knot: int, grasps: dict[int, Grasp], findings: Findings) -> None:
-    for limb, grasp in grasps.items():
+def _check_grasps(constraint: str, plan: PlanArrays, knot: int, grasps: dict[str, Grasp], findings: Findings) -> None:
+    for name, grasp in grasps.items():
+        limb = LIMB_NAMES.index(name)
         hold, face = int(plan.hold[knot, limb]), int(plan.finger1_face[knot, limb])
         under = {0: "+x", 1: "-x", 2: "+y", 3: "-y"}.get(face, "")
-        met = plan.gripped[knot, limb] and hold == grasp.hold and under[1:] == grasp.faces
-        wanted = f"{plan.cuboids.names[grasp.hold]!r} by faces {grasp.faces}"
+        met = plan.gripped[knot, limb] and plan.cuboids.names[hold] == grasp.hold and under[1:] == grasp.faces
+        wanted = f"{grasp.hold!r} by faces {grasp.faces}"
         if grasp.finger1 is not None:
             met = met and under == grasp.finger1
             wanted += f", finger 1 on {grasp.finger1}"
-        detail = "" if met else f"{LIMB_NAMES[limb]} should grip {wanted}, not hold {hold} by face {face}"
-        findings.add(name, 0.0 if met else 1.0, "", limb=limb, time_s=float(plan.time_s[knot]), detail=detail)
+        detail = "" if met else f"{name} should grip {wanted}, not hold {hold} by face {face}"
+        findings.add(constraint, 0.0 if met else 1.0, "", limb=limb, time_s=float(plan.time_s[knot]), detail=detail)
 
 
-def _angle(rpy: Array, other: Array) -> float:
-    return float(np.linalg.norm(rotation_vector(rotation_from_rpy(rpy).T @ rotation_from_rpy(other))))
+def _angle(rpy: Array, wanted: BodyPose) -> float:
+    other = rotation_from_rpy(np.array(wanted.rpy_rad))
+    return float(np.linalg.norm(rotation_vector(rotation_from_rpy(rpy).T @ other)))

@@ -7,45 +7,46 @@ forces: corners are those of the box that holds all moments which that and the c
 may be beyond what can happen.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Uncertainty
+from crux_contracts.scenario import Scenario, Uncertainty
 
 from crux_planner.checker.dynamics import centre_of_mass
 from crux_planner.checker.equilibrium import corrected_wrenches
-from crux_planner.checker.geometry import Array, turned_back
-from crux_planner.checker.kinematics import LimbMotion, check_kinematics
+from crux_planner.checker.geometry import Array
+from crux_planner.checker.kinematics import LimbMotion, check_kinematics, held_torque
 from crux_planner.checker.limb_model import WholeRobot, load_model
-from crux_planner.checker.limit_surface import FingerLoads, cone_excess
+from crux_planner.checker.limit_surface import FingerLoads
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import Samples, sample_at
-from crux_planner.checker.scene import Scene
 
 WHOLE = 0.45  # of an interval: wrenches of the knot before have blended out, those of the next not begun
 _REACH = ("inverse_kinematics", "inverse_kinematics_orientation", "joint_position")
 
 
-def check_uncertainty(plan: PlanArrays, scene: Scene, loads: FingerLoads, robot: Robot, findings: Findings) -> None:
+def check_uncertainty(
+    plan: PlanArrays, scenario: Scenario, loads: FingerLoads, robot: Robot, findings: Findings
+) -> None:
     """Limit surface, joint torques and reach at every corner; what is beyond is a violation with `uncertain` in its
     name.
     """
-    known = scene.uncertainty
+    known = scenario.uncertainty
     assert known is not None
     model, continuous_Nm = load_model(robot), np.array(robot.servo.continuous_torque_Nm)
     samples = sample_at(plan, np.arange(plan.n_knots - 1), np.full(plan.n_knots - 1, WHOLE))
     motions, _ = check_kinematics(samples, model, plan.gravity_w, continuous_Nm, Findings())
     centre = centre_of_mass(samples, model, [motion.state for motion in motions])
-    surface, torque = np.full((2, 4, len(samples.time_s)), -np.inf), _no_torques(model, samples)
+    surface = np.full((2, 4, len(samples.time_s)), -np.inf)
+    torque = [np.full((len(samples.time_s), len(limb.joints)), -np.inf) for limb in model.limbs]
     for force, moment in _corners(samples, centre, known, model.mass_kg, robot.control.twist_length_m):
         shared = replace(samples, force=force, moment=moment)
         for turned_rad in {known.hold_yaw_rad, -known.hold_yaw_rad}:
-            surface = np.maximum(surface, _surface_excess(plan, scene, loads, samples, shared, turned_rad))
+            surface = np.maximum(surface, _surface_excess(plan, scenario, loads, samples, shared, turned_rad))
         for limb, worst in enumerate(torque):
             np.maximum(worst, _torque_excess(model, limb, motions[limb], shared, plan.gravity_w), out=worst)
     bears = samples.load.T > 0.0
@@ -80,12 +81,12 @@ def _corners(
 
 
 def _surface_excess(
-    plan: PlanArrays, scene: Scene, loads: FingerLoads, planned: Samples, shared: Samples, turned_rad: float
+    plan: PlanArrays, scenario: Scenario, loads: FingerLoads, planned: Samples, shared: Samples, turned_rad: float
 ) -> Array:
     """(2, 4, T) [N] by which each finger's wrench is beyond the limit surface of its face with the least friction, with
     the planned squeeze, on holds that are turned by `turned_rad`.
     """
-    known, knots = scene.uncertainty, planned.interval
+    known, knots = scenario.uncertainty, planned.interval
     assert known is not None
     yaw = planned.gripper_yaw + turned_rad
     axis = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=-1)
@@ -94,35 +95,23 @@ def _surface_excess(
     twist = 0.5 * (shared.moment * axis).sum(axis=-1)
     pull = (shared.force * axis).sum(axis=-1) - (planned.force * planned.opening_axis).sum(axis=-1)
     shares = np.full((2, 4, 1), 0.5)
-    for limb, finger in scene.spines_only.items():
+    for name, finger in scenario.contact.spines_only.items():
+        limb = LIMB_NAMES.index(name)
         shares[:, limb] = 1.0
         shares[finger - 1, limb] = 0.0
     excess = np.empty((2, *pull.T.shape))
     for finger, sign in ((0, 1.0), (1, -1.0)):
         normal = loads.normal_N[knots, :, finger] + sign * shares[finger].T * pull
-        beyond = cone_excess(
-            shear,
-            twist,
-            normal,
-            friction=(1.0 - known.friction) * loads.friction[knots, :, finger],
-            patch_k_m=plan.patch_k_m,
-            spine_shear_N=loads.spine_shear_N[knots, :, finger],
-            spine_twist_Nm=loads.spine_twist_Nm[knots, :, finger],
-        )
+        at = (knots, slice(None), finger)
+        beyond = loads.excess(shear, twist, normal, at, plan.patch_k_m, 1.0 - known.friction)
         excess[finger] = np.maximum(beyond, np.maximum(-normal, normal - plan.max_normal_N)).T
     return excess
-
-
-def _no_torques(model: WholeRobot, samples: Samples) -> list[Array]:
-    return [np.full((len(samples.time_s), len(limb.joints)), -np.inf) for limb in model.limbs]
 
 
 def _torque_excess(model: WholeRobot, index: int, motion: LimbMotion, shared: Samples, gravity_w: Array) -> Array:
     """(T, J) [N m] by which the joints of a limb are asked for more than they can give."""
     limb = model.limbs[index]
-    wrench_b = [turned_back(shared.rotation, part[:, index]) for part in (shared.force, shared.moment)]
-    torque = limb.gravity_torque(motion.state, turned_back(shared.rotation, gravity_w))
-    torque = torque + limb.contact_torque(motion.state, *wrench_b)
+    torque = held_torque(limb, motion.state, shared, index, gravity_w)
     beyond = np.abs(torque) - np.array([joint.effort for joint in limb.joints])
     return np.where(motion.reached[:, None], beyond, -np.inf)
 

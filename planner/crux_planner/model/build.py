@@ -31,7 +31,7 @@ from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
 from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
-from crux_planner.model.shapes import limb_shape
+from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
 PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tall cuboids: twice the tracking error
@@ -96,7 +96,7 @@ def build_problem(
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         body_moment_kg_m=body_moment(robot),
-        limb_shape=limb_shape(robot),
+        limb_radii_m=limb_radii_m(robot),
         torque_limits_Nm=(1.0 - margins.get("torque", TORQUE_MARGIN)) * effort,
         last_torques_Nm=(1.0 - margins.get("torque", LEAST_TORQUE_MARGIN)) * effort,
         heading_rad=heading,
@@ -107,7 +107,7 @@ def build_problem(
 
 def reach_of(robot: Robot, tilt_rad: float) -> LimbReach:
     """(9a) for tilts up to `tilt_rad` and every gripper yaw, from the pads' least height on a hold to the highest
-    swing; the outer set for all tilts. Raises WorkspaceError where limbs do not reach so with the body that tilted.
+    swing; the outer set for all tilts. Raises InfeasibleError where limbs do not reach so with the body that tilted.
     """
     grasp = robot.grasp
     wanted = WorkspaceRange(

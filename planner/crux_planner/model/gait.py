@@ -101,19 +101,6 @@ class WalkMotion:
         return WalkMotion(self.gait, *((one + two) / 2 for one, two in both))
 
 
-def straight_motion(problem: WalkProblem, gait: Gait, body: Array | None = None) -> WalkMotion:
-    """Straight to the goal in the time of the steps, or as `body` is, the weight shared by the feet in stance."""
-    stance = gait.stance[: problem.steps]
-    shares = stance / np.maximum(stance.sum(axis=1, keepdims=True), 1)
-    forces = shares[..., None] * (-problem.mass_kg * problem.gravity_w)
-    if body is None:
-        way = np.interp(np.arange(problem.steps + 1), *progress(problem, gait))
-        pose = np.concatenate([problem.start.position_m, problem.start.rpy_rad])
-        there = np.concatenate([problem.goal.body.position_m, problem.goal.body.rpy_rad])
-        body = np.pad(pose + way[:, None] * (there - pose), ((0, 0), (0, 6)))
-    return WalkMotion(gait, body, forces, nominal_footholds(problem, gait))
-
-
 def longest_step(problem: WalkProblem, step: Step) -> float:
     """How long a step may be [m] for the foot's mean speed over every interval."""
     way, lift = (np.abs(np.diff(shares)) for shares in step.shares())

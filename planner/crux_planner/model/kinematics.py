@@ -31,26 +31,6 @@ def rotation_from_rpy(rpy_rad: Array) -> Array:
     )
 
 
-def forward(limb: Limb, q_rad: Array) -> tuple[Array, Array]:
-    """Gripper position (..., 3) and rotation (..., 3, 3) in the body frame for joint angles (..., 6)."""
-    q = np.asarray(q_rad, dtype=float)
-    azimuth = q[..., 0] + limb.mount_rad
-    elevation = q[..., 1] - q[..., 2]
-    radius = limb.upper_link_m * np.cos(q[..., 1]) + limb.lower_link_m * np.cos(elevation)
-    height = limb.upper_link_m * np.sin(q[..., 1]) + limb.lower_link_m * np.sin(elevation)
-    wrist = limb.shoulder_b_m + np.stack([np.cos(azimuth) * radius, np.sin(azimuth) * radius, height], axis=-1)
-    s4, c4, s5, c5 = np.sin(q[..., 3]), np.cos(q[..., 3]), np.sin(q[..., 4]), np.cos(q[..., 4])
-    yaw = q[..., 5] + limb.gripper_mount_rad
-    s6, c6 = np.sin(yaw), np.cos(yaw)
-    hand = _matrix(
-        (c4 * c6 + s4 * s5 * s6, -c4 * s6 + s4 * s5 * c6, s4 * c5),
-        (c5 * s6, c5 * c6, -s5),
-        (-s4 * c6 + c4 * s5 * s6, s4 * s6 + c4 * s5 * c6, c4 * c5),
-    )
-    rotation = _forearm_rotation(azimuth, elevation) @ hand
-    return wrist - limb.wrist_to_gripper_m * rotation[..., :, 2], rotation
-
-
 def inverse(limb: Limb, position_b_m: Array, rotation_b: Array) -> tuple[Array, Flags]:
     """Joint angles (..., 6), elbow up and wrist unflipped, and whether the pose is within the links' reach (...).
 

@@ -1,9 +1,7 @@
 """Composite inertia and centre of mass of the whole robot: from its description, or from poses of body and grippers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -12,10 +10,8 @@ from crux_contracts.urdf import Joint, Link
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import NUMBERS, LimbMasses, PlacedLimb, Vector, in_reach, placed
-
-if TYPE_CHECKING:
-    from crux_planner.model.problem import CentroidalProblem, Problem
-    from crux_planner.model.workspace import Reach
+from crux_planner.model.problem import CentroidalProblem, Problem
+from crux_planner.model.workspace import Reach
 
 _GRID, _TILTS = 13, 5  # points along each edge of a box, and of tilts about each axis
 _FIT = 5  # the same, where a straight line is laid through them

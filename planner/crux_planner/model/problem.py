@@ -6,22 +6,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from crux_contracts.scenario import Uncertainty
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
+from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_z
+from crux_planner.model.limb import LimbMasses
 from crux_planner.model.schedule import SpeedLimits, Stance
-
-if TYPE_CHECKING:
-    from crux_contracts.scenario import Uncertainty
-
-    from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
-    from crux_planner.model.cuboids import Cuboids
-    from crux_planner.model.limb import LimbMasses
-    from crux_planner.model.shapes import LimbShape
-    from crux_planner.model.workspace import LimbReach, Reach
+from crux_planner.model.workspace import LimbReach, Reach
 
 BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
 _GOAL_SHARE = 0.9  # of the goal's tolerance that a plan may use up
@@ -140,7 +135,7 @@ class Problem(CentroidalProblem):
     shape: GripperShape
     swing: SwingLimits
     friction_share: float  # of the limit surface that a plan may use
-    limb_shape: LimbShape
+    limb_radii_m: tuple[float, ...]  # of model.shapes
     torque_limits_Nm: Array  # (4, 6) peak torques, less the margin
     last_torques_Nm: Array  # (4, 6) where that leaves no solution: peak torques, less the least margin
     limit_surface: str = "cone"  # of the exact NLP: cone, inner or paper (physics.limit_surface)
@@ -173,14 +168,19 @@ class Problem(CentroidalProblem):
     def sure_of(self, known: Uncertainty) -> Problem:
         """The same with rows as much tighter as friction, mass and the places of holds are uncertain.
 
-        What a mass that is elsewhere asks for depends on the plan: the check says it, and `surface_reserve_N` grows.
+        Of each face the least friction is planned with, and told to the robot, whose own reserve of squeeze counts from
+        there. What a mass that is elsewhere asks for depends on the plan: the check says it, and `surface_reserve_N`
+        grows.
         """
         heavier, reach, off_m = 1.0 + known.mass_kg / self.mass_kg, self.limb_reach, known.hold_position_m
+        swing, aside_m = self.swing, 2**0.5 * off_m
+        clear_m = {name: getattr(swing, name) + aside_m for name in ("clearance_m", "body_clearance_m")}
         return replace(
             self,
+            swing=replace(swing, **clear_m),
             boxes=self.boxes.less(off_m),
             limb_reach=replace(reach, box=reach.box.less(off_m), inner=reach.inner.less(off_m)),
-            friction_share=(1.0 - known.friction) * self.friction_share,
+            contacts=[replace(c, friction=(1.0 - known.friction) * c.friction) for c in self.contacts],
             torque_limits_Nm=self.torque_limits_Nm / heavier,
             last_torques_Nm=self.last_torques_Nm / heavier,
             nominal=self,

@@ -7,18 +7,10 @@ from crux_contracts.robot import Robot
 from crux_contracts.urdf import link_shapes
 
 
-@dataclass(frozen=True)
-class LimbShape:
-    """Radii [m] of a limb as a ball, its shoulder, and three capsules: to elbow, to wrist, to palm."""
-
-    shoulder: float
-    upper: float
-    lower: float
-    hand: float
-
-
-def limb_shape(robot: Robot) -> LimbShape:
-    """Of the thickest limb; a link without a cylinder counts as a line."""
+def limb_radii_m(robot: Robot) -> tuple[float, ...]:
+    """Of a limb as a ball, its shoulder, and three capsules: to elbow, to wrist, to palm. Of the thickest limb; a link
+    without a cylinder counts as a line.
+    """
     links = {link.get("name"): link for link in ET.parse(robot.urdf_path).getroot().iter("link")}
 
     def radius(joints: slice) -> float:
@@ -31,7 +23,7 @@ def limb_shape(robot: Robot) -> LimbShape:
         ]
         return max(found, default=0.0)
 
-    return LimbShape(radius(slice(0, 1)), radius(slice(1, 2)), radius(slice(2, 3)), radius(slice(3, 6)))
+    return tuple(radius(slice(*joints)) for joints in ((0, 1), (1, 2), (2, 3), (3, 6)))
 
 
 @dataclass(frozen=True)

@@ -168,24 +168,21 @@ class Strides:
         """Every order of the feet, each stepping `rounds` times. Raises InfeasibleError where time is too short."""
         if rounds == 0:
             return [Slots(((), (), (), ()))]
-        found = [self._laid_out(order * rounds) for order in itertools.permutations(range(4))]
-        if found[0] is None:
+        found = [slots for order in itertools.permutations(range(4)) for slots in self.in_order(order * rounds)]
+        if not found:
             n, least = self.problem.steps, self._least_knots([0, 1, 2, 3] * rounds)
             text = f"horizon.steps: {4 * rounds} steps of the feet need at least {least} knots, there are {n}"
             raise InfeasibleError("horizon", text)
-        return [slots for slots in found if slots is not None]
+        return found
 
-    def in_order(self, order: list[int]) -> list[Slots]:
-        """The steps in an order, evenly in time; none where time is too short."""
-        slots = self._laid_out(order)
-        return [] if slots is None else [slots]
-
-    def _laid_out(self, order: Sequence[int]) -> Slots | None:
-        """Steps one after the other, as short as they may be, with some space between them."""
+    def in_order(self, order: Sequence[int]) -> list[Slots]:
+        """Steps one after the other, as short as they may be, with some space between them; none where time is too
+        short.
+        """
         airs = [self._least_air(limb, max(list(order).count(limb), 1)) for limb in range(4)]
         spare = self.problem.steps - self._least_knots(order)
         if spare < 0:
-            return None
+            return []
         gap = min(_MORE_GAP, spare // (len(order) + 1))
         lead = min(_MORE_LEAD, (spare - gap * (len(order) - 1)) // 2)
         slots: list[list[Slot]] = [[], [], [], []]
@@ -193,7 +190,7 @@ class Strides:
         for limb in order:
             slots[limb].append((k, k + airs[limb]))
             k += airs[limb] + LEAST_GAP + gap
-        return Slots(tuple(tuple(each) for each in slots))
+        return [Slots(tuple(tuple(each) for each in slots))]
 
     def _least_knots(self, order: Sequence[int]) -> int:
         airs = [self._least_air(limb, list(order).count(limb)) for limb in order]

@@ -9,6 +9,13 @@ same heights and in plan view contains that rectangle and as much of the set as 
 directions can. Plans keep to one of these two. The outer polytope contains every place of the wrist above a gripper
 that grips, whatever its yaw and the body's tilt, up to the joint limits themselves: proofs and bounds are about it. The
 wrist is at about the body's own height, so a tilt hardly moves it along the wall.
+
+The inner sets are one for all body heights, pad heights and gripper yaws of the robot's ranges, and for all tilts up to
+that of start and goal: there are no bins of these. Yaw is looked at in the middle and at both ends of its range, tilt
+at its corners, places every 10 mm; the margin to the joints' limits covers what is between. What that leaves out, of a
+limb of `scaler` in plan view: in 1824 cm2 a level body at 0.185 m can grip at yaw 0 and lift by 0.1 m; 1659 hold for
+all heights, a tilt of 3.4 degrees and yaws within 20 degrees, 1045 for all yaws; 716 are in the convex polytope, 450
+in the box.
 """
 
 from __future__ import annotations
@@ -40,13 +47,6 @@ _KINDS = ("box", "inner", "outer")  # in the file that keeps them, with
 _PARTS = ("directions", "middle_m", "extent_m", "max_tilt_rad", "above_m")
 LEVEL_RAD = 0.06  # how far a body tilts on its way between poses that are level
 _TILT_STEP_RAD = 0.02  # between the tilts that sets are computed for
-
-
-class WorkspaceError(InfeasibleError):
-    """The limbs leave no acceptance box for the asked range of heights, tilt and yaw."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__("reach", message)
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,10 @@ class LimbReach:
 
 
 def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
-    """Of limbs that are mirror images of one another; what was computed before is read from ~/.cache/crux/reach."""
+    """Of limbs that are mirror images of one another; what was computed before is read from ~/.cache/crux/reach.
+
+    Raises InfeasibleError where the limbs leave no acceptance box for the asked range of heights, tilt and yaw.
+    """
     shape = [[v for k, v in sorted(vars(limb).items()) if k != "joints"] for limb in limbs]
     limits = [[limb.lower_rad, limb.upper_rad] for limb in limbs]
     source = Path(__file__).read_bytes() + Path(kinematics.__file__).read_bytes()
@@ -171,7 +174,7 @@ def acceptance_boxes(limbs: Sequence[Limb], wanted: WorkspaceRange) -> Reach:
     for limb, middle in zip(limbs[1:], boxes.centre_b_m[1:], strict=True):
         if not reachable(limb, middle + corners * half, wanted).all():
             text = "the limbs are not mirror images of the first one, their acceptance boxes would differ"
-            raise WorkspaceError(text)
+            raise InfeasibleError("reach", text)
     return boxes
 
 
@@ -307,13 +310,14 @@ def _largest_box(limb: Limb, wanted: WorkspaceRange) -> tuple[Array, Array]:
     area, (i0, i1, j0, j1) = largest_rectangle(inside_up_to[:, :, level])
     if area == 0:
         tilt = f"tilts of the body up to {np.degrees(wanted.max_tilt_rad):.1f} degrees"
-        raise WorkspaceError(f"no acceptance box: the limb cannot grasp and lift at all heights of the body and {tilt}")
+        text = f"no acceptance box: the limb cannot grasp and lift at all heights of the body and {tilt}"
+        raise InfeasibleError("reach", text)
     while level + 1 < len(z) and inside_up_to[i0 : i1 + 1, j0 : j1 + 1, level + 1].all():
         level += 1
     inner, outer = np.array([x[i0], y[j0]]) * quadrant, np.array([x[i1], y[j1]]) * quadrant
     low, high = np.append(np.minimum(inner, outer), z[0]), np.append(np.maximum(inner, outer), z[level])
     if ((high - low) / 2 < _SMALLEST_HALF_M).any():
-        raise WorkspaceError(f"the limb's acceptance box would be only {high - low} m large")
+        raise InfeasibleError("reach", f"the limb's acceptance box would be only {high - low} m large")
     return low, high
 
 

@@ -3,19 +3,15 @@
 Bounds of body positions are along the directions of that reach, x, y and z first: three numbers for boxes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.problem import Problem
+from crux_planner.model.workspace import Reach
 from crux_planner.physics.dynamics import rotation
-
-if TYPE_CHECKING:
-    from crux_planner.model.problem import Problem
-    from crux_planner.model.workspace import Reach
 
 
 def offset_in_body(r: Any, theta: Any, gripper: Any) -> Any:
@@ -27,11 +23,6 @@ def body_positions(grippers: Array, reach: Reach) -> tuple[Array, Array]:
     """Bounds (..., 4, m) of the body position for which a level, unturned body has grippers (..., 4, 3) in reach."""
     along = grippers @ reach.directions.T
     return along - reach.middle_m - reach.extent_m, along - reach.middle_m + reach.extent_m
-
-
-def spread(reach: Reach) -> Array:
-    """(m,) how far a cube of half edge 1 goes along each direction."""
-    return np.asarray(np.abs(reach.directions).sum(axis=1))
 
 
 def between(problem: Problem, reserve_m: float) -> Reach:

@@ -7,7 +7,7 @@ import numpy as np
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem, turned_problem
 from crux_planner.model.schedule import Stance
-from crux_planner.physics.reach import between, body_positions, spread, turned
+from crux_planner.physics.reach import between, body_positions, turned
 
 REACH_RESERVE_M = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
 
@@ -24,7 +24,7 @@ class ReachableSet:
         self._turned: dict[float, ReachableSet] = {0.0: self}
         reserve, fixed = problem.reach_reserve_m, fixed or problem.turns
         self.shape = turned(problem.boxes, 0.0, reserve) if fixed else between(problem, reserve)
-        self._spread = spread(problem.boxes)
+        self._spread: Array = np.abs(problem.boxes.directions).sum(axis=1)  # of a cube of half edge 1
         centres = np.stack([c.centre_w_m for c in problem.contacts])
         bounds = body_positions(centres[:, None], self.shape)
         self.low, self.high = (np.ascontiguousarray(b.swapaxes(0, 1)) for b in bounds)  # (4, C, m)

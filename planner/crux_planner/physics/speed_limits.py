@@ -5,20 +5,14 @@ in one interval. For grips that carry no shear at all this is foreseen; else it 
 is kept per set of contacts, so that other sequences over the same stances know it too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crux_planner.model.arrays import Array
+from crux_planner.model.contacts import Contact
 from crux_planner.model.schedule import Contacts, SpeedLimits
 from crux_planner.solvers.sparse_blocks import skews
-
-if TYPE_CHECKING:
-    from crux_planner.model.contacts import Contact
-
 
 WANTED_N = 0.3  # of excess at most; the check forgives a little more
 

@@ -5,8 +5,6 @@ The centre of mass of a level body is taken as linear in the places of its origi
 axis.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from crux_planner.model.arrays import Array

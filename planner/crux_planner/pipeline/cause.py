@@ -1,15 +1,16 @@
 """Why there is no plan: the constraint whose relaxation gives one, tried before it is said, with the least amount.
 
-A longer horizon is tried first, with everything that planning has. Then one thing at a time is made easier: smaller
-obstacles, thinner grippers, more friction, stronger motors, further reach; what the failed search names
-goes first. What those give is a way: contacts in sequence and a body path in static balance, over the horizon. The work
-of each search is counted in stances.
+A longer horizon is tried first, on the ways to the goal that gave no plan: contacts are searched however long they
+take. Then one thing at a time is made easier (pipeline.relaxations), what the failure names first: what gives a way,
+contacts in sequence and a body path in static balance over the horizon, is planned with and checked where it is about
+scenario or robot. The work of each search is counted in stances.
 """
 
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from math import ceil
+from pathlib import Path
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -17,84 +18,96 @@ from crux_contracts.scenario import ScenarioError
 from crux_contracts.scenario_reader import MAX_STEPS
 
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError
-from crux_planner.model.build import build_problem
-from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.explanation import LACKING_N
-from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.message import PlanResult
+from crux_planner.pipeline.relaxations import Relaxation, relaxations
+from crux_planner.pipeline.session import RefusedWay
 from crux_planner.pipeline.solve_and_check import Climb, evenly, path_to_goal
-from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import Oracles, search
+from crux_planner.search.equilibrium import Query
+from crux_planner.search.stances import search
 from crux_planner.search.torque_limits import TorqueLimits
 
-LONGER = 2  # times as long a horizon is tried
-HALVINGS = 3  # of the interval in which the least horizon is
+WAYS = 3  # of those that gave no plan, and horizons tried on each
+LONGER = 1.2  # times as long is the next horizon tried, beyond what is known to be needed
+LONG = 2.0  # times as long where nothing is known
+HALVINGS = 2  # of the interval in which the least horizon is then
 STANCES = (150.0, 0.0)  # that a search looks at, at most
 GREED = 2.0  # the factor by which its sequence may be slower than the quickest
-
-Longer = Callable[[Climb], int | None]
-"""The steps of a plan for a climb with another horizon, None where none is found."""
+BEYOND = (0, 2, 8)  # steps of a relaxation beyond what gives a way, tried for a plan
 
 
 @dataclass(frozen=True)
-class _Relaxation:
-    """Up to `most` steps of `step` on from `given` are tried; `text` says what they amount to."""
+class _Found:
+    """What so many steps of a relaxation give: a way to the goal, where there was none, or even a plan."""
 
-    constraint: str
-    unit: str
-    given: float
-    step: float
-    most: int
-    relaxed: Callable[[Climb, float], Problem]
-    text: Callable[[float], str]
+    relaxation: Relaxation
+    count: int
+    way: list[Move] | None
+    plan: bool = False
 
 
-def cause(climb: Climb, none: InfeasibleError, longer: Longer) -> InfeasibleError:
-    """What to say instead of `none`, or the same with what would help; itself where nothing that is tried does."""
-    if none.constraint == TIME_LIMIT or none.undecided or isinstance(none, HorizonError) or climb.late:
+Planned = Callable[[Climb], bool]
+"""Whether a climb has a plan."""
+
+
+def cause(climb: Climb, none: InfeasibleError, planned: Planned) -> InfeasibleError:
+    """What to say instead of `none`, or the same with what would help; where nothing that is tried does, that."""
+    if climb.late:
         return none
-    if not none.proven and (steps := _least_horizon(climb, longer)) is not None:
-        given = climb.problem.steps
-        text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
-        return HorizonError(f"{text}; allow as many", steps)
     with climb.work.part("reason", 0.95):
-        if _way(climb, climb.problem) is not None:
-            return none  # what fails comes after the search
-        for relaxation in sorted(_relaxations(climb), key=lambda each: each.constraint != none.constraint):
-            if (found := _least(climb, relaxation)) is not None:
-                return _explained(climb, none, relaxation, *found)
-    return none
+        if not none.proven and (steps := _enough_steps(climb)) is not None:
+            given = climb.problem.steps
+            text = f"no plan found in {given} steps of {climb.problem.dt_s:g} s, but one in {steps}"
+            return HorizonError(f"{text}; allow as many", steps, tried=True)
+        if none.constraint == TIME_LIMIT or none.undecided or isinstance(none, HorizonError):
+            return none
+        climb = replace(climb, equilibrium=TorqueLimits(climb.problem, climb.problem.friction_share))
+        way = _way(climb) is not None  # then what fails comes after the search
+        with tempfile.TemporaryDirectory(prefix="crux-") as folder:
+            for relaxation in relaxations(climb, none.constraint, Path(folder)):
+                found = (_with_plan if way else _least)(climb, relaxation, planned)
+                if found is not None:
+                    return _explained(climb, none, found)
+    if none.proven or way or climb.late:
+        return none
+    tried = "nor a way with one thing made easier: obstacles, grippers, friction, motors, reach"
+    return InfeasibleError("contacts", f"no sequence of contacts found to the goal, {tried}; the search ended: {none}")
 
 
-def _least_horizon(climb: Climb, longer: Longer) -> int | None:
-    """The fewest steps in which a plan was found, of those tried; None where as many as are tried do not help."""
+def _enough_steps(climb: Climb) -> int | None:
+    """Steps in which one of the ways to the goal gave a plan; None where as many as are tried do not help."""
+    refused = list(climb.work.refused)
+    short = [way for way in refused if isinstance(way.reason, HorizonError)]
+    for way in sorted(short, key=lambda way: getattr(way.reason, "needed", 0))[:WAYS]:
+        steps = getattr(way.reason, "needed", climb.problem.steps)
+        for _ in range(WAYS):
+            if _gives_plan(climb, way, steps):
+                return steps
+            steps = ceil(LONGER * steps)
+    for way in [way for way in refused if way not in short][:1]:
+        enough, fails = ceil(LONG * climb.problem.steps), climb.problem.steps
+        if _gives_plan(climb, way, enough):
+            for _ in range(HALVINGS):
+                guess = (fails + enough) // 2
+                fails, enough = (fails, guess) if _gives_plan(climb, way, guess) else (guess, enough)
+            return enough
+    return None
 
-    def tried(steps: int) -> int | None:
-        other = replace(climb.problem, steps=steps)
-        return longer(replace(climb, scenario=rewritten(climb.scenario, steps=steps), problem=other))
 
-    fails = climb.problem.steps
-    enough = min(max([LONGER * fails, *(short.needed for short in climb.work.too_short)]), MAX_STEPS)
-    taken = tried(enough) if enough > fails else None
-    if taken is None:
-        return None
-    for _ in range(HALVINGS):
-        if enough - fails <= 1 or climb.late:
-            break
-        guess = taken if fails < taken < enough else (fails + enough) // 2
-        fewer = tried(guess)
-        fails, enough, taken = (guess, enough, enough) if fewer is None else (fails, guess, fewer)
-    return enough
+def _gives_plan(climb: Climb, way: RefusedWay, steps: int) -> bool:
+    if climb.late or not climb.problem.steps < steps <= MAX_STEPS:
+        return False
+    return isinstance(way.again(steps, climb.deadline), PlanResult)
 
 
-def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | None:
-    """The least amount, and the way that it gives; None where the most gives none."""
+def _least(climb: Climb, relaxation: Relaxation, planned: Planned) -> _Found | None:
+    """The least that gives a way, or a plan little beyond; None where the most gives no way."""
 
     def tried(count: int) -> list[Move] | None:
-        amount = relaxation.given + count * relaxation.step
         try:
-            return None if climb.late else _way(climb, relaxation.relaxed(climb, amount))
+            return None if climb.late else _way(relaxation.climb(climb, count))
         except (ScenarioError, InfeasibleError):
             return None
 
@@ -107,95 +120,54 @@ def _least(climb: Climb, relaxation: _Relaxation) -> tuple[float, list[Move]] | 
             fails = guess
         else:
             way, enough = other, guess
-    return round(relaxation.given + enough * relaxation.step, 3), way
+    found = _with_plan(climb, relaxation, planned, enough)
+    return _Found(relaxation, enough, way) if found is None else replace(found, way=way)
 
 
-def _way(climb: Climb, problem: Problem) -> list[Move] | None:
-    """Moves of a level body, one limb at a time, to the goal of a problem, for which there is a body path in time."""
-    relaxed = replace(climb, **vars(Oracles.of(problem, TorqueLimits(problem, problem.friction_share))))
-    if problem.contacts is climb.problem.contacts and problem.swing is climb.problem.swing:
-        relaxed = replace(relaxed, swings=climb.swings)
-    moves, _ = search(relaxed, at_once=1, greed=GREED, deadline=climb.deadline, most=STANCES)
+def _with_plan(climb: Climb, relaxation: Relaxation, planned: Planned, least: int = 0) -> _Found | None:
+    """The least that gives a plan, of some few from `least` on."""
+    counts = {min(least + more, relaxation.most) for more in BEYOND} - {0}
+    for count in sorted(counts) if relaxation.whole else ():
+        if climb.late:
+            return None
+        try:
+            if planned(relaxation.climb(climb, count)):
+                return _Found(relaxation, count, None, plan=True)
+        except (ScenarioError, InfeasibleError):
+            return None
+    return None
+
+
+def _way(climb: Climb) -> list[Move] | None:
+    """Moves of a level body, one limb at a time, to the goal, for which there is a body path in time."""
+    problem = climb.problem
+    moves, _ = search(climb, at_once=1, greed=GREED, deadline=climb.deadline, most=STANCES)
     if moves is None:
         return None
     try:
-        path = path_to_goal(problem, relaxed.equilibrium, evenly(relaxed, moves))[1]
+        path = path_to_goal(problem, climb.equilibrium, evenly(climb, moves))[1]
     except HorizonError:
         return None
     return None if path is None else moves
 
 
-def _relaxations(climb: Climb) -> Iterator[_Relaxation]:
-    """What is made easier, in order of likelihood."""
-    for obstacle in climb.scenario.obstacles:
-        name = obstacle.name
-
-        def size(share: float, name: str = name) -> str:
-            return f"with {name} at {100 * share:.0f} % of its size"
-
-        yield _Relaxation("passage", f"of the size of {name}", 1.0, -0.05, 19, partial(_smaller, name), size)
-    off, thinner = "m off every side of a gripper", "with grippers {:.0f} mm thinner on every side"
-    yield _Relaxation("passage", off, 0.0, 0.001, 12, _thinner, lambda amount_m: thinner.format(1000 * amount_m))
-    factors = ("friction", "equilibrium", 40, _rougher), ("motor torque", "torque", 20, _stronger)
-    for what, by, most, relaxed in factors:
-        yield _Relaxation(by, f"times the {what}", 1.0, 0.05, most, relaxed, f"with {{:.2f}} times the {what}".format)
-    further = "with {:.0f} mm more reach of a level body along and across it"
-    yield _Relaxation("reach", "m of reach", 0.0, 0.005, 20, _further, lambda amount_m: further.format(1000 * amount_m))
-
-
-def _smaller(name: str, climb: Climb, share: float) -> Problem:
-    def shrink(obstacle: Any) -> Any:
-        size = tuple(share * edge for edge in obstacle.size_m)
-        return replace(obstacle, size_m=size) if obstacle.name == name else obstacle
-
-    return _built(climb, obstacles=tuple(map(shrink, climb.scenario.obstacles)))
-
-
-def _thinner(climb: Climb, amount_m: float) -> Problem:
-    swing = climb.problem.swing
-    clearance_m, body_m = swing.clearance_m - amount_m, swing.body_clearance_m - 2 * amount_m
-    return replace(climb.problem, swing=replace(swing, clearance_m=clearance_m, body_clearance_m=body_m))
-
-
-def _rougher(climb: Climb, factor: float) -> Problem:
-    holds = [replace(h, friction=tuple(factor * f for f in h.friction)) for h in climb.scenario.holds]
-    return _built(climb, holds=tuple(holds))
-
-
-def _stronger(climb: Climb, factor: float) -> Problem:
-    return replace(climb.problem, torque_limits_Nm=factor * climb.problem.torque_limits_Nm)
-
-
-def _further(climb: Climb, amount_m: float) -> Problem:
-    boxes = climb.problem.boxes
-    along_wall = np.hypot(*boxes.directions[:, :2].T)
-    return replace(climb.problem, boxes=replace(boxes, extent_m=boxes.extent_m + amount_m * along_wall))
-
-
-def _built(climb: Climb, **changes: Any) -> Problem:
-    built = build_problem(replace(climb.scenario, **changes), climb.robot, reach=climb.problem.limb_reach)
-    return replace(built, boxes=climb.problem.boxes)
-
-
-def _explained(
-    climb: Climb, none: InfeasibleError, relaxation: _Relaxation, amount: float, way: list[Move]
-) -> InfeasibleError:
-    helps = f"{relaxation.text(amount)} a way is found"
-    place = _place(climb, way)
+def _explained(climb: Climb, none: InfeasibleError, found: _Found) -> InfeasibleError:
+    relaxation, amount = found.relaxation, found.relaxation.amount(found.count)
+    helps = f"{relaxation.text(amount)} a {'plan' if found.plan else 'way'} is found"
+    place = None if found.way is None else _place(climb, found, found.way)
     if place is not None:
         helps += f"; without, it ends {place}"
-    same = none.proven or none.constraint == relaxation.constraint
+    same = none.proven or relaxation.is_about(none.constraint)
     text = f"{none}; {helps}" if same else f"{helps} ({none})"
-    reason = InfeasibleError(none.constraint if same else relaxation.constraint, text, proven=none.proven)
+    reason = InfeasibleError(none.constraint if none.proven else relaxation.constraint, text, proven=none.proven)
     reason.relaxed = {"constraint": relaxation.constraint, "amount": amount, "unit": relaxation.unit, "place": place}
     return reason
 
 
-def _place(climb: Climb, way: list[Move]) -> str | None:
+def _place(climb: Climb, found: _Found, way: list[Move]) -> str | None:
     """The first move of a way that the problem as it is does not have."""
     problem = climb.problem
-    equilibrium = TorqueLimits(problem, problem.friction_share)
-    friction = StaticEquilibrium(problem, problem.friction_share)
+    balance = TorqueLimits(problem, problem.friction_share)
     for limb, reached in enumerate(goal_contacts(problem, climb.reachable)):
         if not reached:
             return f"with {LIMB_NAMES[limb]} at the goal"
@@ -209,8 +181,24 @@ def _place(climb: Climb, way: list[Move]) -> str | None:
             return where
         for each, stance in zip(bounds, (move.before, move.after), strict=True):
             assert each is not None
-            low, high = each
-            if equilibrium.position(move.support, low, high, move.lift_off, stance) is None:
-                short = friction.missing_force(move.support, low, high, stance)
-                return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else "the joints are too weak")
+            query = Query(move.support, *each, move.lift_off, stance)
+            if balance.position(*query) is None:
+                short = balance.missing_force(move.support, *each, stance)
+                return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else _weak(climb, found, query))
     return None
+
+
+def _weak(climb: Climb, found: _Found, query: Query) -> str:
+    """Which joints are too weak for a body in balance; where stronger motors were tried, as few as are enough there."""
+    if found.relaxation.constraint != "torque":
+        return "the joints are too weak"
+    balance, factor = TorqueLimits(climb.problem, climb.problem.friction_share), found.relaxation.amount(found.count)
+    stronger = np.full(balance.limits_Nm.shape, factor)
+    for joint in np.ndindex(stronger.shape):
+        fewer = stronger.copy()
+        fewer[joint] = 1.0
+        if balance.within(fewer * balance.limits_Nm).position(*query) is not None:
+            stronger = fewer
+    weak = [climb.robot.limbs[limb].joints[joint] for limb, joint in np.argwhere(stronger > 1.0)]
+    would = (f"{joint.name} would need {factor * joint.effort:.2f} N m, it has {joint.effort:g}" for joint in weak)
+    return "; ".join(would)

@@ -11,7 +11,7 @@ from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
-from crux_planner.pipeline.fallback import disproved, farther, looks, plan_turning, plan_wider, without_blamed
+from crux_planner.pipeline.fallback import disproved, farther, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.session import Session, Work, method_settings
 from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
@@ -23,6 +23,7 @@ from crux_planner.solvers.worker import Worker
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
+REASON_SHARE = 0.1  # of the time is kept to find out why there is no plan
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
@@ -43,13 +44,16 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
         equilibrium = StaticEquilibrium(problem, problem.friction_share)
         check_start(scenario, problem, equilibrium)
         climb = Climb(**vars(session), **vars(Oracles.of(problem, equilibrium)))
+    searching = replace(climb, deadline=climb.share_of_time(1.0 - REASON_SHARE))
     work.bound = ClimbBoundWorker(worker, problem, prove_s)
     try:
-        return _plan_anyhow(climb) if climb.method == "auto" else _plan_by_method(climb)
+        if climb.method != "auto":
+            return _plan_by_method(climb)
+        return _plan_anyhow(searching)
     except InfeasibleError as none:
         work.bound = None
         worker.stop()  # what it bounds is of no use any more
-        late = work.cut_short or climb.late
+        late = work.cut_short or searching.late
         reason = _cause(climb, none) if climb.method == "auto" else none
         raise reason.out_of_time() if late and not isinstance(reason, HorizonError) else reason from None
 
@@ -89,19 +93,19 @@ def _plan_anyhow(climb: Climb) -> PlanResult:
 
 def _cause(climb: Climb, none: InfeasibleError) -> InfeasibleError:
     """Why there is no plan; no want of reach where joint limits let a level body stand at the goal."""
-    reason = cause(farther(climb), none, _steps_with)
+    reason = cause(farther(climb), none, _level_has_plan)
     wants_reach = reason.constraint == "reach" and not reason.proven
     stance = level_stance_at_goal(climb.problem, climb.robot) if wants_reach else None
     return reason if stance is None else no_way_to(climb.problem, stance, reason)
 
 
-def _steps_with(longer: Climb) -> int | None:
-    """The steps of a plan with a longer horizon, None where none is found."""
+def _level_has_plan(climb: Climb) -> bool:
+    """Whether a plan is found for a level body."""
     try:
-        return _plan_level(farther(longer), True, longer.deadline).steps
+        _plan_level(climb, True, climb.deadline)
     except InfeasibleError:
-        found = plan_turning(longer, looks(longer))
-        return None if found is None else found[0].steps
+        return False
+    return True
 
 
 def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:

@@ -4,10 +4,12 @@ import time
 from collections.abc import Callable
 
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario
+from crux_contracts.scenario import METHODS, Scenario
 
+from crux_planner.errors import wrong
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import Progress, begin
+from crux_planner.pipeline.session import CHECK_S, CHECK_SHARE, TIME_LIMIT_S, Progress, Session, Work
+from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
 
 
@@ -28,7 +30,12 @@ def plan(
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
-    session = begin(scenario, robot, method, time_limit_s, progress, log)
+    if method not in METHODS:
+        raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
+    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
+    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
+    deadline = clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
+    session = Session(scenario, robot, work, deadline, limit_s, method)
     walks = scenario.contact.model == "point"
     modules = ["certificates.bound.walk", "pipeline.walk_contacts"] if walks else ["certificates.bound.climb"]
     with Worker(*(f"crux_planner.{each}" for each in modules), log=session.work.log) as worker:  # begins meanwhile

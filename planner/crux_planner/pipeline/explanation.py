@@ -130,10 +130,23 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
         if swings.any_forbidden:
             text = f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
             return InfeasibleError("passage", text)
+        text = f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal"
+        if _connected(problem, reach, limb):
+            return InfeasibleError("passage", f"{text}: obstacles or other holds close every way")
         why = "no body position has both the hold it leaves and one nearer the goal within reach"
-        text = f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal: {why}"
-        return InfeasibleError("reach", f"{text}, or tall obstacles close every way")
+        return InfeasibleError("reach", f"{text}: {why}")
     return None
+
+
+def _connected(problem: Problem, reach: ReachableSet, limb: int) -> bool:
+    """Whether a limb's holds would lead from start to goal, hold by hold in reach, if nothing stood in its way."""
+    usable, seen = set(problem.limb_contacts[limb]), set(goal_contacts(problem, reach)[limb])
+    queue = list(seen)
+    while queue:
+        near = usable.intersection(map(int, reach.neighbours(limb, queue.pop()))) - seen
+        seen |= near
+        queue += near
+    return problem.start_contacts[limb] in seen
 
 
 def _timed_out(problem: Problem, report: SearchReport) -> InfeasibleError | None:
@@ -150,8 +163,7 @@ def _goal_unbalanced(problem: Problem, equilibrium: StaticEquilibrium, report: S
         return None
     at = problem.goal.body.position_m
     lacking = equilibrium.missing_force(report.nearest, at, at)
-    text = f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}"
-    return InfeasibleError("equilibrium", f"{text}: short by {max(lacking, LACKING_N):.1f} N")
+    return _unbalanced(f"no equilibrium at the goal on {_stance_text(problem, report.nearest)}", lacking)
 
 
 def _lift_unbalanced(
@@ -167,11 +179,14 @@ def _lift_unbalanced(
         shortages.append((equilibrium.missing_force(support, *bounds, report.nearest), limb))
     lacking, limb = min(shortages)
     others = _stance_text(problem, report.nearest, without=limb)
-    why = "the joints are too weak for what friction would hold"
-    if lacking >= LACKING_N:
-        why = f"friction and spines fall short by {lacking:.1f} N"
-    text = f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on {others}: {why}"
-    return InfeasibleError("equilibrium", text)
+    return _unbalanced(f"no equilibrium when {LIMB_NAMES[limb]} lifts off with the others on {others}", lacking)
+
+
+def _unbalanced(where: str, lacking_N: float) -> InfeasibleError:
+    """By friction, or by joint torques where friction lacks nothing."""
+    if lacking_N < LACKING_N:
+        return InfeasibleError("torque", f"{where}: the joints are too weak for what friction would hold")
+    return InfeasibleError("equilibrium", f"{where}: friction and spines fall short by {lacking_N:.1f} N")
 
 
 def _place_text(problem: Problem, contact: int) -> str:

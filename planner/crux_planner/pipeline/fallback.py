@@ -10,7 +10,7 @@ from dataclasses import replace
 from crux_planner.certificates.bound.bound_worker import AIM, PATIENCE_S, gap
 from crux_planner.certificates.bound.climb import EFFORT, lower_bound
 from crux_planner.certificates.infeasibility.infeasible import Proof
-from crux_planner.errors import FOR_ALL_REACH, HorizonError, InfeasibleError
+from crux_planner.errors import FOR_ALL_REACH, InfeasibleError
 from crux_planner.model.arrays import Flags
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
@@ -146,8 +146,6 @@ def _plan_aimed(
             return None
         equilibrium = StaticEquilibrium(climb.problem, climb.problem.friction_share)
         found = solve_and_check(replace(climb, equilibrium=equilibrium), moves)
-        if isinstance(found, HorizonError):
-            work.too_short.append(found)
         if isinstance(found, InfeasibleError):
             work.log(f"refused: {found}")
         return found

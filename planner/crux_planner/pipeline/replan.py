@@ -71,7 +71,6 @@ class Planner:
         cost); where all that finds nothing `plan` is asked, which also says why.
         Raises InfeasibleError, and ScenarioError for a name in `without` that is no hold's and a body outside (7).
         """
-        began = time.monotonic()
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         with work.part("stance", 0.0):
             deadline = clock.now() + time_limit_s
@@ -95,7 +94,7 @@ class Planner:
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
             scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
-        result.seconds = time.monotonic() - began
+        result.seconds = time.monotonic() - work.began
         return result
 
     def plan(
@@ -105,7 +104,6 @@ class Planner:
 
         `method`: what the plan says of how it came about. Raises InfeasibleError.
         """
-        began = time.monotonic()
         work = Work(lambda _what, _share: None, log or (lambda _line: None))
         session = Session(self.scenario, self.robot, work, clock.now() + time_limit_s, time_limit_s, method)
         shortest = replace(self.oracles, problem=replace(self.problem, steps=1))
@@ -124,7 +122,7 @@ class Planner:
         if result is None:
             moves, seen = search(climb, at_once=1, greed=1.0, deadline=climb.deadline)
             raise failures[0] if moves is not None and failures else explain(climb, seen, 1)
-        result.seconds = time.monotonic() - began
+        result.seconds = time.monotonic() - work.began
         return result
 
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:

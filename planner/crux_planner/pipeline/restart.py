@@ -1,7 +1,7 @@
 """Where a running plan can be left, and the scenario from there on."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -64,13 +64,29 @@ def scenario_at(
     return rewritten(scenario, start=start, steps=max(1, len(running.knots) - 1 - k), without=without)
 
 
+def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenario:
+    """The scenario with its document changed in place by `edit`. Raises ScenarioError where that makes none."""
+    content = yaml.load(scenario.yaml_text, Loader=_LOADER)
+    edit(content)
+    return parse_scenario(yaml.dump(content, Dumper=_DUMPER, sort_keys=False), scenario.path)
+
+
 def rewritten(
     scenario: Scenario, *, steps: int, start: dict[str, Any] | None = None, without: Collection[str] = ()
 ) -> Scenario:
     """The scenario with other steps, another start if one is given, and some holds become obstacles."""
     if start is None and not without and steps == scenario.horizon.steps:
         return scenario
-    content = yaml.load(scenario.yaml_text, Loader=_LOADER)
+    return edited(scenario, lambda content: _rewrite(scenario, content, steps, start, without))
+
+
+def _rewrite(
+    scenario: Scenario,
+    content: dict[str, Any],
+    steps: int,
+    start: dict[str, Any] | None,
+    without: Collection[str],
+) -> None:
     content["horizon"]["steps"] = int(np.int64(steps))
     if start is not None:
         content["start"] = start
@@ -84,4 +100,3 @@ def rewritten(
         kept = ("name", "position_m", "size_m", "yaw_deg")
         as_obstacles = [{key: hold[key] for key in kept if key in hold} for hold in lost]
         content["obstacles"] = [*content.get("obstacles", []), *as_obstacles]
-    return parse_scenario(yaml.dump(content, Dumper=_DUMPER, sort_keys=False), scenario.path)

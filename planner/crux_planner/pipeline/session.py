@@ -1,27 +1,33 @@
 """What planning one scenario carries along: its numbers, oracles and time, and what it reports."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import METHODS, Scenario
+from crux_contracts.scenario import Scenario
 
-from crux_planner.errors import HorizonError, wrong
+from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
+from crux_planner.errors import InfeasibleError
 from crux_planner.solvers import clock
-
-if TYPE_CHECKING:
-    from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
 
 TIME_LIMIT_S = 60.0
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 
 Progress = Callable[[str, float], None]
 """Called with what begins now and the share of the work behind, 0..1."""
+
+
+@dataclass(frozen=True)
+class RefusedWay:
+    """A way to the goal that gave no plan; `again` is what it gives in so many steps, by a deadline (of clock.now): a
+    PlanResult, or why there is none.
+    """
+
+    reason: InfeasibleError
+    again: Callable[[int, float], object]
 
 
 @dataclass
@@ -34,7 +40,7 @@ class Work:
     seconds: dict[str, float] = field(default_factory=dict)
     bound: ClimbBoundWorker | None = None
     cut_short: bool = False  # some search ended because of its time
-    too_short: list[HorizonError] = field(default_factory=list)  # ways found that take more than the horizon
+    refused: list[RefusedWay] = field(default_factory=list)
 
     @contextmanager
     def part(self, name: str, share: float) -> Iterator[None]:
@@ -48,7 +54,9 @@ class Work:
 
 @dataclass(frozen=True)
 class Session:
-    """One scenario being planned; `deadline` is of clock.now, `limit_s` how far off it was at first."""
+    """One scenario being planned; `deadline` is of clock.now, by which all but the check is to be done, `limit_s` how
+    far off the end was at first.
+    """
 
     scenario: Scenario
     robot: Robot
@@ -73,19 +81,3 @@ def method_settings(session: Session) -> dict[str, Any]:
     options = session.scenario.planner
     given = {"rho": options.rho, "iterations": options.iterations}
     return {**given, "deadline": session.deadline, "report": session.work.log}
-
-
-def begin(
-    scenario: Scenario,
-    robot: Robot,
-    method: str,
-    time_limit_s: float | None,
-    progress: Progress | None,
-    log: Callable[[str], None] | None,
-) -> Session:
-    """A session with the time by which all but the check is to be done, of computing. Raises ScenarioError."""
-    if method not in METHODS:
-        raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
-    work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
-    return Session(scenario, robot, work, clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s), limit_s, method)

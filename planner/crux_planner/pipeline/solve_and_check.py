@@ -1,6 +1,7 @@
 """From a schedule to a checked plan: body path, exact P1, message, check; and what is to blame where one is refused."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -14,7 +15,8 @@ from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
 from crux_planner.pipeline.refusals import CUTS, TooFast, eased, slowed
-from crux_planner.pipeline.session import Session
+from crux_planner.pipeline.restart import rewritten
+from crux_planner.pipeline.session import RefusedWay, Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
@@ -77,7 +79,23 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         most=SLOWINGS + (timed is not None),
         until=climb.deadline,
     )
-    return result or failures[0]
+    if result is not None:
+        return result
+    short = [failure for failure in failures if isinstance(failure, HorizonError)]
+    work.refused.append(RefusedWay((short or failures)[0], partial(_in_steps, climb, moves)))
+    return failures[0]
+
+
+def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> PlanResult | InfeasibleError:
+    """What the same moves give with another horizon, tried without a word; a failure, where later attempts have given
+    up the last way of one of its swings.
+    """
+    swings = {(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs}
+    if any(climb.swings.swing(*swing) is None for swing in swings):
+        return InfeasibleError("passage", "a swing of these moves was found wrong, and there is no other")
+    scenario, problem = rewritten(climb.scenario, steps=steps), replace(climb.problem, steps=steps)
+    silent = replace(climb.work, log=lambda _line: None)
+    return solve_and_check(replace(climb, scenario=scenario, problem=problem, work=silent, deadline=deadline), moves)
 
 
 def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:

@@ -1,6 +1,6 @@
 """Planning a walk: gaits by local search on J or by one of the paper's methods; the exact problem; the check."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,7 +70,7 @@ def _plan(walk: Walk) -> PlanResult:
     failures: list[InfeasibleError] = []
     for profile in (USUAL, BOLD, BOLDEST):
         given = replace(walk, problem=replace(walk.asked, profile=profile))
-        remedies = (_slower_feet, _slower, _less_friction, _firmer)
+        remedies = (_slower_feet, _gentler, _firmer)
         result, _ = attempts(given, attempt, remedies, failures, most=1 + GENTLER, until=walk.deadline)
         if result is not None:
             return result
@@ -80,19 +80,28 @@ def _plan(walk: Walk) -> PlanResult:
 
 
 def _slower_feet(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    """Feet as much slower as their joints ask for."""
     if not isinstance(refused, RefusedError) or min(refused.paces) >= 1.0:
         return None
-    return replace(walk, problem=slower(walk.problem, refused.paces))
+    lf, rf, lr, rr = (pace * share for pace, share in zip(walk.problem.paces, refused.paces, strict=True))
+    return replace(walk, problem=replace(walk.problem, paces=(lf, rf, lr, rr)))
 
 
-def _slower(walk: Walk, refused: InfeasibleError) -> Walk | None:
-    too_fast = refused.constraint in _SPEEDS
-    return replace(walk, problem=gentler(walk.problem, 1.0, SPEED_SHARE)) if too_fast else None
-
-
-def _less_friction(walk: Walk, refused: InfeasibleError) -> Walk | None:
-    slips = refused.constraint in _FRICTION
-    return replace(walk, problem=gentler(walk.problem, FRICTION_SHARE, 1.0)) if slips else None
+def _gentler(walk: Walk, refused: InfeasibleError) -> Walk | None:
+    """A share of the walk's speeds, or of its friction."""
+    speed = SPEED_SHARE if refused.constraint in _SPEEDS else 1.0
+    friction = FRICTION_SHARE if refused.constraint in _FRICTION else 1.0
+    if speed == friction == 1.0:
+        return None
+    problem = walk.problem
+    gentler = replace(
+        problem,
+        friction=friction * problem.friction,
+        foot_speed_m_s=speed * problem.foot_speed_m_s,
+        foot_yaw_rate_rad_s=speed * problem.foot_yaw_rate_rad_s,
+        body=replace(problem.body, max_speed_m_s=speed * problem.body.max_speed_m_s),
+    )
+    return replace(walk, problem=gentler)
 
 
 def _firmer(walk: Walk, refused: InfeasibleError) -> Walk | None:
@@ -104,31 +113,13 @@ def _firmer(walk: Walk, refused: InfeasibleError) -> Walk | None:
     return replace(walk, problem=replace(walk.problem, profile=firmer))
 
 
-def slower(problem: WalkProblem, paces: Sequence[float]) -> WalkProblem:
-    """The walk with feet as much slower as their joints ask for."""
-    lf, rf, lr, rr = (pace * share for pace, share in zip(problem.paces, paces, strict=True))
-    return replace(problem, paces=(lf, rf, lr, rr))
-
-
-def gentler(problem: WalkProblem, friction: float, speed: float) -> WalkProblem:
-    """The walk with a share of its friction and of its speeds."""
-    body = replace(problem.body, max_speed_m_s=speed * problem.body.max_speed_m_s)
-    return replace(
-        problem,
-        friction=friction * problem.friction,
-        foot_speed_m_s=speed * problem.foot_speed_m_s,
-        foot_yaw_rate_rad_s=speed * problem.foot_yaw_rate_rad_s,
-        body=body,
-    )
-
-
 def _by_search(walk: Walk) -> PlanResult | InfeasibleError:
     return _first_good(walk, WalkContacts(walk.problem, workers=_team(walk.worker)).search(walk.deadline))
 
 
 def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     """One of the paper's methods decides the gait; the exact problem and the check are the same for all."""
-    from crux_planner.admm.methods import WALK_METHODS, WalkTask
+    from crux_planner.admm.methods import METHODS, WalkTask
 
     scenario, problem, work, method = walk.scenario, walk.problem, walk.work, walk.method
     workers = _team(walk.worker)
@@ -136,7 +127,7 @@ def _by_method(walk: Walk) -> PlanResult | InfeasibleError:
     try:
         with work.part("contacts", 0.1):
             contacts.begin(walk.deadline)
-            decided = WALK_METHODS[method](WalkTask(problem, **method_settings(walk)))
+            decided = METHODS[method](WalkTask(problem, **method_settings(walk)))
     except InfeasibleError as none:
         return none
     gait = decided.knots.gait

@@ -4,14 +4,12 @@ It is on J in the plane (search.gait_search). Its best gaits go to the QP oracle
 (trajectory.walk_qp): (7), (8), (9a), (10), footholds free.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from crux_planner.errors import InfeasibleError
-from crux_planner.model.gait import Gait
+from crux_planner.model.gait import Gait, WalkMotion
 from crux_planner.model.slots import Slots
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.search.gait_search import FlatSearch
@@ -25,31 +23,18 @@ _NEAR = 90  # gaits looked at near one that has no solution
 _SETTLED, _COMPARED = 12, 6  # walks in the plane given to the oracle, and how many at once for the best of them
 
 
-class Lifted:
-    """The oracle's answers for walks in the plane."""
-
-    def __init__(self, problem: WalkProblem) -> None:
-        self._qp = ContactQp(problem, None)
-
-    def __call__(self, walk: FlatWalk) -> WalkKnots | None:
-        """None where it has none."""
-        return self._qp.solve(walk)
+def oracle(problem: WalkProblem) -> Callable[[WalkMotion], WalkKnots | None]:
+    """Its answers for walks, None where it has none."""
+    return ContactQp(problem, None).solve
 
 
 class WalkContacts:
     """Of one walk; `many` bounds the search."""
 
-    def __init__(
-        self,
-        problem: WalkProblem,
-        *,
-        many: int = FLAT_GAITS,
-        workers: Sequence[Worker] = (),
-    ) -> None:
-        self.problem, self.oracles, self._many = problem, 0, many
+    def __init__(self, problem: WalkProblem, *, many: int = FLAT_GAITS, workers: Sequence[Worker] = ()) -> None:
+        self.problem, self._many = problem, many
         self._flat = FlatSearch(problem, workers)
-        self._qp = ContactQp(problem, None)
-        self._lifted = Team(workers, Lifted, problem)
+        self._lifted = Team(workers, oracle, problem)
 
     def begin(self, deadline: float) -> None:
         """Raises InfeasibleError where there is no walk."""
@@ -69,7 +54,6 @@ class WalkContacts:
             some, walks = walks[:_COMPARED], walks[_COMPARED:]
             answers = self._lifted.answers([(walk,) for walk in some])
             lifted = [knots for knots in answers if knots is not None]
-            self.oracles += len(some)
             found += len(lifted)
             yield from sorted(lifted, key=lambda knots: knots.cost)
         if not found:
@@ -99,8 +83,7 @@ class WalkContacts:
         """The oracle's answer for a walk, linearised about itself; None where nothing is left of it."""
         knots = None
         for _ in range(_LINEARISATIONS):
-            self.oracles += 1
-            again = self._qp.solve(knots or walk)
+            again = self._lifted.call(knots or walk)
             if again is None:
                 return None
             settled = knots is not None and _alike(knots, again)

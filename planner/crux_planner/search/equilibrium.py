@@ -48,7 +48,6 @@ class StaticEquilibrium(StaticBalance):
 
     def __init__(self, problem: Problem, margin: float) -> None:
         super().__init__(problem, margin)
-        self.queries = self.solves = 0
         # Twists count as the forces at the patch's rim that make them.
         self.effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m, 1.0])
         self._least_norm: dict[tuple[int, ...], Array] = {}
@@ -66,7 +65,6 @@ class StaticEquilibrium(StaticBalance):
         return self._find(Query(tuple(sorted(self.bearing(support))), low, high, wanted, grippers or support))
 
     def _find(self, query: Query) -> Array | None:
-        self.queries += 1
         if (key := query.key) not in self._known:
             low, high = query.low, query.high
             near = clipped(query.wanted, low, high)
@@ -149,7 +147,6 @@ class StaticEquilibrium(StaticBalance):
     def _solve(self, query: Query, further: tuple[Array, Array] | None = None) -> Array | None:
         """A body position in balance near that wanted; `further` are rows (A, b) on (position, wrenches), A x <= b."""
         support, low, high, wanted, grippers = query
-        self.solves += 1
         n = WRENCH * len(support)
         limits, bounds, wrench_low, wrench_high = self._limits(support)
         effort = np.tile(_WRENCH_WEIGHT * np.append(self.effort, 1.0) ** 2, len(support))

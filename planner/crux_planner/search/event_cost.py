@@ -230,9 +230,8 @@ class EventCost:
             on = [limb for limb in range(4) if limb not in move.limbs]
             lows, highs = [*reach.low[on, list(move.support)]], [*reach.high[on, list(move.support)]]
             for limb in move.limbs:
-                swing = self.swings.swing(move.before[limb], move.after[limb])
-                assert swing is not None
-                low, high = body_positions(swing.poses(air)[knots, None, :3], reach.shape)
+                poses = self.swings.way(move.before[limb], move.after[limb]).poses(air)
+                low, high = body_positions(poses[knots, None, :3], reach.shape)
                 lows.append(low[limb])
                 highs.append(high[limb])
             self._reached[key] = np.max(lows, axis=0), np.min(highs, axis=0)
@@ -272,9 +271,7 @@ class EventCost:
     def _swing_cost(self, start: int, end: int, air: int) -> float:
         key = (start, end, air)
         if key not in self._in_air:
-            swing = self.swings.swing(start, end)
-            assert swing is not None
-            self._in_air[key] = swing_cost(self.problem.weights, swing.poses(air)[:-1])
+            self._in_air[key] = swing_cost(self.problem.weights, self.swings.way(start, end).poses(air)[:-1])
         return self._in_air[key]
 
     def _carry(

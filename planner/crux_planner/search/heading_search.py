@@ -13,6 +13,8 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.model.kinematics import rotation_z
@@ -85,23 +87,15 @@ class HeadingSearch:
 
     def _costs_to_go(self, limb: int) -> Array:
         """(C,) knots to the goal at least, were the limb alone and the body never far behind."""
-        count = len(self.centres)
-        meet = np.zeros((count, count), dtype=bool)
+        meet = np.zeros(self.least_cost.shape, dtype=bool)
         for view in self.views:
             low, high = view.reach.low[limb] - CARRIED_M / 2, view.reach.high[limb] + CARRIED_M / 2
             both = np.maximum(low[:, None], low[None]) <= np.minimum(high[:, None], high[None])
             meet |= both.all(axis=2) & view.usable[limb, :, None] & view.usable[limb, None]
-        edges = np.where(meet, self.least_cost, np.inf)
-        cost = np.where(self.ends[limb], 0.0, np.inf)
-        waiting = np.ones(count, dtype=bool)
-        for _ in range(count):
-            open_cost = np.where(waiting, cost, np.inf)
-            c = int(np.argmin(open_cost))
-            if not np.isfinite(open_cost[c]):
-                break
-            waiting[c] = False
-            cost = np.minimum(cost, cost[c] + edges[c])
-        return cost
+        edges, ends = csr_array(np.where(meet, self.least_cost, 0.0)), np.flatnonzero(self.ends[limb])
+        if not len(ends):
+            return np.full(len(self.centres), np.inf)
+        return np.asarray(dijkstra(edges, indices=ends, min_only=True))
 
     def _likes(self, state: State) -> tuple[int, ...]:
         """What a state has in common with those that differ only in heading and in where holds are gripped."""

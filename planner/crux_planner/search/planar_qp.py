@@ -17,7 +17,7 @@ from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.bounds import apart_rows, foothold_bounds, least_load_N, rate_steps, step_rows, walk_bounds
 from crux_planner.physics.cost import FOOTHOLD_WEIGHT, FORCE_SHARE, gait_cost
 from crux_planner.solvers.qp import Qp
-from crux_planner.solvers.sparse_blocks import Rows
+from crux_planner.solvers.sparse_blocks import Entries, Rows
 
 _BODY = (0, 1, 3, 4, 5)  # along, across, roll, pitch, yaw of walk_qp's body states
 _FREE = 1e3  # a bound beyond what matters
@@ -54,14 +54,11 @@ class FlatQp:
         self._at_loads = 5 * (n + 1)
         motion = self.height / self.across * self._second - (1.0 - 4 * problem.limbs_share) * np.eye(n, n + 1)
         tilting = self._second * np.diag(problem.inertia_b)[[1, 0], None, None] / self.weight_N
-        rows, columns, values = [], [], []
+        self._motion = Entries()
         for axis, (turn, sign) in enumerate(((3, 1.0), (2, -1.0))):
             for matrix, which in ((motion, axis), (sign * tilting[axis], turn)):
                 i, j = np.nonzero(matrix)
-                rows.append(n + 2 * i + axis)
-                columns.append(5 * j + which)
-                values.append(matrix[i, j])
-        self._motion = [np.concatenate(each) for each in (rows, columns, values)]
+                self._motion.entries(n + 2 * i + axis, 5 * j + which, matrix[i, j])
         goal = problem.goal.body
         self._goal = np.concatenate([goal.position_m[:2], goal.rpy_rad])
         weights = problem.weights
@@ -70,17 +67,15 @@ class FlatQp:
         self._first = first
         self._hessian = self._body_hessian()
 
-    def _body_hessian(self) -> tuple[Indices, Indices, Array]:
-        """Rows, columns, values of Q on the body's pose and its rates."""
+    def _body_hessian(self) -> Entries:
+        """Q on the body's pose and its rates."""
         rates = 2 * self.problem.weights.velocity * self._first.T @ self._first
         i, j = np.nonzero(rates)
-        knots = np.arange(self.problem.steps + 1)
-        rows, columns, values = [], [], []
+        knots, found = np.arange(self.problem.steps + 1), Entries()
         for axis, weight in enumerate(self._pull):
-            rows += [5 * knots + axis, 5 * i + axis]
-            columns += [5 * knots + axis, 5 * j + axis]
-            values += [np.full(len(knots), 2 * weight), rates[i, j]]
-        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+            found.entries(5 * knots + axis, 5 * knots + axis, np.full(len(knots), 2 * weight))
+            found.entries(5 * i + axis, 5 * j + axis, rates[i, j])
+        return found
 
     def __call__(self, gait: Gait) -> FlatWalk | None:
         """Minimise J; None where the gait has no solution."""
@@ -102,12 +97,13 @@ class FlatQp:
         weight = 2 * FORCE_SHARE * problem.weights.wrench * self.weight_N**2
         others = np.arange(at_l, size)
         own = np.concatenate([np.full(count, weight), np.full(size - at_h, 2 * FOOTHOLD_WEIGHT)])
-        hessian = _matrix([self._hessian[0], others], [self._hessian[1], others], [self._hessian[2], own], (size, size))
+        hessian = Entries(self._hessian)
+        hessian.entries(others, others, own)
         linear = np.concatenate([self._linear, np.zeros(count), -2 * FOOTHOLD_WEIGHT * nominal.ravel()])
         least = least_load_N(problem) / self.weight_N
         most = problem.max_normal_N / self.weight_N
         found = Qp(
-            hessian,
+            hessian.matrix((size, size), zeros=True).tocsc(),
             linear,
             self._equations(gait, whole, places, size),
             self._inequalities(gait, k, i, whole, fixed, places, at_h, size),
@@ -141,14 +137,17 @@ class FlatQp:
         follow = problem.limbs_share  # of the centre of mass, each foot
         carried = np.einsum("ki,kij->kj", even - follow, blend)
         here, which = np.nonzero(carried)
-        rows = [k, *[n + 2 * k + a for a in (0, 1)], *[n + 2 * here + a for a in (0, 1)], self._motion[0]]
-        columns = [load, load, load, *[at_h + 2 * which + a for a in (0, 1)], self._motion[1]]
-        values = [np.ones(len(k)), feet[k, i, 0], feet[k, i, 1], *[carried[here, which]] * 2, self._motion[2]]
+        found = Entries(self._motion)
+        found.entries(k, load, np.ones(len(k)))
+        for axis in (0, 1):
+            found.entries(n + 2 * k + axis, load, feet[k, i, axis])
+            found.entries(n + 2 * here + axis, at_h + 2 * which + axis, carried[here, which])
         yaw = np.interp(np.arange(n), *progress(problem, gait)) * float(problem.goal.body.rpy_rad[2])
         neutral = rotation_z(yaw)[:, :2, :2] @ problem.neutral_feet_b_m.sum(axis=0)
         lean = self.height / self.across * problem.gravity_w[:2] + np.einsum("ki,kij->kj", even, blend) @ places[4:]
         lean += follow * ((whole[:n, :, :4] @ problem.start_feet_w_m).sum(axis=1) - neutral)
-        return _matrix(rows, columns, values, (3 * n, size)), np.concatenate([np.ones(n), lean.ravel()])
+        matrix = found.matrix((3 * n, size), zeros=True).tocsc()
+        return matrix, np.concatenate([np.ones(n), lean.ravel()])
 
     def _states(self, body: Array) -> Array:
         """(N + 1, 12): the height goes straight from start to goal."""
@@ -246,8 +245,3 @@ class FlatQp:
                         rows.entries(row, 5 * knot + b, share * along)
             most = np.einsum("kab,kb->ka", shift, known)
             rows.close((problem.profile.true_share - most).ravel(), np.inf, 3 * len(three))
-
-
-def _matrix(rows: list[Indices], columns: list[Indices], values: list[Array], shape: tuple[int, int]) -> sp.csc_matrix:
-    where = (np.concatenate(rows), np.concatenate(columns))
-    return sp.csc_matrix((np.concatenate(values), where), shape)

@@ -69,8 +69,7 @@ def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: A
                 break
             move, until = moves[i], k + int(swing_knots[i])
             if limb in move.limbs:
-                swing = swings.swing(current, move.after[limb])
-                assert swing is not None
+                swing = swings.way(current, move.after[limb])
                 poses[k:until, limb] = swing.poses(until - k)[:-1]
                 if not swing.start.bears:
                     poses[k, limb, 4] = swing.start.open_m

@@ -20,7 +20,7 @@ from crux_planner.model.limb import JOINTS, NUMBERS
 from crux_planner.model.problem import Problem
 from crux_planner.physics.torque import joint_torques
 from crux_planner.search.equilibrium import WRENCH, Query, StaticEquilibrium, clipped
-from crux_planner.solvers.mapped import Mapped, mapped
+from crux_planner.solvers.mapped import Mapped
 
 SLACK = 1.1  # of the NLP's limits: its body may tilt
 _ROUNDS = 3  # of linearising torques about where the body came to be
@@ -43,6 +43,12 @@ class TorqueLimits(StaticEquilibrium):
         other = copy.copy(self)
         StaticEquilibrium.__init__(other, problem, self.margin)
         other.gravity_w, other._strong = problem.gravity_w, {}
+        return other
+
+    def within(self, limits_Nm: Array) -> TorqueLimits:
+        """The same for other motors: joint torques allowed (4, 6)."""
+        other = copy.copy(self)
+        other.limits_Nm, other._strong = limits_Nm, {}
         return other
 
     def by_friction(
@@ -119,4 +125,4 @@ def _torque_map() -> Mapped:
     pose = ca.vertcat(place, ca.DM.zeros(3))
     torques = joint_torques()(numbers, pose, centre, axis, force, 2 * w[2] * axis, gravity)
     still = ca.substitute(torques, w, ca.DM.zeros(4))
-    return mapped("torque_map", [given], [ca.jacobian(torques, w), still])
+    return Mapped("torque_map", [given], [ca.jacobian(torques, w), still])

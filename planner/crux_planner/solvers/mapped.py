@@ -1,7 +1,5 @@
 """casadi's functions at many places at once, between numpy's arrays without a copy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca
@@ -10,16 +8,14 @@ import numpy as np
 from crux_planner.model.arrays import Array
 
 
-def mapped(name: str, arguments: list[Any], outputs: Any) -> Mapped:
-    """The function of casadi's symbols, its common parts worked out once."""
-    return Mapped(ca.Function(name, arguments, [ca.densify(output) for output in outputs], {"cse": True}))
-
-
 class Mapped:
-    """A casadi function at many places at once; reads and writes numpy's memory."""
+    """A function of casadi's symbols at many places at once, its common parts worked out once; reads and writes
+    numpy's memory.
+    """
 
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
+    def __init__(self, name: str, arguments: list[Any], outputs: Any) -> None:
+        dense = [ca.densify(output) for output in outputs]
+        self.function = function = ca.Function(name, arguments, dense, {"cse": True})
         self._shapes = [function.size_out(i) for i in range(function.n_out())]
         self._at: dict[int, tuple[Any, Any]] = {}  # by number of places
 

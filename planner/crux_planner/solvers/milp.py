@@ -1,5 +1,6 @@
 """A mixed-integer linear program put together piece by piece, solved by HiGHS."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,7 +69,7 @@ class Milp:
         self._row_low.append(low)
         self._row_high.append(high)
 
-    def add(self, terms: list[tuple[Indices | int, Any]], low: Any, high: Any) -> None:
+    def add(self, terms: Sequence[tuple[Indices | int, Any]], low: Any, high: Any) -> None:
         """Add rows low <= sum of coefficient * x[column] <= high, one for each element of what all of these
         broadcast to; a column comes once in a row at most.
         """
@@ -84,9 +85,16 @@ class Milp:
         self._row_high += np.broadcast_to(high, shape).ravel().tolist()
 
     def solve(
-        self, cost: Array, *, start: Array | None = None, gap: float, time_limit_s: float, relaxed: bool = False
+        self,
+        cost: Array,
+        *,
+        constant: float = 0.0,
+        start: Array | None = None,
+        gap: float,
+        time_limit_s: float,
+        relaxed: bool = False,
     ) -> MilpResult:
-        """Minimise cost . x to a relative `gap`; rows added since the last call are taken up.
+        """Minimise cost . x + constant to a `gap` relative to it; rows added since the last call are taken up.
 
         `start` may be NaN where nothing is known; with `relaxed`, integrality is left out; the limit is of clock.now.
         """
@@ -95,6 +103,7 @@ class Milp:
         self._until = clock.now() + time_limit_s
         solver.setOptionValue("solve_relaxation", relaxed)
         solver.changeColsCost(self.size, np.arange(self.size, dtype=np.int32), cost)
+        solver.changeObjectiveOffset(constant)
         if start is not None:
             known = np.flatnonzero(~np.isnan(start)).astype(np.int32)
             solver.setSolution(len(known), known, start[known])

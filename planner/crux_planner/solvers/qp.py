@@ -45,10 +45,8 @@ class Qp:
         kept = _bounded(*rows) if rows is not None else (None, None, None)
         self._solver.setup(cost, linear, *(equal or (None, None)), *kept, low, high)
 
-    def solve(self, linear: Array | None = None) -> QpSolution:
-        """The solution, with another linear term if one is given."""
-        if linear is not None:
-            self._solver.update(c=linear)
+    def solve(self) -> QpSolution:
+        """The solution."""
         solved = self._solver.solve() == piqp.PIQP_SOLVED
         return QpSolution(np.array(self._solver.result.x), np.array(self._solver.result.y), solved)
 

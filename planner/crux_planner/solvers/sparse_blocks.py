@@ -1,5 +1,7 @@
 """Sparse matrices put together block by block, and products with cross-product matrices, many at a time."""
 
+from __future__ import annotations
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -10,13 +12,14 @@ _NOTHING = np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0)
 
 
 class Entries:
-    """Entries of a sparse matrix, gathered block by block."""
+    """Entries of a sparse matrix, gathered block by block: those of others first, rows counted from `count` on."""
 
-    def __init__(self) -> None:
-        self._parts: list[tuple[Indices, Indices, Array]] = []
+    def __init__(self, *others: Entries) -> None:
+        self.count = 0
+        self._parts: list[tuple[Indices, Indices, Array]] = [part for other in others for part in other._parts]
 
     def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
-        self._parts.append((rows, columns, values))
+        self._parts.append((self.count + rows, columns, values))
 
     def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
         """Blocks (n, a, b) with their first rows and columns (n,)."""
@@ -24,13 +27,13 @@ class Entries:
         shape = (len(rows), a, b)
         row = np.broadcast_to(rows[:, None, None] + np.arange(a)[:, None], shape)
         column = np.broadcast_to(columns[:, None, None] + np.arange(b), shape)
-        self._parts.append((row.ravel(), column.ravel(), values.ravel()))
+        self.entries(row.ravel(), column.ravel(), values.ravel())
 
     def dense(self, row: int, columns: Indices, values: Array) -> None:
         """One block from `row` on, its columns anywhere."""
         a, b = values.shape
         rows = np.repeat(row + np.arange(a), b)
-        self._parts.append((rows, np.tile(columns, a), values.ravel()))
+        self.entries(rows, np.tile(columns, a), values.ravel())
 
     def matrix(self, shape: tuple[int, int], *, zeros: bool = False) -> sp.coo_matrix:
         """The sum of all entries; with `zeros`, those that are 0 stay part of its pattern."""
@@ -45,18 +48,8 @@ class Rows(Entries):
 
     def __init__(self) -> None:
         super().__init__()
-        self.count = 0
         self._low: list[Array] = []
         self._high: list[Array] = []
-
-    def entries(self, rows: Indices, columns: Indices, values: Array) -> None:
-        super().entries(self.count + rows, columns, values)
-
-    def blocks(self, rows: Indices, columns: Indices, values: Array) -> None:
-        super().blocks(self.count + rows, columns, values)
-
-    def dense(self, row: int, columns: Indices, values: Array) -> None:
-        super().dense(self.count + row, columns, values)
 
     def close(self, low: Array | float, high: Array | float, rows: int | None = None) -> None:
         """End a group with its bounds, numbers for as many `rows`."""

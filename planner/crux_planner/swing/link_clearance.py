@@ -29,14 +29,9 @@ class LinkClearance:
         self.problem, self.swings = problem, swings
         cuboids, shape = problem.cuboids, problem.shape
         tall = cuboids.top_m > shape.finger_height + min((c.centre_w_m[2] for c in problem.contacts), default=0.0)
+        self.anything = bool(tall.any())  # stands that high
         self.tall = Cuboids(cuboids.foot_w_m[tall], cuboids.half_m[tall], cuboids.yaw_rad[tall])
-        radii = problem.limb_shape
-        self._radii = np.array([radii.shoulder, radii.upper, radii.lower, radii.hand])
-
-    @property
-    def anything(self) -> bool:
-        """Whether anything stands that high."""
-        return len(self.tall.yaw_rad) > 0
+        self._radii = problem.limb_radii_m
 
     def stance_clear(self, stance: Stance, start: Array, end: Array) -> bool:
         """All limbs on `stance` while the body goes straight from one place to another."""
@@ -83,7 +78,7 @@ class LinkClearance:
         out = place[:, :2] - model.shoulder_b_m[:2]  # elbow and wrist are above this line, lengthened at both ends
         out *= model.upper_link_m / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
         shoulders = bodies[:, :2] + model.shoulder_b_m[:2]
-        margin = float(self._radii.max()) + CLEARANCE_M
+        margin = max(self._radii) + CLEARANCE_M
         if not len(self.tall.near(np.concatenate([shoulders - out, shoulders + out, grippers[:, :2]]), margin).yaw_rad):
             return np.full(len(bodies), np.inf)
         q, _ = inverse(model, place, rotation_z(grippers[:, 3]))

@@ -38,9 +38,13 @@ class SwingCache:
 
     def intervals(self, start: int, end: int) -> int:
         """Least knot intervals of an existing way."""
+        return self.way(start, end).intervals
+
+    def way(self, start: int, end: int) -> Swing:
+        """An existing way."""
         swing = self.swing(start, end)
         assert swing is not None
-        return swing.intervals
+        return swing
 
     def free(self, moves: list[tuple[int, int]], support: tuple[int, ...]) -> bool:
         """Whether all `moves` exist, end on different free holds, and keep clear of the grippers on `support`."""
@@ -67,8 +71,7 @@ class SwingCache:
 
     def forbid(self, start: int, end: int) -> None:
         """Never use this way from one contact to the other again; the next best takes its place, if there is one."""
-        self._skipped[start, end] = self._skipped.get((start, end), 0) + 1
-        self._forget((start, end))
+        self.pass_over(start, end, self.passed_over(start, end) + 1)
 
     def passed_over(self, start: int, end: int) -> int:
         """How many of the best ways from one contact to another are left out."""
@@ -108,8 +111,7 @@ class SwingCache:
     def _column(self, move: tuple[int, int]) -> Array:
         """Footprint of a gripper all along a swing."""
         if move not in self._columns:
-            swing, shape = self.swing(*move), self.problem.shape
-            assert swing is not None
+            swing, shape = self.way(*move), self.problem.shape
             poses = swing.poses(max(3 * swing.intervals, 12))
             self._columns[move] = footprint(poses, shape.half_length(float(poses[:, 4].max())) - shape.pad_radius)
         return self._columns[move]

@@ -36,7 +36,7 @@ class CentroidalQp:
         self.inputs = np.arange(at_u, self.at_h).reshape(-1, width)
         self.footholds = np.arange(self.at_h, self.size).reshape(-1, 2)
         self.rows, self.equations, self.right = Rows(), Entries(), np.zeros((n, BODY_STATES))
-        self.diagonal, self.linear, self.constant = np.zeros(self.size), np.zeros(self.size), 0.0
+        self.diagonal, self.linear = np.zeros(self.size), np.zeros(self.size)
         self.hessian = sp.csc_matrix((self.size, self.size))  # beyond the diagonal
 
     def squares(self, index: Indices, weight: Array | float, wanted: Array | float) -> None:
@@ -44,7 +44,6 @@ class CentroidalQp:
         weight, wanted = np.broadcast_to(weight, index.shape), np.broadcast_to(wanted, index.shape)
         np.add.at(self.diagonal, index, 2 * weight)
         np.add.at(self.linear, index, -2 * weight * wanted)
-        self.constant += float((weight * wanted**2).sum())
 
     def add_body_cost(self, rho: float, target: Eta | None, scales: Scales | None) -> None:
         """|x - x_g|_Q^2, and rho / 2 |x - target|^2 where there is a target."""
@@ -75,12 +74,12 @@ class CentroidalQp:
         """
         asked = np.ones(self.right.shape, dtype=bool)
         asked[:, MOMENT_OF_FORCE] = moments
-        keep = asked.ravel()
-        equal = self.equations.matrix((len(keep), self.size)).tocsr()[keep].tocsc()
+        equations = self.equations.matrix((asked.size, self.size)).tocsr()
+        keep = asked.ravel() & (np.diff(equations.indptr) > 0)  # limbs alone have none
         found = Qp(
             sp.diags(self.diagonal, format="csc") + self.hessian,
             self.linear,
-            (equal, self.right.ravel()[keep]),
+            (equations[keep].tocsc(), self.right.ravel()[keep]),
             self.rows.all(self.size),
             np.maximum(low, -FREE),
             np.minimum(high, FREE),
@@ -88,11 +87,6 @@ class CentroidalQp:
             eps_rel=accuracy / 10,
             max_iter=iterations,
         ).solve()
-        multipliers = np.zeros(self.right.shape)
-        multipliers[asked] = found.multipliers
-        return QpSolution(found.x, multipliers, True) if found.solved else None
-
-    def cost(self, x: Array) -> float:
-        """What the squares come to."""
-        hessian = sp.diags(self.diagonal, format="csc") + self.hessian
-        return float(x @ (hessian @ x) / 2 + self.linear @ x) + self.constant
+        multipliers = np.zeros(self.right.size)
+        multipliers[keep] = found.multipliers
+        return QpSolution(found.x, multipliers.reshape(self.right.shape), True) if found.solved else None

@@ -1,12 +1,13 @@
 """What the blocks must agree on: eta = [x; u] at the knots, its copy delta and the scaled dual epsilon of (17).
 
-x: body state, finger positions and gripper yaws; u: finger forces and moments in W. y and z are not in the consensus.
+x: body state, finger positions and gripper yaws; u: finger forces and moments in W. y is not in the consensus, of z
+who is in the air, in P3 alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -28,13 +29,15 @@ class Scales:
     rate: float = 0.1  # on velocities [s/m], [s/rad]
     force: float = 0.01  # [1/N]
     moment: float = 0.75  # [1/Nm]: a force of 0.01 at a patch's radius of twist
+    flag: float = 1.0  # on who is away in a window, of P3
 
 
 @dataclass(frozen=True)
 class Eta:
     """eta, delta or epsilon: body (N + 1, 12), fingers (N + 1, 8, 3), yaws (N + 1, 4), forces, moments (N, 8, 3).
 
-    Point feet are four, with yaws and moments left out: (N + 1, 0) and (N, 0, 3).
+    Point feet are four, with yaws and moments left out: (N + 1, 0) and (N, 0, 3). `away` (T, 4) of P3 alone: 1 where a
+    limb is in the air in a window.
     """
 
     body: Array
@@ -42,6 +45,7 @@ class Eta:
     yaws: Array
     forces: Array
     moments: Array
+    away: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     def __add__(self, other: Eta) -> Eta:
         return self._with(other, np.add)
@@ -100,6 +104,7 @@ class Residuals:
     orientation_rms_rad: float
     force_rms_N: float
     moment_rms_Nm: float
+    out_of_turn: int = field(default=0, kw_only=True)  # windows in which P3's limbs do not do as their copy has it
 
     @classmethod
     def of(cls, difference: Eta, *, body: bool = True) -> Residuals:
@@ -116,8 +121,8 @@ class Residuals:
 
     @property
     def converged(self) -> bool:
-        """The paper's thresholds, in the maximum norm."""
-        return self.position_m <= POSITION_THRESHOLD_M and self.force_N <= FORCE_THRESHOLD_N
+        """The paper's thresholds, in the maximum norm; of P3's limbs none is out of turn."""
+        return not self.out_of_turn and self.position_m <= POSITION_THRESHOLD_M and self.force_N <= FORCE_THRESHOLD_N
 
     def line(self, iteration: int) -> str:
         """One line for people."""

@@ -16,7 +16,7 @@ from crux_planner.physics.dynamics import WRENCH_INPUTS
 from crux_planner.solvers import clock
 from crux_planner.trajectory.interior_point import first_point, minimise
 from crux_planner.trajectory.solution import Place, Solution, Start
-from crux_planner.trajectory.stage_functions import StageFunctions
+from crux_planner.trajectory.stage_functions import COLUMN, StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
 
 _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
@@ -88,7 +88,7 @@ def _solve_once(
 
 def columns_of(stages: StageProblem, start: Start) -> Array:
     """Scaled columns (N, 4, 8) of where the solver starts; the spines' shares are 0."""
-    columns = stages.empty_columns()
+    columns = np.zeros((stages.knots, 4, COLUMN))
     for k, knot in enumerate(start.wrenches):
         for limb, wrench in knot.items():
             columns[k, limb, :WRENCH_INPUTS] = wrench / stages.functions.scale

@@ -65,16 +65,21 @@ def solve_knots(
     scales: Scales,
     path: Array,
     moments: bool,
+    alone: bool = False,
 ) -> KnotSolution | None:
-    """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the schedule leaves no solution."""
-    low, high = _bounds(problem, schedule)
+    """Minimise J, and rho / 2 |eta - target|^2 where there is a target; None where the schedule leaves no solution.
+
+    Limbs `alone` have neither (8) nor (9a); their body is the target's.
+    """
+    low, high = (target.body, target.body) if alone and target is not None else _bounds(problem, schedule)
     if (low > high).any():
         return None
     held = np.array([[-1 if c is None else c for c in knot] for knot in schedule.contacts[: problem.steps]])
     places = np.argwhere(held >= 0)
     qp = CentroidalQp(problem, places, WRENCH_INPUTS)
     contacts = held[places[:, 0], places[:, 1]]
-    _add_dynamics(qp, balance, contacts, path, schedule.poses[:, :, :3].mean(axis=1))
+    if not alone:
+        _add_dynamics(qp, balance, contacts, path, schedule.poses[:, :, :3].mean(axis=1))
     qp.add_body_cost(rho, target, scales)
     qp.squares(qp.inputs, problem.weights.wrench * wrench_weights(problem), 0.0)
     if target is not None:

@@ -22,7 +22,7 @@ from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_s
 from crux_planner.physics.limit_surface import surface_slack
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.physics.torque import held_torques
-from crux_planner.solvers.mapped import Mapped, mapped
+from crux_planner.solvers.mapped import Mapped
 
 FORCE_SCALE_N = 10.0  # forces in tens of newtons, so that the numbers are of order one
 SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a little cost picks one
@@ -86,7 +86,7 @@ class StageFunctions:
         linear = ca.Function("linear", [x, total, multiplier, at, by_pose, pose], outputs)
         centre = centre_of_mass(p, x, ca.vertsplit(hands, 4))
         by_pose = ca.jacobian(centre, x)[:, :POSE]
-        return mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
+        return Mapped("step", arguments, linear(x, total, multiplier, centre, by_pose, x[:POSE]))
 
     @cached_property
     def reach(self) -> Mapped:
@@ -97,7 +97,7 @@ class StageFunctions:
         offsets = ca.vertcat(*[along @ offset_in_body(x[0:3], x[3:6], grippers[3 * i : 3 * i + 3]) for i in range(4)])
         multiplier = ca.SX.sym("z", offsets.size1())
         hessian = ca.hessian(ca.dot(multiplier, offsets), x)[0][:POSE, :POSE]
-        return mapped("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
+        return Mapped("reach", [x, grippers, multiplier], [offsets, ca.jacobian(offsets, x)[:, :POSE], hessian])
 
     @cached_property
     def surface(self) -> Mapped:
@@ -113,7 +113,7 @@ class StageFunctions:
         slack /= FORCE_SCALE_N
         multiplier = ca.SX.sym("z", slack.size1())
         hessian = ca.hessian(ca.dot(multiplier, slack), u)[0]
-        return mapped("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
+        return Mapped("surface", [u, fingers, multiplier], [slack, ca.jacobian(slack, u), hessian])
 
     @cached_property
     def numbers(self) -> Array:
@@ -126,7 +126,7 @@ class StageFunctions:
         sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
         x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
         poses, load = (x[:POSE], next_pose(x, self.problem.dt_s)), (q * self.scale, grasp, self.problem.gravity_w)
-        return mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
+        return Mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
 
     @cached_property
     def torques(self) -> Mapped:
@@ -134,7 +134,7 @@ class StageFunctions:
         values = self.torque_values.function
         x, q, *_ = arguments = values.sx_in()
         torques = values(*arguments)
-        return mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
+        return Mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
 
     @cached_property
     def _torque_curvature(self) -> Mapped:
@@ -142,14 +142,14 @@ class StageFunctions:
         pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
         torques = held_torques(numbers, pose, q * self.scale, grasp, self.problem.gravity_w)
         hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
-        return mapped("torque_curvature", arguments, [hessian])
+        return Mapped("torque_curvature", arguments, [hessian])
 
     @cached_property
     def wrench_maps(self) -> Mapped:
         """(n, 6, 5): force and moment about the origin for scaled q, at grasps (n, 9) centre, axis, tangent."""
         q, grasp = ca.SX.sym("q", WRENCH_INPUTS), ca.SX.sym("grasp", 9)
         force, moment = gripper_wrench(q * self.scale, grasp[0:3], grasp[3:6], grasp[6:9])
-        return mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
+        return Mapped("wrench", [grasp], [ca.jacobian(ca.vertcat(force, moment), q)])
 
     @cached_property
     def body_cost(self) -> Mapped:
@@ -167,4 +167,4 @@ class StageFunctions:
 
 def _with_derivatives(name: str, cost: Any, by: Any) -> Mapped:
     hessian, gradient = ca.hessian(cost, by)
-    return mapped(name, [by], [cost, gradient, hessian])
+    return Mapped(name, [by], [cost, gradient, hessian])

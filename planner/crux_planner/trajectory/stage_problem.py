@@ -123,10 +123,6 @@ class StageProblem:
         """(2, R): how far rows are inside their bounds; 1 where there is none."""
         return np.where(self.bounded, np.stack([values - self.low, self.high - values]), 1.0)
 
-    def empty_columns(self) -> Array:
-        """(N, 4, 8) zeros."""
-        return np.zeros((self.knots, 4, COLUMN))
-
     def next_states(self, body: Array, columns: Array) -> Array:
         """(N, 12): where (8) leads from every knot."""
         totals = np.einsum("klij,klj->ki", self.maps, columns[..., :WRENCH_INPUTS])

@@ -4,21 +4,16 @@ J (6) is of N knots, so that a sequence of contacts found for them waits where w
 says `planner.idle: keep`, what is solved and written is the same sequence over the knots in which something moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from crux_planner.model.arrays import Array, Flags, Indices
-
-if TYPE_CHECKING:
-    from crux_planner.model.problem import BodyBounds, Problem
-    from crux_planner.model.schedule import Schedule
-    from crux_planner.model.walk_problem import WalkProblem
-    from crux_planner.trajectory.solution import Start
-    from crux_planner.trajectory.walk_qp import WalkKnots
+from crux_planner.model.problem import BodyBounds, Problem
+from crux_planner.model.schedule import Schedule
+from crux_planner.model.walk_problem import WalkProblem
+from crux_planner.trajectory.solution import Start
+from crux_planner.trajectory.walk_qp import WalkKnots
 
 PACE = 0.25  # of its largest speeds: a body that is slower over a knot waits
 

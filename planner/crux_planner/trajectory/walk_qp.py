@@ -84,10 +84,12 @@ class _About:
 
 
 class ContactQp:
-    """The QPs of one problem for any gait."""
+    """The QPs of one problem for any gait; of feet `alone` with neither (8) nor (9a), their body the one given."""
 
-    def __init__(self, problem: WalkProblem, scales: Scales | None, *, moments: bool = True) -> None:
-        self.problem, self.scales, self.moments = problem, scales, moments
+    def __init__(
+        self, problem: WalkProblem, scales: Scales | None, *, moments: bool = True, alone: bool = False
+    ) -> None:
+        self.problem, self.scales, self.moments, self.alone = problem, scales, moments and not alone, alone
 
     def solve(
         self, about: WalkMotion, rho: float = 0.0, target: Eta | None = None, accuracy: float = 1e-5
@@ -97,14 +99,15 @@ class ContactQp:
         (8b) and (9a) are linear about a motion by the gait.
         """
         gait, problem = about.gait, self.problem
-        bounds = walk_bounds(problem, gait)
+        bounds = (about.body, about.body) if self.alone else walk_bounds(problem, gait)
         spots = foothold_bounds(problem, gait)
         if (bounds[0] > bounds[1]).any() or spots is None:
             return None
         of = _About.of(problem, about)
         qp = CentroidalQp(problem, of.places, 3, len(gait.steps))
         k, i = of.places.T
-        self._add_dynamics(qp, of)
+        if not self.alone:
+            self._add_dynamics(qp, of)
         self._add_cost(qp, of, rho, target)
         self._add_inequalities(qp, of)
         least = least_load_N(problem)
@@ -149,11 +152,13 @@ class ContactQp:
     def _add_inequalities(self, qp: CentroidalQp, of: _About) -> None:
         """The cone, (7), (9a), shares of the weight on three feet, lengths of steps, feet of a side apart."""
         cone = self._cone(qp, of)
+        step_rows(qp.rows, self.problem, of.reference.gait, of.reference.footholds, qp.at_h)
+        if self.alone:
+            return
         self._accelerations(qp.rows)
         self._reach(qp, of)
         if self.moments:
             self._three_feet(qp, of, cone)
-        step_rows(qp.rows, self.problem, of.reference.gait, of.reference.footholds, qp.at_h)
         apart_rows(qp.rows, of.blend, of.fixed, qp.at_h)
 
     def _cone(self, qp: CentroidalQp, of: _About) -> Array:
@@ -276,14 +281,11 @@ class ContactQp:
             return
         near = rho / 2 * scales.force**2
         qp.squares(qp.inputs, near, target.forces[of.places[:, 0], of.places[:, 1]])
-        qp.constant += near * float((target.forces[~gait.stance[: problem.steps]] ** 2).sum())
         near, off = rho / 2 * scales.position**2, target.fingers[..., :2] - of.fixed  # (N + 1, 4, 2)
         steps = sp.coo_matrix(np.kron(2 * near * np.einsum("kij,kil->jl", of.blend, of.blend), np.eye(2)))
         where = qp.at_h + steps.row, qp.at_h + steps.col
         qp.hessian = sp.csc_matrix((steps.data, where), (qp.size, qp.size))
         qp.linear[qp.at_h :] -= 2 * near * np.einsum("kij,kia->ja", of.blend, off).ravel()
-        heights = problem.step_height_m * gait.height - target.fingers[..., 2]
-        qp.constant += near * float((off**2).sum() + (heights**2).sum())
 
 
 def solve(problem: WalkProblem, knots: WalkKnots, deadline: float) -> WalkSolution:

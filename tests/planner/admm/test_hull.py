@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from crux_planner.admm.contact_block import ClimbContacts
 from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, WindowCost
 from crux_planner.admm.window_cost import window_cost
 from crux_planner.admm.windows import Swinging
 from crux_planner.physics.cost import schedule_cost
 from crux_planner.trajectory.consensus import Eta, Scales
-from scenes import Scene, scene
+from scenes import Scene, scene, square
 from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
@@ -147,3 +148,17 @@ def test_the_proximal_term_of_poses_is_exact() -> None:
     assert len(values) >= 2
     np.testing.assert_allclose(values, values[0], atol=1e-8)
     np.testing.assert_allclose(values[0], 0.0, atol=1e-8)
+
+
+def test_what_the_mip_minimises_is_the_cost_with_its_constants() -> None:
+    """A gap is a share of J and the consensus term, not of what is left of them without constants."""
+    small, rho, scales = scene(30), 10.0, Scales(position=3.0, force=0.007)
+    block = ClimbContacts(small.windows, scales)
+    first = block.minimise(rho, None, small.later)
+    target = first.eta + first.eta.times(0.0)
+    target.forces[:] += np.random.default_rng(2).normal(scale=4.0, size=target.forces.shape)
+    again = block.minimise(rho, target, small.later)
+    value = again.knots.cost + rho / 2 * square(again.eta - target, scales)
+    cost = window_cost(small.windows, rho, target, scales)
+    found = HullMilp(small.windows, small.equilibrium).solve(cost, gap=0.01, time_limit_s=20.0)
+    assert 0.6 * value < found.objective <= value

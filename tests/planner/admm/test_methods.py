@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario, parse_scenario
-from crux_planner.admm.climb_limbs import ClimbLimbs, LimbMips
+from crux_planner.admm.limbs import ClimbLimbs, LimbMips
 from crux_planner.admm.methods import METHODS, Task
 from crux_planner.errors import InfeasibleError
 from crux_planner.method_report import climb_report
@@ -80,13 +80,15 @@ def test_limbs_alone_meet_the_forces_of_their_copy_on_the_limit_surface() -> Non
 
 
 def test_multi_block_says_that_it_did_not_converge() -> None:
-    """Limbs that know of one another by the shared copy alone fly together on a symmetric wall."""
+    """At first limbs are away together: nothing but the copy is in their way."""
     small = scene(30)
     lines: list[str] = []
     task = Task(windows=small.windows, deadline=small.later, iterations=2, report=lines.append)
     decided = METHODS["multi_block"](task)
     assert decided.iterations == 2
     assert not decided.converged
+    assert any("+" in together for together in decided.gaits[0])
+    assert decided.residuals[0].out_of_turn > 0
     assert lines[-1] == "not converged after 2 iterations"
 
 

@@ -25,7 +25,7 @@ def test_binaries_are_counted_as_the_paper_counts_them() -> None:
     assert x["alpha"].shape == (knots, fingers, faces)
     assert x["beta"].shape == (knots, fingers, obstacles, 5)
     assert x["gamma"].shape == (knots - 1, fingers, faces)
-    assert np.concatenate(model.integer).sum() == sum(x[name].size for name in ("alpha", "beta", "gamma"))
+    assert model.binaries == sum(x[name].size for name in ("alpha", "beta", "gamma"))
 
 
 def test_the_start_lies_on_its_faces() -> None:
@@ -42,7 +42,7 @@ def test_the_start_lies_on_its_faces() -> None:
 
 def test_tangents_stay_below_squares() -> None:
     model = Model()
-    x = model.variables((3,), [0.3, -0.7, 1.0], [0.3, -0.7, 1.0])
+    x = model.block((3,), [0.3, -0.7, 1.0], [0.3, -0.7, 1.0])
     model.squares(x, 0.1, 2.0, 1.0)
     solver = highspy.Highs()  # type: ignore[no-untyped-call]
     solver.setOptionValue("output_flag", False)

@@ -13,10 +13,10 @@ import walk_by_ipopt
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import ScenarioError, load_scenario, parse_scenario
 from crux_planner import plan
+from crux_planner.admm.contact_block import WalkSteps
 from crux_planner.admm.motion_block import MotionBlock
-from crux_planner.admm.walk_block import WalkBlock
 from crux_planner.admm.walk_mip import WalkMip
-from crux_planner.model.gait import longest_step, straight_motion
+from crux_planner.model.gait import longest_step
 from crux_planner.model.slots import Slots
 from crux_planner.model.walk_problem import FINAL_FOOT_M, WalkProblem, build_walk
 from crux_planner.physics.cost import walk_cost
@@ -26,6 +26,7 @@ from crux_planner.solvers import clock
 from crux_planner.trajectory import walk_qp as exact
 from crux_planner.trajectory.consensus import Eta, Scales
 from crux_planner.trajectory.walk_qp import ContactQp
+from straight_walk import straight_motion
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 ROBOT = load_robot("scaler")
@@ -145,7 +146,7 @@ def test_moments_are_not_in_the_mip_of_a_walk(problem: WalkProblem) -> None:
 
 def test_the_contact_block_of_a_walk_honours_the_consensus_term(problem: WalkProblem) -> None:
     later = clock.now() + 60.0
-    block = WalkBlock(problem, Scales(force=0.0))
+    block = WalkSteps(problem, Scales(force=0.0))
     first = block.minimise(1.5, None, later)
     feet = first.eta.fingers[-1]
     assert (np.abs(feet[:, :2] - problem.goal_feet_w_m) <= FINAL_FOOT_M + 1e-6).all()

@@ -24,13 +24,14 @@ from crux_planner.certificates.bound.crawls import BETWEEN, Crawls
 from crux_planner.certificates.bound.equilibrium_dual import EquilibriumDual
 from crux_planner.certificates.bound.loads import least_loads
 from crux_planner.model.arrays import Array
-from crux_planner.model.gait import LEAST_AIR, Gait, straight_motion
+from crux_planner.model.gait import LEAST_AIR, Gait
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.slots import FIRST_LIFT, LAST_LAND, Slots
 from crux_planner.model.walk_problem import WalkProblem, build_walk
 from crux_planner.physics.cost import FORCE_SHARE, gait_cost, walk_cost
 from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots, solve
+from straight_walk import straight_motion
 
 SCENE = (Path(__file__).resolve().parents[3] / "msgs" / "scenarios" / "walk-slope.yaml").read_text()
 STAY = SCENE.replace("steps: 40", "steps: 14").replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]")

@@ -10,12 +10,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from crux_contracts.robot import Robot
-from crux_planner.model.kinematics import forward, inverse, limit_margin, rotation_from_rpy, rotation_z, wrap_near
+from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z, wrap_near
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centres_of_mass, composite_inertia
 from crux_planner.physics.dynamics import centre_of_mass as symbolic_centre
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from limb_forward import forward
 
 limbs = st.integers(0, 3)
 seeds = st.integers(0, 2**32 - 1)

@@ -40,7 +40,7 @@ def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.parametrize(
     ("change", "status", "message"),
-    [({"horizon": {"steps": 6, "dt_s": 2.0}}, 1, "needs"), ({"wall": {"slope": 45}}, 2, "slope")],
+    [({"horizon": {"steps": 6, "dt_s": 2.0}}, 1, "allow as many"), ({"wall": {"slope": 45}}, 2, "slope")],
 )
 def test_a_failure_writes_nothing(
     change: dict[str, Any], status: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -107,7 +107,7 @@ def test_help_says_what_the_papers_methods_are_here(capsys: pytest.CaptureFixtur
     said = " ".join(capsys.readouterr().out.split())
     assert "two_block equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start" in said
     assert "multi_block P3: such a MIP a limb" in said
-    assert "on most scenes it does not converge" in said
+    assert "who is in the air is in the consensus" in said
 
 
 def test_a_missing_scenario_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

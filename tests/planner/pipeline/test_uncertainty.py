@@ -10,6 +10,7 @@ import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker import check_plan
+from crux_tools.paths import SCENARIOS
 from walls import scenario, two_rows
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
@@ -82,6 +83,16 @@ def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robo
     assert "limit_surface_uncertain" in refused
 
 
+def test_the_least_friction_takes_no_strength_from_the_fingers(robot: Robot) -> None:
+    text = (SCENARIOS / "climb-four-holds.yaml").read_text(encoding="utf-8")
+    known = "{friction: 0.4, hold_position_m: 0.01, hold_yaw_deg: 6, mass_kg: 1, centre_of_mass_m: 0.01}"
+    plan = crux_planner.plan(parse_scenario(f"{text}\nuncertainty: {known}\n"), robot).plan
+    stance = [limb for knot in plan.knots for limb in knot.limbs if limb.hold >= 0]
+    assert {round(limb.friction, 6) for limb in stance} == {1.32}
+    stance[0].friction = 2.2
+    assert "friction" in {violation.constraint for violation in check_plan(plan, robot).violations}
+
+
 def test_numbers_given_as_sigmas_count_so_many_times() -> None:
     known = scenario(wall(uncertainty={"friction": 0.1, "hold_yaw_deg": 2.0, "sigmas": 3})).uncertainty
     assert known is not None
@@ -104,8 +115,6 @@ def test_what_is_wrong_with_it_is_said(known: dict[str, float], said: str) -> No
 
 
 def test_walks_have_none() -> None:
-    from crux_tools.paths import SCENARIOS
-
     text = (SCENARIOS / "walk-flat.yaml").read_text(encoding="utf-8") + "\nuncertainty: {friction: 0.1}\n"
     with pytest.raises(ScenarioError, match=r"uncertainty.*point"):
         parse_scenario(text)

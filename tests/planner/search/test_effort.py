@@ -6,8 +6,10 @@ from functools import lru_cache
 
 import pytest
 from crux_contracts.robot import load_robot
+from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline.solve_and_check import path_to_goal
+from crux_planner.search.equilibrium import Query
 from crux_planner.search.event_cost import EventCost
 from crux_planner.search.improve import WORK, improve
 from crux_planner.search.schedule import at_knots
@@ -19,12 +21,23 @@ from crux_planner.trajectory.solution import start_from_path
 from walls import ladder, scenario
 
 
+class Counted(TorqueLimits):
+    """Counts the queries that it has no answer to yet."""
+
+    queries = 0
+
+    def _held(self, query: Query) -> Array | None:
+        self.queries += 1
+        return super()._held(query)
+
+
 @lru_cache
 def effort(rows: int, steps: int) -> dict[str, float]:
     """Moves, and what they took: stances expanded, balance queries, work on J, iterations of the exact P1."""
     problem = build_problem(scenario(ladder(rows, steps=steps)), load_robot("scaler"))
-    oracles = Oracles.of(problem, TorqueLimits(problem, problem.friction_share))
-    equilibrium, swings = oracles.equilibrium, oracles.swings
+    equilibrium = Counted(problem, problem.friction_share)
+    oracles = Oracles.of(problem, equilibrium)
+    swings = oracles.swings
     later = clock.now() + 300
     moves, seen = search(oracles, at_once=1, greed=1.0, deadline=later)
     assert moves is not None

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
-from crux_planner.model.kinematics import forward, inverse, rotation_z
+from crux_planner.model.kinematics import inverse, rotation_z
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.torque_limits import TorqueLimits
+from limb_forward import forward
 from walls import scenario, two_rows
 
 

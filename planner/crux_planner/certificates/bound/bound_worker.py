@@ -1,18 +1,14 @@
 """The bound worked out by a worker, while the exact NLP and the check keep this process busy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker, WorkerLostError, say
-
-if TYPE_CHECKING:
-    from crux_planner.model.problem import Problem
 
 AIM = 0.05  # no bound is looked for above this share below the cost expected: it is what makes the search small
 TIME_LIMIT_S = 60.0  # of what nobody listens to any more

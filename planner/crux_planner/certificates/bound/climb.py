@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, yaw_range
-from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, by_hold, grasps
+from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, grasps
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
@@ -62,7 +62,7 @@ def lower_bound(
     problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
-    begun = (_Search.begin(problem, cost, groups(problem), limits) for groups in (by_faces, by_hold))
+    begun = (_Search.begin(problem, cost, by_faces(problem, pairs), limits) for pairs in (2, 1))
     search = next((each for each in begun if each is not None), None)
     if search is not None:
         bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))

@@ -6,7 +6,6 @@ what the cheapest of its contacts does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from crux_planner.certificates.bound.places import Orientations, body_boxes
 from crux_planner.certificates.bound.swings import distinct, ends
 from crux_planner.model.arrays import Array, Flags, Indices
-from crux_planner.model.contacts import Contact
 from crux_planner.model.problem import Problem
 
 _PAIRS = 25  # of a node, where memory allows
@@ -86,22 +84,16 @@ class Grasps:
         return np.append(np.minimum.reduceat(of_contacts[np.concatenate(own)], first), 0.0)
 
 
-def by_faces(problem: Problem) -> Groups:
-    """What each face pair of each hold offers a group: one grasp in the middle, or several along it."""
-    return _by(problem, lambda contact: (contact.hold, contact.pair))
-
-
-def by_hold(problem: Problem) -> Groups:
-    """What each hold offers a group."""
-    return _by(problem, lambda contact: (contact.hold,))
-
-
-def _by(problem: Problem, key: Callable[[Contact], tuple[int, ...]]) -> Groups:
+def by_faces(problem: Problem, pairs: int = 2) -> Groups:
+    """What each face pair of each hold offers a group: one grasp in the middle, or several along it. With one of the
+    `pairs` told apart, all that a hold offers.
+    """
     groups: Groups = []
     for limb in range(4):
-        alike: dict[tuple[int, ...], list[int]] = {}
+        alike: dict[tuple[int, int], list[int]] = {}
         for c in distinct(problem, limb):
-            alike.setdefault(key(problem.contacts[c]), []).append(int(c))
+            contact = problem.contacts[c]
+            alike.setdefault((contact.hold, contact.pair % pairs), []).append(int(c))
         groups.append([np.array(own) for own in alike.values()])
     return groups
 

@@ -206,14 +206,10 @@ class DynamicProgram:
         self._order = np.argsort(self._of_node, kind="stable")
         self._first = np.flatnonzero(np.diff(self._of_node[self._order], prepend=-1))
         self._timeline = Timeline(merged_options, least_air, problem.weights.switching)
+        self.states = self._timeline.states  # a knot
         start = nodes.start
         self._start = None if start is None else int(self._of_node[start])
         self._ends = np.unique(self._of_node[nodes.ending(problem)])
-
-    @property
-    def states(self) -> int:
-        """Size of the program, a knot."""
-        return self._timeline.states
 
     def forward(self, stage: Stage) -> Forward | None:
         """The cheapest way; None where the start or every end is left out."""

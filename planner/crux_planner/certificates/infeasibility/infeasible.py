@@ -69,7 +69,7 @@ class Proof:
         near: list[Grips] = list(map(tuple, stances.tolist()))
         self.goals = self.goal_poses.possible(near, self.reach.grips)
         if not self.goals:
-            goal = self._goal_text()
+            goal = point_text(problem, problem.goal.body.position_m)
             text = f"no pose of the body at the goal {goal} has a hold of its own within reach of every limb"
             if near:
                 text += f" at once: short by {1000 * self.goal_poses.shortage(near, self.reach.grips):.1f} mm"
@@ -178,9 +178,6 @@ class Proof:
             text = f"start.grasps: {keep}, 3 mm are needed"
             return InfeasibleError("clearance", text, proven=True)
         return None
-
-    def _goal_text(self) -> str:
-        return point_text(self.problem, self.problem.goal.body.position_m)
 
     def _text(self, stance: Grips, without: int | None = None) -> str:
         names = self.problem.hold_names
