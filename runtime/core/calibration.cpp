@@ -11,6 +11,7 @@ namespace {
 constexpr double kReach = 8.0;         // gains stay within so many times those loaded
 constexpr double kLeastSpring = 1e-6;  // a spring of nothing has no logarithm
 constexpr double kLeastShare = 0.5;    // of a window that a limb must bear load for
+constexpr double kWorth = 0.1;         // share of squared errors that a sigma point must save, or all gains stay
 // Deviations of logarithms; of the outputs, as a share of what is tolerated.
 constexpr double kFirst = 0.3, kWander = 0.1, kOutput = 0.5;
 
@@ -107,14 +108,18 @@ bool GainCalibration::update(const PerLimb<Yielding>& limbs, double dt_s) noexce
 
 void GainCalibration::end_window() noexcept {
   GainFilter::PointOutputs outputs = GainFilter::PointOutputs::Zero();
+  Row squares = Row::Zero();
   for (int l = 0; l < kLimbs; ++l) {
     const Twins& twins = twins_[l];
     if (twins.cycles < kLeastShare * settings_.window_cycles) continue;
-    const Row rms = (twins.squares.array() / twins.cycles).sqrt();
-    outputs.row(l) = (rms.array() - settings_.tolerated).max(0.0);
+    const Row mean = twins.squares / twins.cycles;
+    squares += mean;
+    outputs.row(l) = (mean.array().sqrt() - settings_.tolerated).max(0.0);
   }
   // The first point is the gains as they are: where these do, nothing is better, and unknown gains stay.
   if (outputs.col(0).isZero(0.0)) return;
+  // Errors that no gains lessen tell nothing of gains: on them the estimate would wander.
+  if (squares.minCoeff() > (1.0 - kWorth) * squares[0]) return;
   const GainFilter::Gains before = filter_.gains();
   filter_.update(points_, outputs, GainFilter::Outputs::Zero());
   const GainFilter::Gains most = GainFilter::Gains::Constant(settings_.max_change);

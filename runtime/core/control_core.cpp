@@ -291,7 +291,12 @@ PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, doubl
 void ControlCore::calibrate(double dt_s) noexcept {
   if (!calibration_ || plan_->point_feet) return;
   PerLimb<Yielding> translations, rotations;
-  for (int l = 0; l < kLimbs; ++l) translations[l] = limbs_[l].translation(), rotations[l] = limbs_[l].rotation();
+  for (int l = 0; l < kLimbs; ++l) {
+    // A limb that slips or has lost its hold is given no error: it shows nothing of its gains.
+    if (slips_[l].slips() || faults_.lost(l) || faults_.distrusted(l) || limbs_[l].blind()) continue;
+    translations[l] = limbs_[l].translation();
+    rotations[l] = limbs_[l].rotation();
+  }
   if (!calibration_->update(translations, rotations, dt_s)) return;
   for (LimbController& limb : limbs_) limb.set_gains(calibration_->gains());
 }

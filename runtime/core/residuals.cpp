@@ -28,14 +28,12 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   stance_.update(fitted, dt_s);
   PerLimb<Wrench> felt_W;
   PerLimb<Vector3> grippers_W_m;
-  PerLimb<bool> bear{};
   for (int l = 0; l < kLimbs; ++l) {
     felt_W[l] = limbs_[l].wrench_W();
     grippers_W_m[l] = body_.body_W() * limbs_[l].state().gripper_B.position_m;
-    bear[l] = limbs_[l].in_contact() || reference_.limbs[l].closing();
   }
   if (!started_) balance_.restart();
-  balance_.update(felt_W, grippers_W_m, bear, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
+  balance_.update(felt_W, grippers_W_m, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
     const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb),

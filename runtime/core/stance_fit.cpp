@@ -27,13 +27,16 @@ Matrix6 StanceFit::information(const Standing& limb, int cycles) const noexcept 
   deviation << Vector3::Constant(parameters_.shift_sigma_m), Vector3::Constant(parameters_.turn_sigma_rad);
   const double play_rad = std::min(play_m_ / kArm_m, parameters_.most_play_rad / 2.0);
   Matrix6 covariance = deviation.cwiseAbs2().asDiagonal();
+  bool played = false;
   for (int j = 0; j < kJoints; ++j) {
     if (limb.idle_cycles_ago[j] >= cycles) continue;
+    played = true;
     Row moved;
     moved << limb.rotation_GS.transpose() * limb.joints_G.col(j).head<3>(),
         limb.rotation_GS.transpose() * limb.joints_G.col(j).tail<3>();
     covariance += play_rad * play_rad * moved * moved.transpose();
   }
+  if (!played) return covariance.diagonal().cwiseInverse().asDiagonal();
   return covariance.inverse();
 }
 
@@ -143,12 +146,14 @@ Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycle
   // Least squares within what play there can be, joint by joint until it stands.
   const Matrix6 normal = joints.transpose() * weight.asDiagonal() * joints;
   const JointVector gradient = joints.transpose() * weight.cwiseProduct(row);
-  JointVector play_rad = JointVector::Zero();
-  for (int i = 0; i < kSweeps * kJoints; ++i) {
-    const int j = i % kJoints;
-    if (!(normal(j, j) > 0.0)) continue;
-    play_rad[j] += (gradient[j] - normal.row(j).dot(play_rad)) / normal(j, j);
-    play_rad[j] = std::clamp(play_rad[j], -parameters_.most_play_rad, parameters_.most_play_rad);
+  JointVector play_rad = JointVector::Zero(), before_rad = JointVector::Constant(1.0);
+  for (int sweep = 0; sweep < kSweeps && play_rad != before_rad; ++sweep) {
+    before_rad = play_rad;
+    for (int j = 0; j < kJoints; ++j) {
+      if (!(normal(j, j) > 0.0)) continue;
+      play_rad[j] += (gradient[j] - normal.row(j).dot(play_rad)) / normal(j, j);
+      play_rad[j] = std::clamp(play_rad[j], -parameters_.most_play_rad, parameters_.most_play_rad);
+    }
   }
   row -= limb.joints_G * play_rad;
   return {row.head<3>(), row.tail<3>()};
@@ -175,10 +180,10 @@ void StanceFit::look_back(int window, double dt_s) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     if (!count[l]) continue;
     const Fit fit = fit_without(l, count, off, worth);
-    const Misfit misfit = in_gripper(limbs_[l], fit.left);
-    const Misfit slid = beyond_play(limbs_[l], misfit, cycles);
     if (fit.rest >= least) continue;
     least = fit.rest;
+    const Misfit misfit = in_gripper(limbs_[l], fit.left);
+    const Misfit slid = beyond_play(limbs_[l], misfit, cycles);
     // What play explains most of is play.
     const double off_m = misfit.shift_G_m.tail<2>().norm();
     const double play_m = (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm();

@@ -16,12 +16,10 @@ constexpr double kNextAtLeast = 0.15;  // at least this share
 
 }  // namespace
 
-void WeightBalance::update(const PerLimb<Wrench>& felt_W, const PerLimb<Vector3>& gripper_W_m,
-                           const PerLimb<bool>& bear, const Vector3& com_W_m, const Vector3& weight_W_N,
-                           double dt_s) noexcept {
+void WeightBalance::update(const PerLimb<Wrench>& felt_W, const PerLimb<Vector3>& gripper_W_m, const Vector3& com_W_m,
+                           const Vector3& weight_W_N, double dt_s) noexcept {
   sum_W_ = {weight_W_N, Vector3::Zero()};
   for (int l = 0; l < kLimbs; ++l) {
-    if (!bear[l]) continue;
     sum_W_.force_N += felt_W[l].force_N;
     sum_W_.moment_Nm += (gripper_W_m[l] - com_W_m).cross(felt_W[l].force_N) + felt_W[l].moment_Nm;
   }
@@ -32,15 +30,14 @@ void WeightBalance::update(const PerLimb<Wrench>& felt_W, const PerLimb<Vector3>
   learnt_ += dt_s / (parameters_.balance_memory_s + dt_s) * (now - learnt_);
   const Vector6 change = now - learnt_;
   change_N_ = change.norm();
-  limb_ = change_N_ > parameters_.max_unbalanced_N ? blame(gripper_W_m, bear, com_W_m, change) : -1;
+  limb_ = change_N_ > parameters_.max_unbalanced_N ? blame(gripper_W_m, com_W_m, change) : -1;
 }
 
-int WeightBalance::blame(const PerLimb<Vector3>& gripper_W_m, const PerLimb<bool>& bear, const Vector3& com_W_m,
+int WeightBalance::blame(const PerLimb<Vector3>& gripper_W_m, const Vector3& com_W_m,
                          const Vector6& change) const noexcept {
   double least = std::numeric_limits<double>::infinity(), next = least;
   int found = -1;
   for (int l = 0; l < kLimbs; ++l) {
-    if (!bear[l]) continue;
     Eigen::Matrix<double, 6, 3> map;
     map << Matrix3::Identity(), skew(gripper_W_m[l] - com_W_m) / kArm_m;
     const Vector3 force_N = (map.transpose() * map).ldlt().solve(map.transpose() * change);

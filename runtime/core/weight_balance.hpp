@@ -11,10 +11,10 @@ class WeightBalance {
  public:
   explicit WeightBalance(const StanceParameters& parameters) : parameters_(parameters) {}
 
-  /// Once a cycle. `felt_W`: wrench on each gripper about its centre, at `gripper_W_m`; of limbs that do not `bear`
-  /// nothing counts. `weight_W_N` acts at `com_W_m`.
-  void update(const PerLimb<Wrench>& felt_W, const PerLimb<Vector3>& gripper_W_m, const PerLimb<bool>& bear,
-              const Vector3& com_W_m, const Vector3& weight_W_N, double dt_s) noexcept;
+  /// Once a cycle. `felt_W`: wrench on each gripper about its centre, at `gripper_W_m`, of limbs in the air as well:
+  /// one may touch something. `weight_W_N` acts at `com_W_m`.
+  void update(const PerLimb<Wrench>& felt_W, const PerLimb<Vector3>& gripper_W_m, const Vector3& com_W_m,
+              const Vector3& weight_W_N, double dt_s) noexcept;
 
   /// Sum of all about the centre of mass.
   const Wrench& unbalanced_W() const { return sum_W_; }
@@ -26,8 +26,7 @@ class WeightBalance {
   void restart() noexcept { started_ = false; }
 
  private:
-  int blame(const PerLimb<Vector3>& gripper_W_m, const PerLimb<bool>& bear, const Vector3& com_W_m,
-            const Vector6& change) const noexcept;
+  int blame(const PerLimb<Vector3>& gripper_W_m, const Vector3& com_W_m, const Vector6& change) const noexcept;
 
   StanceParameters parameters_;
   Wrench sum_W_;

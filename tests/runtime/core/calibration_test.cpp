@@ -183,6 +183,22 @@ TEST(Calibration, LeavesGainsAloneWhoseErrorsAreTolerated) {
   EXPECT_NEAR(calibration.gains().damping_Ns_m, gains.damping_Ns_m, 1e-9 * gains.damping_Ns_m);
 }
 
+TEST(Calibration, LeavesGainsAloneWhereNoneLessenTheError) {
+  Calibration calibration(described(with_damping(1.0)));
+  const PerLimb<Yielding> still{};
+  for (int i = 0; i < 30000; ++i) {
+    PerLimb<Yielding> shaken;
+    for (int l = 0; l < kLimbs; ++l)
+      shaken[l] = {true, 5.0 * Vector3(std::sin(250.0 * kDt_s * i + l), std::cos(300.0 * kDt_s * i), 0.0),
+                   Vector3::Zero(), Vector3::Zero()};
+    calibration.update(shaken, still, kDt_s);
+  }
+  const AdmittanceParameters loaded = with_damping(1.0), now = calibration.gains();
+  EXPECT_NEAR(now.mass_kg, loaded.mass_kg, 1e-9 * loaded.mass_kg);
+  EXPECT_NEAR(now.damping_Ns_m, loaded.damping_Ns_m, 1e-9 * loaded.damping_Ns_m);
+  EXPECT_NEAR(now.stiffness_N_m, loaded.stiffness_N_m, 1e-9 * loaded.stiffness_N_m);
+}
+
 TEST(Calibration, ChangesNoGainFasterThanAllowedAndStartsAgainFromThoseLoaded) {
   Presses presses(with_damping(4.0));
   Calibration calibration(described(with_damping(4.0)));

@@ -202,7 +202,7 @@ class Balance : public testing::Test {
     for (Wrench& wrench : felt_W) wrench.force_N = -0.25 * weight_N_;
     felt_W[limb] = felt_W[limb] + besides;
     for (int i = 0; i < static_cast<int>(seconds / kDt_s); ++i)
-      balance_.update(felt_W, grippers_W_m_, {true, true, true, true}, Vector3::Zero(), weight_N_, kDt_s);
+      balance_.update(felt_W, grippers_W_m_, Vector3::Zero(), weight_N_, kDt_s);
   }
   const Vector3 weight_N_{-70.0, 0.0, -70.0};
   PerLimb<Vector3> grippers_W_m_{Vector3(0.14, 0.36, -0.15), Vector3(0.14, -0.36, -0.15), Vector3(-0.14, 0.36, -0.15),
