@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "app/claim.hpp"
@@ -103,6 +104,7 @@ int run(const Options& options) {
   if (!loaded) throw OptionError(loaded.reason());
   loaded.value().calibrates = options.calibrate;
   const RobotDescription& robot = loaded.value();
+  CommandGate gate(options.insecure ? std::vector<AuthorizedKey>() : read_keys(options.keys), unpredictable);
   std::vector<Claim> claims;  // until the end: no second runtime on the same LCM address or bus
   if (!options.lcm_url.starts_with("memq:")) claims.emplace_back(options.lcm_url);
   for (const std::string& bus : options.buses) claims.emplace_back(bus);
@@ -111,10 +113,13 @@ int run(const Options& options) {
 
   RuntimeExchange exchange;
   SpscRing<CycleRecord> records(kLogQueue);
-  OperatorServer server(options.lcm_url, robot, exchange);
+  OperatorServer server(options.lcm_url, robot, exchange, std::move(gate));
   LogWriter log_writer(records, open_log(options, robot), exchange.log_broken, options.log_frames);
   const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
   handle_signals(exchange.stop);
+  if (options.insecure)
+    std::fprintf(stderr, "crux-runtime: INSECURE: whoever reaches LCM at %s commands the robot\n",
+                 options.lcm_url.c_str());
   CycleReport report;
   {
     auto blocked = std::make_unique<SignalsBlocked>();  // the workers inherit it

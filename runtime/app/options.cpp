@@ -61,6 +61,14 @@ void complete_buses(Options& options) {
                     " has no bus; give all four or none");
 }
 
+void check_authority(const Options& options) {
+  if (options.keys.empty() == options.insecure) return;
+  if (options.insecure) throw OptionError("--insecure: with --keys none but their owners command; give one of the two");
+  throw OptionError(
+      "--keys FILE is missing: who may command this robot? `crux key new` makes a key and says how it gets into FILE; "
+      "for tests and simulations --insecure lets everybody command who reaches LCM");
+}
+
 }  // namespace
 
 Options parse_options(std::span<const char* const> arguments) {
@@ -75,7 +83,8 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    const std::array<std::pair<std::string_view, bool*>, 3> switches = {{{"--overwrite", &options.overwrite},
+    const std::array<std::pair<std::string_view, bool*>, 4> switches = {{{"--overwrite", &options.overwrite},
+                                                                         {"--insecure", &options.insecure},
                                                                          {"--log-frames", &options.log_frames},
                                                                          {"--calibrate", &options.calibrate}}};
     if (const auto* given = std::ranges::find(switches, name, &std::pair<std::string_view, bool*>::first);
@@ -83,8 +92,9 @@ Options parse_options(std::span<const char* const> arguments) {
       *given->second = true;
       continue;
     }
-    constexpr std::array<std::string_view, 10> kNames = {"--robot", "--bus", "--bus-base",   "--commands", "--pace",
-                                                         "--lcm",   "--log", "--guard-time", "--tag",      "--note"};
+    constexpr std::array<std::string_view, 11> kNames = {"--robot",      "--bus",  "--bus-base", "--commands",
+                                                         "--pace",       "--keys", "--lcm",      "--log",
+                                                         "--guard-time", "--tag",  "--note"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -94,6 +104,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--bus-base") options.buses = consecutive_udp_buses(value);
     if (name == "--commands") options.cycle.commands = parse_commands(value);
     if (name == "--pace") options.cycle.pace = parse_pace(value);
+    if (name == "--keys") options.keys = value;
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
@@ -101,6 +112,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
   complete_buses(options);
+  check_authority(options);
   return options;
 }
 
@@ -118,6 +130,10 @@ usage: crux-runtime [options]
   --guard-time S    pace bus: how long to wait for an answer           (1)
   --calibrate       tune the admittance's gains while climbing         (they stay as robot.yaml has them)
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
+  --keys FILE       who may command it: a line a key, KEY ROLE NAME;
+                    commands have to be signed (crux key)              (this or --insecure)
+  --insecure        whoever reaches LCM commands it: for tests
+                    and the simulation
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)
   --overwrite       replace the log that is there already

@@ -24,6 +24,8 @@ struct Options {
   std::string robot = "msgs/robots/scaler";  ///< folder with robot.yaml
   std::array<std::string, kLimbs> buses;     ///< by limb, in the order LF, RF, LR, RR
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
+  std::string keys;         ///< file of those who may command; empty: whoever reaches LCM, with `insecure` alone
+  bool insecure = false;    ///< no keys
   std::string log;          ///< empty: none
   bool overwrite = false;   ///< a log that is there already
   bool log_frames = false;  ///< CAN frames of every cycle

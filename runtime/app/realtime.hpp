@@ -5,8 +5,8 @@
 
 namespace crux {
 
-/// Locks memory, touches the stack and asks for SCHED_FIFO. Empty when all was granted, else what was not; the caller
-/// goes on without.
+/// Locks memory, touches the stack, asks for SCHED_FIFO and for processors that wake at once. Empty when all was
+/// granted, else what was not; the caller goes on without.
 std::string become_realtime();
 
 }  // namespace crux

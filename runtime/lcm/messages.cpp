@@ -85,4 +85,10 @@ void print_malformed(crux_msgs::Channel channel, std::size_t bytes, std::uint64_
                crux_msgs::channel_info(channel).name, bytes, count);
 }
 
+void print_refused(const std::string& reason, std::uint64_t count) {
+  if (!std::has_single_bit(count)) return;
+  std::fprintf(stderr, "crux-runtime: refused what came over LCM: %s (%" PRIu64 " refused so far)\n", reason.c_str(),
+               count);
+}
+
 }  // namespace crux

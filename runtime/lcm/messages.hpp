@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 #include "bus/limb_bus.hpp"
 #include "crux_msgs/channels.hpp"
@@ -17,5 +18,8 @@ void print_notice(const NodeNotice& notice);
 
 /// `count`: how many there have been; only the 1st, 2nd, 4th, 8th .. are told of, a flood fills no disk.
 void print_malformed(crux_msgs::Channel channel, std::size_t bytes, std::uint64_t count);
+
+/// A message that the gate has not let through; `count` as above.
+void print_refused(const std::string& reason, std::uint64_t count);
 
 }  // namespace crux

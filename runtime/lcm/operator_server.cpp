@@ -9,12 +9,12 @@
 #include "core/supervisor.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "lcm/messages.hpp"
+#include "lcm/this_machine.hpp"
 
 namespace crux {
 namespace {
 
 using crux_msgs::acknowledgement_t;
-using crux_msgs::Channel;
 using crux_msgs::channel_info;
 using crux_msgs::command_t;
 using crux_msgs::plan_piece_t;
@@ -24,13 +24,10 @@ using namespace std::chrono_literals;
 
 constexpr auto kRepeatWindow = 3s;  // within it, the same bytes again are a sender that missed the answer
 constexpr auto kPollTime = 5ms;
+constexpr int kLoggedRefusals = 10;  // a second: a flood of them fills neither the log nor the way of good requests
 constexpr const char* kTooMany = "too many requests at once";
-
-static_assert(channel_info(Channel::kLimbReference).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
-                  channel_info(Channel::kLimbTelemetry).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
-                  channel_info(Channel::kBusHealth).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
-                  channel_info(Channel::kCycleTiming).rate_Hz == channel_info(Channel::kRobotState).rate_Hz,
-              "a snapshot goes out whole");
+constexpr const char* kUnsigned =
+    "it is not signed, and this runtime takes only what an operator has signed (`crux key new` makes a key)";
 
 std::span<const std::uint8_t> bytes_of(const lcm::ReceiveBuffer& buffer) {
   return {static_cast<const std::uint8_t*>(buffer.data), static_cast<std::size_t>(buffer.data_size)};
@@ -42,31 +39,25 @@ std::unique_ptr<LogEntry> entry_of(const acknowledgement_t& acknowledgement) {
   return entry;
 }
 
-/// A fault that does not end a climb.
-bool only_told(std::int16_t code) {
-  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(code);
-  return info != nullptr && info->to == robot_state_t::CLIMBING;
-}
-
 }  // namespace
 
 OperatorServer::OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange,
-                               bool prints)
-    : lcm_(url), robot_(robot), exchange_(exchange), prints_(prints) {
+                               CommandGate gate, bool prints)
+    : lcm_(url), robot_(robot), exchange_(exchange), gate_(std::move(gate)), prints_(prints) {
   if (!lcm_.good())
     throw LcmError(
         "LCM at '" + url +
         "' cannot be opened; right is for example udpm://239.255.76.67:7667?ttl=0, and multicast needs a route");
   // Functions, not members: g++ 12 with UBSan calls through a pointer to member on a wrong object.
   using Self = OperatorServer*;
-  const auto on_piece = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
-    self->on_piece(bytes_of(*buffer));
+  const auto on_message = [](const lcm::ReceiveBuffer* buffer, const std::string& name, Self self) {
+    for (const Channel channel : {Channel::kPlanPiece, Channel::kCommand, Channel::kSigned})
+      if (name == channel_info(channel).name) self->on_message(channel, bytes_of(*buffer));
   };
-  const auto on_command = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
-    self->on_command(bytes_of(*buffer));
-  };
-  lcm_.subscribeFunction<Self>(channel_info(Channel::kPlanPiece).name, on_piece, this);
-  lcm_.subscribeFunction<Self>(channel_info(Channel::kCommand).name, on_command, this);
+  for (const Channel channel : {Channel::kPlanPiece, Channel::kCommand, Channel::kSigned})
+    lcm_.subscribeFunction<Self>(channel_info(channel).name, on_message, this);
+  if (const std::string open = hear_only_this_machine(url); !open.empty() && prints_)
+    std::fprintf(stderr, "crux-runtime: %s\n", open.c_str());
 }
 
 void OperatorServer::run(const std::atomic<bool>& ended) {
@@ -123,6 +114,10 @@ bool OperatorServer::submit(Request request, std::optional<Pending> pending) {
 /// Sends an acknowledgement that needs no word of the real-time thread, which only logs it.
 void OperatorServer::answer_at_once(const acknowledgement_t& acknowledgement, std::optional<command_t> command) {
   acknowledge(acknowledgement);
+  log(acknowledgement, std::move(command));
+}
+
+void OperatorServer::log(const acknowledgement_t& acknowledgement, std::optional<command_t> command) {
   Request request;
   request.outcome.verdict = acknowledgement.verdict;
   request.outcome.supervisor_state = acknowledgement.supervisor_state;
@@ -131,11 +126,72 @@ void OperatorServer::answer_at_once(const acknowledgement_t& acknowledgement, st
   submit(std::move(request), std::nullopt);
 }
 
+// ---- what comes in
+
+void OperatorServer::on_message(Channel channel, std::span<const std::uint8_t> bytes) {
+  const Opened opened = open(channel, bytes);
+  if (opened.kind == Opened::Kind::kNothing) return print_malformed(channel, bytes.size(), ++malformed_);
+  if (opened.denial) return refuse(opened);
+  if (opened.kind == Opened::Kind::kPiece) return on_piece(opened.piece);
+  if (opened.kind == Opened::Kind::kCommand) return on_command(opened.command, opened.bytes);
+  on_lease(opened);
+}
+
+/// What is in a message; one that is not signed is refused but for a question, unless anybody may command.
+Opened OperatorServer::open(Channel channel, std::span<const std::uint8_t> bytes) {
+  if (channel == Channel::kSigned) return gate_.open(bytes, Clock::now());
+  Opened opened;
+  if (channel == Channel::kCommand && crux_msgs::decode_lcm(bytes, opened.command))
+    opened.kind = Opened::Kind::kCommand;
+  else if (channel == Channel::kPlanPiece && crux_msgs::decode_lcm(bytes, opened.piece))
+    opened.kind = Opened::Kind::kPiece;
+  opened.bytes.assign(bytes.begin(), bytes.end());
+  const bool asks = opened.kind == Opened::Kind::kCommand && opened.command.command == command_t::STATUS;
+  if (!gate_.insecure() && !asks) opened.denial = {kUnsigned};
+  return opened;
+}
+
+void OperatorServer::on_lease(const Opened& opened) {
+  acknowledgement_t acknowledgement = new_acknowledgement(acknowledgement_t::COMMAND, opened.counter, loaded_plan_id_);
+  publish_status(opened.counter);
+  if (opened.new_holder.empty()) return publish(Channel::kAcknowledgement, acknowledgement);
+  acknowledgement.reason = "operator '" + opened.new_holder + "' has the lease";
+  publish(Channel::kAcknowledgement, acknowledgement);
+  log(acknowledgement, std::nullopt);
+}
+
+/// Says why, to the sender and to the log. No acknowledgement of what was let through is touched.
+void OperatorServer::refuse(const Opened& opened) {
+  const bool piece = opened.kind == Opened::Kind::kPiece, command = opened.kind == Opened::Kind::kCommand;
+  acknowledgement_t acknowledgement =
+      new_acknowledgement(piece ? acknowledgement_t::PLAN_PIECE : acknowledgement_t::COMMAND,
+                          piece     ? opened.piece.transfer_id
+                          : command ? opened.command.request_id
+                                    : opened.counter,
+                          loaded_plan_id_);
+  if (piece) acknowledgement.piece = opened.piece.piece;
+  acknowledgement.verdict = acknowledgement_t::REFUSED;
+  acknowledgement.reason = opened.denial.reason;
+  if (opened.denial.stale) publish_status(acknowledgement.request_id);
+  publish(Channel::kAcknowledgement, acknowledgement);
+  ++refused_;
+  if (prints_) print_refused(acknowledgement.reason, refused_);
+  if (!refusal_is_logged()) return;
+  log(acknowledgement, command ? std::optional(opened.command) : std::nullopt);
+}
+
+bool OperatorServer::refusal_is_logged() {
+  const Clock::time_point now = Clock::now();
+  if (now - refusals_since_ >= 1s) {
+    refusals_since_ = now;
+    refusals_logged_ = 0;
+  }
+  return ++refusals_logged_ <= kLoggedRefusals;
+}
+
 // ---- plans
 
-void OperatorServer::on_piece(std::span<const std::uint8_t> bytes) {
-  plan_piece_t piece{};
-  if (!crux_msgs::decode_lcm(bytes, piece)) return print_malformed(Channel::kPlanPiece, bytes.size(), ++malformed_);
+void OperatorServer::on_piece(const plan_piece_t& piece) {
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::PLAN_PIECE, piece.transfer_id, piece.plan_id);
   acknowledgement.piece = piece.piece;
@@ -203,9 +259,7 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
 
 // ---- commands
 
-void OperatorServer::on_command(std::span<const std::uint8_t> bytes) {
-  command_t command{};
-  if (!crux_msgs::decode_lcm(bytes, command)) return print_malformed(Channel::kCommand, bytes.size(), ++malformed_);
+void OperatorServer::on_command(const command_t& command, std::span<const std::uint8_t> bytes) {
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_id_);
   if (command.command == command_t::STATUS) {
@@ -261,90 +315,6 @@ std::string OperatorServer::command_defect(const command_t& command) const {
     return std::string(command.command == command_t::START ? "START" : "STEP") + " names plan '" + command.plan_id +
            "', loaded is '" + loaded_plan_id_ + "'";
   return "";
-}
-
-// ---- what the real-time thread has to tell
-
-void OperatorServer::drain_answers() {
-  for (Answer* answer; (answer = exchange_.answers.front()) != nullptr; exchange_.answers.pop()) {
-    answer->retired.reset();
-    const auto found = pending_.find(answer->ticket);
-    if (found == pending_.end()) continue;
-    Pending& pending = found->second;
-    const bool again = std::exchange(pending.scheduled, answer->scheduled);
-    acknowledgement_t& acknowledgement = pending.acknowledgement;
-    acknowledgement.verdict = answer->outcome.verdict;
-    acknowledgement.supervisor_state = answer->outcome.supervisor_state;
-    acknowledgement.reason = in_words(answer->outcome.reason);
-    const bool accepted = acknowledgement.verdict == acknowledgement_t::ACCEPTED;
-    if (pending.plan && accepted) {
-      loaded_plan_id_ = pending.plan->plan_id;
-      publish(Channel::kPlan, *pending.plan);
-    }
-    // A scheduled command was granted when it came in; only a failure in its cycle is news.
-    if (!again || !accepted) acknowledge(acknowledgement);
-    if (!answer->scheduled) pending_.erase(found);
-  }
-}
-
-void OperatorServer::drain_faults() {
-  for (const crux_msgs::fault_t* fault; (fault = exchange_.faults.front()) != nullptr; exchange_.faults.pop()) {
-    if (!only_told(fault->code) || exchange_.fault_code.load(std::memory_order_relaxed) != fault_.code ||
-        fault_.code == 0) {
-      fault_ = *fault;
-      fault_at_ = Clock::now();
-    }
-    publish(Channel::kFault, *fault);
-    if (prints_) print_fault(*fault);
-  }
-}
-
-void OperatorServer::drain_notices() {
-  for (const NodeNotice* notice; (notice = exchange_.notices.front()) != nullptr; exchange_.notices.pop()) {
-    if (prints_) print_notice(*notice);
-  }
-}
-
-void OperatorServer::publish_status(std::int64_t request_id) {
-  drain_faults();  // what the control cycle has told must not come after
-  if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
-  crux_msgs::status_t status{};
-  status.request_id = request_id;
-  std::ranges::copy(nodes_, std::begin(status.node_state));
-  // What is only told is no fault of the control; it is said while none of these stands.
-  const std::int16_t standing = exchange_.fault_code.load(std::memory_order_relaxed);
-  if (fault_.code != 0 && (standing == fault_.code || (standing == 0 && only_told(fault_.code)))) {
-    status.fault = fault_;
-    status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
-  }
-  take_snapshot();
-  if (snapshot_ != nullptr) {
-    status.state = snapshot_->state;
-    std::ranges::copy(snapshot_->reference, std::begin(status.reference));
-    std::ranges::copy(snapshot_->telemetry, std::begin(status.telemetry));
-  }
-  publish(Channel::kStatus, status);
-}
-
-void OperatorServer::take_snapshot() {
-  if (const Snapshot* newer = exchange_.snapshot.take()) {
-    snapshot_ = newer;
-    snapshot_is_new_ = true;
-  }
-}
-
-void OperatorServer::publish_snapshot() {
-  const Clock::time_point now = Clock::now();
-  if (now < next_snapshot_) return;
-  take_snapshot();
-  if (!std::exchange(snapshot_is_new_, false)) return;
-  next_snapshot_ = now + std::chrono::duration_cast<Clock::duration>(
-                             std::chrono::duration<double>(1.0 / channel_info(Channel::kRobotState).rate_Hz));
-  publish(Channel::kRobotState, snapshot_->state);
-  for (const auto& reference : snapshot_->reference) publish(Channel::kLimbReference, reference);
-  for (const auto& telemetry : snapshot_->telemetry) publish(Channel::kLimbTelemetry, telemetry);
-  for (const auto& health : snapshot_->health) publish(Channel::kBusHealth, health);
-  publish(Channel::kCycleTiming, snapshot_->timing);
 }
 
 }  // namespace crux

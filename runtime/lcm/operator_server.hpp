@@ -16,7 +16,9 @@
 #include "crux_msgs/command_t.hpp"
 #include "crux_msgs/plan_t.hpp"
 #include "exchange/runtime_exchange.hpp"
+#include "lcm/command_gate.hpp"
 #include "lcm/plan_assembly.hpp"
+#include "lcm/service_manager.hpp"
 
 namespace crux {
 
@@ -28,9 +30,11 @@ class LcmError : public std::runtime_error {
 
 class OperatorServer {
  public:
+  /// @param gate who may command
   /// @param prints faults and notices, on standard error
   /// @throws LcmError
-  OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange, bool prints = true);
+  OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange, CommandGate gate,
+                 bool prints = true);
 
   /// Serves until `ended` is set, then sends what is left to send.
   void run(const std::atomic<bool>& ended);
@@ -43,6 +47,7 @@ class OperatorServer {
 
  private:
   using Clock = std::chrono::steady_clock;
+  using Channel = crux_msgs::Channel;
 
   /// A request the real-time thread has not answered yet.
   struct Pending {
@@ -62,8 +67,13 @@ class OperatorServer {
     std::optional<crux_msgs::acknowledgement_t> acknowledgement;
   };
 
-  void on_piece(std::span<const std::uint8_t> bytes);
-  void on_command(std::span<const std::uint8_t> bytes);
+  void on_message(Channel channel, std::span<const std::uint8_t> bytes);
+  void on_piece(const crux_msgs::plan_piece_t& piece);
+  void on_command(const crux_msgs::command_t& command, std::span<const std::uint8_t> bytes);
+  Opened open(Channel channel, std::span<const std::uint8_t> bytes);
+  void on_lease(const Opened& opened);
+  void refuse(const Opened& opened);
+  bool refusal_is_logged();
 
   bool repeated_after_verdict(const crux_msgs::plan_piece_t& piece);
   void judge_plan(const std::string& plan_id);
@@ -74,6 +84,7 @@ class OperatorServer {
 
   /// Hands a request to the real-time thread; false when it has too many already.
   bool submit(Request request, std::optional<Pending> pending);
+  void log(const crux_msgs::acknowledgement_t& acknowledgement, std::optional<crux_msgs::command_t> command);
   void answer_at_once(const crux_msgs::acknowledgement_t& acknowledgement, std::optional<crux_msgs::command_t> command);
   void refuse_plan(crux_msgs::acknowledgement_t acknowledgement, const std::string& reason);
   crux_msgs::acknowledgement_t new_acknowledgement(std::int8_t subject, std::int64_t request_id,
@@ -89,14 +100,16 @@ class OperatorServer {
   void publish_status(std::int64_t request_id);
 
   template <class Message>
-  void publish(crux_msgs::Channel channel, const Message& message) {
+  void publish(Channel channel, const Message& message) {
     lcm_.publish(crux_msgs::channel_info(channel).name, &message);
   }
 
   lcm::LCM lcm_;
   const RobotDescription& robot_;
   RuntimeExchange& exchange_;
+  CommandGate gate_;
   bool prints_;
+  ServiceManager service_manager_;
   PlanAssembly assembly_;
   PlanVerdict plan_verdict_;
   LastCommand last_command_;
@@ -106,7 +119,10 @@ class OperatorServer {
   NodeStates nodes_{};
   crux_msgs::fault_t fault_{};  ///< the last one raised
   Clock::time_point fault_at_;
-  std::uint64_t malformed_ = 0;         ///< messages so far that could not be read
+  std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
+  std::uint64_t refused_ = 0;    ///< that the gate has not let through
+  int refusals_logged_ = 0;      ///< since `refusals_since_`
+  Clock::time_point refusals_since_;
   const Snapshot* snapshot_ = nullptr;  ///< the newest one; valid until the next is taken
   bool snapshot_is_new_ = false;        ///< not published yet
   Clock::time_point next_snapshot_ = Clock::now();

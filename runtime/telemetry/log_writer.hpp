@@ -34,7 +34,7 @@ class LogWriter {
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
 
  private:
-  static constexpr std::chrono::milliseconds kFlushPeriod{500};
+  static constexpr std::chrono::milliseconds kFlushPeriod{400};
   static constexpr std::chrono::milliseconds kIdle{2};
 
   void write(CycleRecord& record);

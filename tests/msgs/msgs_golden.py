@@ -48,7 +48,8 @@ def _fill(type_name: str, numbers: Iterator[int], length: int) -> dict[str, Any]
         if name in lengths:
             fields[name] = length
         elif kind == "byte":
-            fields[name] = bytes(next(numbers) % 256 for _ in range(length)).hex()
+            count = dimension if isinstance(dimension, int) else length
+            fields[name] = bytes(next(numbers) % 256 for _ in range(count)).hex()
         elif dimension is None:
             fields[name] = _fill(kind, numbers, length) if kind in MEMBERS else _values(kind, numbers)
         else:

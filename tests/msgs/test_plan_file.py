@@ -71,15 +71,15 @@ def test_rerun_opens_it(tmp_path: Path) -> None:
     assert "crux_msgs/msg/Plan" in result.stdout
 
 
-@settings(deadline=None, max_examples=300)
-@given(position=st.integers(0, len(SMALL) - 1), bit=st.integers(0, 7))
-def test_a_flipped_bit_anywhere_is_found(position: int, bit: int) -> None:
-    damaged = bytearray(SMALL)
-    damaged[position] ^= 1 << bit
-    with pytest.raises(PlanFileError) as caught:
-        from_bytes(bytes(damaged), "p.mcap")
-    assert str(caught.value).startswith("p.mcap: ")
-    assert "\n" not in str(caught.value)
+@pytest.mark.parametrize("bit", range(8))
+def test_a_flipped_bit_anywhere_is_found(bit: int) -> None:
+    for position in range(len(SMALL)):
+        damaged = bytearray(SMALL)
+        damaged[position] ^= 1 << bit
+        with pytest.raises(PlanFileError) as caught:
+            from_bytes(bytes(damaged), "p.mcap")
+        assert str(caught.value).startswith("p.mcap: ")
+        assert "\n" not in str(caught.value)
 
 
 @settings(deadline=None, max_examples=100)

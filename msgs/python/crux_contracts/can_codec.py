@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from pathlib import Path
 from typing import cast
 
 import cantools
 from cantools.database.can import Database, Message
 
-DBC = Path(__file__).resolve().parents[2] / "can" / "crux.dbc"
+from .places import MSGS
+
+DBC = MSGS / "can" / "crux.dbc"
 JOINTS = 6
 GRIPPER_NODE = 7
 HEADER_LENGTH = 3

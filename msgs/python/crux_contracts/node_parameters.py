@@ -10,7 +10,9 @@ from typing import Any
 
 import yaml
 
-TABLE = Path(__file__).resolve().parents[2] / "can" / "parameters.yaml"
+from .places import MSGS
+
+TABLE = MSGS / "can" / "parameters.yaml"
 NODE_KINDS = ("joint", "gripper")
 MOST = 32  # parameters of a node: their numbers on the bus have five bits
 

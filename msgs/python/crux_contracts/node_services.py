@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import yaml
 
-NUMBERS = Path(__file__).resolve().parents[2] / "can" / "services.yaml"
+from .places import MSGS
+
+NUMBERS = MSGS / "can" / "services.yaml"
 GROUPS = ("service", "refusal", "data", "routine", "flag", "acknowledgement")
 
 

@@ -36,6 +36,7 @@ MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
 _FOOTER_LENGTH = 1 + 8 + 20 + 8  # opcode, length, content, magic
+_DATA_END = struct.pack("<BQ", Opcode.DATA_END, 4)  # opcode, length; the checksum follows, then the summary
 
 
 class PlanFileError(Exception):
@@ -160,13 +161,15 @@ def _records(data: bytes) -> Iterator[Any]:
 
 
 def _check_summary(data: bytes) -> None:
-    """The library checks the data section's checksum but not the summary's."""
+    """The library checks the data section's checksum, where it finds that record, but not the summary's."""
     footer_start = len(data) - _FOOTER_LENGTH
     opcode, length, summary_start, _, crc = struct.unpack_from("<BQQQI", data, max(footer_start, 0))
     if opcode != Opcode.FOOTER or length != struct.calcsize("<QQI") or data[-8:] != data[:8]:
         raise ValueError("the end of the file is missing")
     if crc == 0 or summary_start > footer_start or zlib.crc32(data[summary_start : len(data) - 12]) != crc:
         raise ValueError("the summary's checksum is wrong")
+    if data[max(summary_start - len(_DATA_END) - 4, 0) :][: len(_DATA_END)] != _DATA_END:
+        raise ValueError("the data section's checksum is missing")
 
 
 def _one_line(error: Exception) -> str:

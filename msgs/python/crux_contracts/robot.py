@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from . import LIMB_NAMES, robot_sections
 from .motor_checks import check_motors
+from .places import MSGS
 from .reading import Checker
 from .robot_meaning import robot_meaning
 from .robot_sections import SECTIONS, Interval, PerJoint
 from .urdf import Joint, Urdf, UrdfError, parse_urdf, parse_xml
 from .yaml_document import DocumentError, Node, Problem, parse_mapping, read_bytes
 
-ROBOTS = Path(__file__).resolve().parents[2] / "robots"
+ROBOTS = MSGS / "robots"
 JOINTS = 6
 MAX_NUMBER = 1e9
 

@@ -244,9 +244,10 @@ def load_scenario(path: str | Path) -> Scenario:
     return parse_scenario(data, str(path))
 
 
-def parse_scenario(source: str | bytes, path: str = "scenario") -> Scenario:
-    """Validates a scenario given as text; `path` names it in messages. Raises ScenarioError."""
+def parse_scenario(source: str | bytes, path: str = "scenario", any_robot: bool = False) -> Scenario:
+    """Validates a scenario given as text; `path` names it in messages. `any_robot`: that of a log, which brings its
+    robot's description along, may have one that is not described here. Raises ScenarioError."""
     from .scenario_reader import read_scenario
 
     data = source if isinstance(source, bytes) else source.encode("utf-8", errors="surrogatepass")
-    return read_scenario(data, path)
+    return read_scenario(data, path, any_robot)

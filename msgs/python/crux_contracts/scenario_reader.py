@@ -49,7 +49,7 @@ POSITION = (-MAX_POSITION_M, MAX_POSITION_M, "m")
 T = TypeVar("T")
 
 
-def read_scenario(data: bytes, path: str) -> Scenario:
+def read_scenario(data: bytes, path: str, any_robot: bool = False) -> Scenario:
     """Raises ScenarioError with all problems found."""
     try:
         if len(data) > MAX_BYTES:
@@ -57,12 +57,12 @@ def read_scenario(data: bytes, path: str) -> Scenario:
         root = parse_mapping(data, path)
     except DocumentError as error:
         raise ScenarioError(path, error.problems) from None
-    return _Reader(path).scenario(root, data.decode("utf-8"))
+    return _Reader(path, any_robot).scenario(root, data.decode("utf-8"))
 
 
 class _Reader:
-    def __init__(self, path: str) -> None:
-        self.check = Checker(path)
+    def __init__(self, path: str, any_robot: bool) -> None:
+        self.check, self.any_robot = Checker(path), any_robot
 
     def scenario(self, root: Node, text: str) -> Scenario:
         check = self.check
@@ -116,7 +116,7 @@ class _Reader:
     def _robot(self, node: Node) -> str:
         name = self.check.text(node)
         known = robot_names()
-        if name and name not in known:
+        if name and name not in known and not self.any_robot:
             self.check.note(node, f"no such folder under msgs/robots; {did_you_mean(name, known)}")
         return name
 

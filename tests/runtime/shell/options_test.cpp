@@ -10,7 +10,10 @@
 namespace crux {
 namespace {
 
-Options parse(const std::vector<const char*>& arguments) { return parse_options(arguments); }
+Options parse(std::vector<const char*> arguments) {
+  arguments.push_back("--insecure");
+  return parse_options(arguments);
+}
 
 std::string error_of(const std::vector<const char*>& arguments) {
   try {
@@ -52,10 +55,24 @@ TEST(Options, TagsAndSwitchesAreRead) {
   EXPECT_EQ(options.tags, (Metadata{{"seed", "7"}, {"why", "a=b"}, {"note", "new rubber"}}));
 }
 
+TEST(Options, WhoMayCommandHasToBeSaid) {
+  const auto said = [](const std::vector<const char*>& arguments) -> std::string {
+    try {
+      return "keys " + parse_options(arguments).keys;
+    } catch (const OptionError& error) {
+      return error.what();
+    }
+  };
+  EXPECT_EQ(said({"--keys", "file"}), "keys file");
+  EXPECT_EQ(said({"--insecure"}), "keys ");
+  EXPECT_NE(said({"--insecure", "--pace"}).find("--pace needs a value"), std::string::npos);
+  EXPECT_NE(said({}).find("crux key new"), std::string::npos);
+  EXPECT_NE(said({"--keys", "file", "--insecure"}).find("one of the two"), std::string::npos);
+}
+
 TEST(Options, MistakesAreNamed) {
   EXPECT_NE(error_of({"--tag", "seed"}).find("KEY=VALUE"), std::string::npos);
   EXPECT_NE(error_of({"--speed", "2"}).find("--speed"), std::string::npos);
-  EXPECT_NE(error_of({"--pace"}).find("--pace needs a value"), std::string::npos);
   EXPECT_EQ(parse({"--commands", "broadcast"}).cycle.commands, CommandFrames::kBroadcast);
   EXPECT_NE(error_of({"--commands", "all"}).find("'all'"), std::string::npos);
   EXPECT_NE(error_of({"--pace", "fast"}).find("'fast'"), std::string::npos);

@@ -18,7 +18,8 @@ def test_a_second_runtime_is_refused(start: Starter, shared: str) -> None:
         lcm_url = first.ports.lcm_url if shared == "lcm" else other.lcm_url
         buses = first.ports.bus_urls() if shared == "bus" else other.bus_urls()
         words = [word for name, url in zip(LIMB_NAMES, buses, strict=True) for word in ("--bus", f"{name}={url}")]
-        command = [str(built("runtime/app/crux-runtime")), "--robot", str(ROBOT), "--lcm", lcm_url, *words]
+        command = [str(built("runtime/app/crux-runtime")), "--insecure", "--robot", str(ROBOT), "--lcm", lcm_url]
+        command += words
         second = subprocess.run(command, capture_output=True, text=True, timeout=END_TIMEOUT_S, check=False)
     assert second.returncode == 2
     assert "another crux-runtime has it" in second.stderr

@@ -1,0 +1,120 @@
+// What the runtime tells its operators: the answers, faults and notices of the real-time thread, state, status.
+#include <algorithm>
+
+#include "crux_msgs/faults.hpp"
+#include "lcm/messages.hpp"
+#include "lcm/operator_server.hpp"
+
+namespace crux {
+namespace {
+
+using crux_msgs::acknowledgement_t;
+using crux_msgs::Channel;
+using crux_msgs::channel_info;
+using crux_msgs::robot_state_t;
+
+static_assert(channel_info(Channel::kLimbReference).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
+                  channel_info(Channel::kLimbTelemetry).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
+                  channel_info(Channel::kBusHealth).rate_Hz == channel_info(Channel::kRobotState).rate_Hz &&
+                  channel_info(Channel::kCycleTiming).rate_Hz == channel_info(Channel::kRobotState).rate_Hz,
+              "a snapshot goes out whole");
+
+/// A fault that does not end a climb.
+bool only_told(std::int16_t code) {
+  const crux_msgs::FaultInfo* info = crux_msgs::fault_info(code);
+  return info != nullptr && info->to == robot_state_t::CLIMBING;
+}
+
+}  // namespace
+
+void OperatorServer::drain_answers() {
+  for (Answer* answer; (answer = exchange_.answers.front()) != nullptr; exchange_.answers.pop()) {
+    answer->retired.reset();
+    const auto found = pending_.find(answer->ticket);
+    if (found == pending_.end()) continue;
+    Pending& pending = found->second;
+    const bool again = std::exchange(pending.scheduled, answer->scheduled);
+    acknowledgement_t& acknowledgement = pending.acknowledgement;
+    acknowledgement.verdict = answer->outcome.verdict;
+    acknowledgement.supervisor_state = answer->outcome.supervisor_state;
+    acknowledgement.reason = in_words(answer->outcome.reason);
+    const bool accepted = acknowledgement.verdict == acknowledgement_t::ACCEPTED;
+    if (pending.plan && accepted) {
+      loaded_plan_id_ = pending.plan->plan_id;
+      publish(Channel::kPlan, *pending.plan);
+    }
+    // A scheduled command was granted when it came in; only a failure in its cycle is news.
+    if (!again || !accepted) acknowledge(acknowledgement);
+    if (!answer->scheduled) pending_.erase(found);
+  }
+}
+
+void OperatorServer::drain_faults() {
+  for (const crux_msgs::fault_t* fault; (fault = exchange_.faults.front()) != nullptr; exchange_.faults.pop()) {
+    if (!only_told(fault->code) || exchange_.fault_code.load(std::memory_order_relaxed) != fault_.code ||
+        fault_.code == 0) {
+      fault_ = *fault;
+      fault_at_ = Clock::now();
+    }
+    publish(Channel::kFault, *fault);
+    if (prints_) print_fault(*fault);
+  }
+}
+
+void OperatorServer::drain_notices() {
+  for (const NodeNotice* notice; (notice = exchange_.notices.front()) != nullptr; exchange_.notices.pop()) {
+    if (prints_) print_notice(*notice);
+  }
+}
+
+void OperatorServer::publish_status(std::int64_t request_id) {
+  drain_faults();  // what the control cycle has told must not come after
+  if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
+  crux_msgs::status_t status{};
+  status.request_id = request_id;
+  std::ranges::copy(nodes_, std::begin(status.node_state));
+  // What is only told is no fault of the control; it is said while none of these stands.
+  const std::int16_t standing = exchange_.fault_code.load(std::memory_order_relaxed);
+  if (fault_.code != 0 && (standing == fault_.code || (standing == 0 && only_told(fault_.code)))) {
+    status.fault = fault_;
+    status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
+  }
+  take_snapshot();
+  if (snapshot_ != nullptr) {
+    status.state = snapshot_->state;
+    std::ranges::copy(snapshot_->reference, std::begin(status.reference));
+    std::ranges::copy(snapshot_->telemetry, std::begin(status.telemetry));
+  }
+  const Clock::time_point now = Clock::now();
+  status.insecure = gate_.insecure() ? 1 : 0;
+  status.session = gate_.session();
+  status.counter = gate_.counter();
+  status.lease = gate_.lease(now);
+  status.lease_holder = gate_.holder(now);
+  status.lease_s = gate_.left(now).count();
+  publish(Channel::kStatus, status);
+}
+
+void OperatorServer::take_snapshot() {
+  if (const Snapshot* newer = exchange_.snapshot.take()) {
+    snapshot_ = newer;
+    snapshot_is_new_ = true;
+  }
+}
+
+void OperatorServer::publish_snapshot() {
+  const Clock::time_point now = Clock::now();
+  if (now < next_snapshot_) return;
+  take_snapshot();
+  if (!std::exchange(snapshot_is_new_, false)) return;
+  next_snapshot_ = now + std::chrono::duration_cast<Clock::duration>(
+                             std::chrono::duration<double>(1.0 / channel_info(Channel::kRobotState).rate_Hz));
+  service_manager_.goes_on();
+  publish(Channel::kRobotState, snapshot_->state);
+  for (const auto& reference : snapshot_->reference) publish(Channel::kLimbReference, reference);
+  for (const auto& telemetry : snapshot_->telemetry) publish(Channel::kLimbTelemetry, telemetry);
+  for (const auto& health : snapshot_->health) publish(Channel::kBusHealth, health);
+  publish(Channel::kCycleTiming, snapshot_->timing);
+}
+
+}  // namespace crux
