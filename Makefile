@@ -3,12 +3,13 @@ SHELL := /bin/sh
 JOBS ?= $(shell nproc)
 SCENARIO ?= msgs/scenarios/climb-four-holds.yaml
 OUT ?= out
+ARCHITECTURES ?= amd64 arm64
 
 BIN := .venv/bin
 CPP_FILES = $(shell git ls-files '*.c' '*.h' '*.cpp' '*.hpp')
 TIDY_FILES = $(shell git ls-files 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c')
 
-.PHONY: help setup build programs can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
+.PHONY: help setup setup-programs setup-packages build programs packages can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -16,12 +17,15 @@ help: ## list the targets
 setup: ## install what is missing: system packages, .venv, the command .venv/bin/crux
 	@tools/setup/setup
 
+setup-programs: ## the same without what development alone needs
+	@tools/setup/setup programs
+
 # A build folder that came here with a copied or moved checkout would go on building the old place's sources.
 here = $(shell [ "$$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' $(1)/CMakeCache.txt 2>/dev/null)" -ef . ] && echo yes)
 
 build/cmake/build.ninja: $(if $(call here,build/cmake),,anew)
 build/asan/build.ninja: $(if $(call here,build/asan),,anew)
-build/cmake/build.ninja build/asan/build.ninja: | setup
+build/cmake/build.ninja build/asan/build.ninja: | setup-programs
 	@$(if $(call here,$(@D)),,rm -rf $(@D))
 	@mkdir -p $(@D)
 	@cmake -S . -B $(@D) -G Ninja $(if $(findstring asan,$@),-DCRUX_SANITIZE=ON -DCMAKE_BUILD_TYPE=Debug) >$(@D).log 2>&1 \
@@ -33,8 +37,15 @@ compile = cmake --build build/cmake -j $(JOBS) --target $(1) \
 build: setup build/cmake/build.ninja ## generate and compile everything
 	@$(call compile,all)
 
-programs: setup build/cmake/build.ninja ## generate and compile all but the tests, in a third of the time
+programs: setup-programs build/cmake/build.ninja ## generate and compile all but the tests, in a third of the time
 	@$(call compile,crux_programs)
+
+setup-packages:
+	@tools/setup/setup packages
+
+packages: setup-packages build/cmake/build.ninja ## build/packages: the wheel, and packages for Debian 12 and 13, amd64 and arm64
+	@$(call compile,crux_programs)
+	@packaging/packages $(ARCHITECTURES)
 
 can-kernel: setup ## the kernel with CAN that tests run in; built when it is missing from ~/.cache/crux
 	@$(BIN)/crux can kernel
@@ -59,7 +70,7 @@ test-python: build can-kernel
 	$(BIN)/python -m pytest -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)
 	$(BIN)/python -m pytest -m "not alone and not sweep" $(shared_out)
 
-test-sweeps: build can-kernel ## what tests show in more cases, or for longer, than `make test` has time for
+test-sweeps: build can-kernel setup-packages ## what tests show in more cases, or for longer, than `make test` has time for
 	$(BIN)/python -m pytest -m sweep $(shared_out) $(shell grep -rl --include='test_*.py' 'mark\.sweep' tests)
 
 lint: build ## ruff, mypy, clang-format, clang-tidy (files that passed before are known by content)
@@ -90,7 +101,9 @@ bench: build ## reproduce the figures of merit
 firmware: setup build/cmake/build.ninja ## the node images and their sizes
 	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
 
-fuzz: build ## ten million fuzzed frames and a million parameter writes against both nodes, under sanitizers
+fuzz: build build/asan/build.ninja ## ten million frames and a million parameter writes against both nodes, ten million packets against the runtime, under sanitizers
+	@cmake --build build/asan -j $(JOBS) --target shell_tests
+	CRUX_FUZZ_PACKETS=10000000 build/asan/tests/runtime/shell/shell_tests --gtest_filter='GateFuzz.*'
 	CRUX_FUZZ_FRAMES=10000000 CRUX_FUZZ_WRITES=1000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -m sweep -k unsafe
 
 lock: setup ## resolve pyproject.toml anew

@@ -31,9 +31,9 @@ inline Bytes sha512(std::initializer_list<Bytes> parts) {
 }
 
 struct Signer {
-  Bytes secret = sha512({Bytes(32, 7)});  // scalar, prefix
+  Bytes secret;  // scalar, prefix
   Bytes key = Bytes(32);
-  Signer() {
+  explicit Signer(std::uint8_t seed = 7) : secret(sha512({Bytes(32, seed)})) {
     crypto_eddsa_trim_scalar(secret.data(), Bytes(secret.begin(), secret.begin() + 32).data());
     crypto_eddsa_scalarbase(key.data(), secret.data());
   }

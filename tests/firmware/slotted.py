@@ -6,8 +6,9 @@ import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from crux_tools.can.image import new_key, read_program, sign
+from crux_tools.can.image import read_program, sign
 from crux_tools.paths import built
+from crux_tools.signing_key import new_key
 from emulated import elf
 
 START = 0x08000000

@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
-from crux_tools.can.image import new_key, read_images, sign, version_number, version_text
+from crux_tools.can.image import read_images, sign, version_number, version_text
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.update_command import load, slots, wait_until_confirmed
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
+from crux_tools.signing_key import new_key
 from host import HOLD, TRACK
 from service_host import Desk, desk
 

@@ -83,7 +83,7 @@ struct crux_runtime {
 
 crux_runtime::crux_runtime(crux_nodes* nodes, const Options& options)
     : robot_(robot_of(options)),
-      server_(kInProcess, robot_, exchange_, false),
+      server_(kInProcess, robot_, exchange_, CommandGate({}, unpredictable), false),  // nobody else reaches it
       log_writer_(records_, open_log(options, robot_), exchange_.log_broken, options.log_frames),
       loop_(robot_, memory_buses(nodes), exchange_, records_, options.cycle),
       log_thread_([this] { log_writer_.run(ended_); }) {

@@ -23,11 +23,23 @@ function(crux_cargo_staticlib target)
   configure_file(${ARG_MANIFEST_DIR}/Cargo.lock.in ${work}/Cargo.lock @ONLY)
   file(CREATE_LINK ${ARG_MANIFEST_DIR}/src ${work}/src SYMBOLIC)
 
+  # Where the crates lay says nothing to a user. For another architecture the standard library is that of its packages.
+  set(flags "--remap-path-prefix=$ENV{HOME}/.cargo/registry/src=crates --remap-path-prefix=${work}=${target}")
+  set(built ${work}/target)
+  if(CMAKE_CROSSCOMPILING)
+    set(triple ${CMAKE_SYSTEM_PROCESSOR}-unknown-linux-gnu)
+    string(APPEND flags " -L ${CMAKE_SYSROOT}/usr/lib/rustlib/${triple}/lib")
+    set(environment RUSTC=${CRUX_RUSTC})
+    set(choice --target ${triple})
+    set(library ${built}/${triple}/release/lib${ARG_LIBRARY}.a)
+  endif()
+
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${ARG_MANIFEST_DIR}/src/*.rs)
   add_custom_command(
     OUTPUT ${library}
-    COMMAND ${CRUX_CARGO} build --release --locked --quiet --jobs 2
-            --manifest-path ${work}/Cargo.toml --target-dir ${work}/target
+    COMMAND ${CMAKE_COMMAND} -E env "RUSTFLAGS=${flags}" ${environment}
+            ${CRUX_CARGO} build --release --locked --quiet --jobs 2 ${choice}
+            --manifest-path ${work}/Cargo.toml --target-dir ${built}
     COMMAND ${CMAKE_COMMAND} -E touch ${library}
     DEPENDS ${sources} ${work}/Cargo.toml ${work}/Cargo.lock
     COMMENT "cargo build ${target}" VERBATIM)

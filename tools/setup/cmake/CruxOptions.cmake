@@ -25,6 +25,12 @@ if(CRUX_SANITIZE)
   add_link_options(-fsanitize=address,undefined)
 endif()
 
+# What `cmake --install` lays down runs wherever that folder is moved: programs find libraries in lib/crux beside bin,
+# and so do those libraries (the older kind of path, which is theirs, too).
+set(CRUX_LIBDIR lib/crux)
+set(CMAKE_INSTALL_RPATH $ORIGIN $ORIGIN/../${CRUX_LIBDIR})
+add_link_options(LINKER:--disable-new-dtags)
+
 find_program(CRUX_CCACHE ccache)
 if(CRUX_CCACHE)
   # It goes by the headers that the compiler names, and does not run the preprocessor a second time for what it has not;

@@ -4,6 +4,10 @@ set(CRUX_PYTHON ${CRUX_VENV}/bin/python)
 if(NOT EXISTS ${CRUX_PYTHON})
   message(FATAL_ERROR "No virtual environment at ${CRUX_VENV}: run `make setup` first.")
 endif()
-execute_process(
-  COMMAND ${CRUX_PYTHON} -c "import sysconfig; print(sysconfig.get_path('platlib'))"
-  OUTPUT_VARIABLE CRUX_PLATLIB OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+# What make setup installed since decides what is found.
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${CRUX_VENV}/crux-lock.sha256)
+if(NOT CRUX_PLATLIB) # told where it is another architecture's
+  execute_process(
+    COMMAND ${CRUX_PYTHON} -c "import sysconfig; print(sysconfig.get_path('platlib'))"
+    OUTPUT_VARIABLE CRUX_PLATLIB OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+endif()
