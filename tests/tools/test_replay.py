@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import urllib.request
 from pathlib import Path
 
-import numpy as np
 import pytest
 from crux_tools import cli
-from crux_tools.replay.viewer import Viewer
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.summary import summarise
-from made_up_climb import CYCLE_S, Story
 
 
 def test_the_summary_in_words(log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,39 +66,6 @@ def test_a_host_that_cannot_be_listened_on_is_refused(host: str, log_path: Path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert f"--host {host}" in json.loads(done.stdout)["error"]
-
-
-def test_the_view_answers_plays_and_closes(log_path: Path) -> None:
-    log = read_log(log_path)
-    viewer = Viewer(log, "127.0.0.1", 0)
-    try:
-        with urllib.request.urlopen(viewer.url, timeout=5) as answer:
-            assert answer.status == 200
-            assert b"<html" in answer.read(2000)
-    finally:
-        viewer.close()
-    port = int(viewer.url.rsplit(":", 1)[1])
-    with socket.socket() as again:
-        again.bind(("127.0.0.1", port))
-
-
-def test_the_view_shows_what_was_measured(log_path: Path) -> None:
-    log = read_log(log_path)
-    viewer = Viewer(log, "127.0.0.1", 0)
-    try:
-        story = Story()
-        assert viewer.row_at(-1) == 0
-        assert viewer.row_at(1e9) == len(log.time_s) - 1
-        row = viewer.row_at((story.ready_cycles + 40) * CYCLE_S + 0.001)
-        assert row == story.ready_cycles + 40
-        viewer.show_at(float(log.time_s[row]))
-        drawn = viewer.scene.drawn()
-        np.testing.assert_allclose(drawn["body"], log.state["body_position_w_m"][row], atol=1e-6)
-        np.testing.assert_allclose(drawn["plan body"], log.state["body_reference_position_w_m"][row], atol=1e-6)
-        arrow = drawn["measured force RF"]
-        assert np.linalg.norm(arrow) == pytest.approx(0.004 * np.linalg.norm(log.limbs["force_w_n"][row, 1]), rel=1e-4)
-    finally:
-        viewer.close()
 
 
 def test_the_command_serves_until_interrupted(log_path: Path) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
 from crux_msgs import can_frames_t
 
-from crux_tools.log.can_files import checksum
-from crux_tools.telemetry import read_channels
-from crux_tools.telemetry.can_frames import CanFrames, read_can_frames
+from crux_tools.telemetry.can_frames import CHECKED, HEALTH, CanFrames, can_frames_of, checksum
+from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.reader import Payloads, read_payloads
 
-HEALTH = "/bus_health"
+ID_BITS = 11  # of a standard identifier
 COUNTS = ("crc_errors", "repeated", "lost")
 UNREPEATED = ("Identity", "Emergency")  # a node that has restarted counts anew: these count all the same
 
@@ -27,13 +27,19 @@ class BusCheck:
 
 
 def check_frames(path: Path) -> BusCheck | None:
-    """None for a log that has not the frames of every cycle. Raises LogError."""
-    frames = read_can_frames(path)
+    """As `checked`, of a file. Raises LogError."""
+    return checked(read_payloads(path, CHECKED))
+
+
+def checked(log: Payloads) -> BusCheck | None:
+    """`log` has what it has of CHECKED. None for a log that has not the frames of every cycle."""
+    frames = can_frames_of(log)
     if not len(frames.cycles) or frames.lost[1:].any() or (np.diff(frames.cycles) != 1).any():
         return None
-    health = read_channels(path, {HEALTH}).tables[HEALTH]
-    if frames.cycles[0] > 1 or not len(health):
+    dtype = fixed_dtype(log.definitions.get(HEALTH, ""))
+    if frames.cycles[0] > 1 or dtype is None or not log.payloads[HEALTH]:
         return None
+    health = decode_table(log.payloads[HEALTH], dtype)
     rows = np.flatnonzero(frames.direction == can_frames_t.RECEIVED)
     counted_at = _counted_at(frames)[rows]
     verdicts = _verdicts(frames, rows)
@@ -65,11 +71,12 @@ def _verdicts(frames: CanFrames, rows: np.ndarray) -> np.ndarray:
     """(len(rows),) an index of COUNTS for each received frame that was not simply good, else -1."""
     verdicts = np.full(len(rows), -1)
     lengths = {m.frame_id: (m.length, m.name) for m in can_codec.database().messages if "HOST" not in m.senders}
-    keys = frames.bus[rows].astype(np.int64) << 16 | frames.identifier[rows]
-    for key in np.unique(keys):
-        identifier = int(key) & 0xFFFF
+    keys = (frames.bus[rows].astype(np.uint16) << ID_BITS) | frames.identifier[rows].astype(np.uint16)
+    order = np.argsort(keys, kind="stable")  # of 16 bits: by their digits, not by comparing
+    for alike in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1):
+        identifier = int(frames.identifier[rows[alike[0]]]) if len(alike) else 0
         length, name = lengths.get(identifier, (0, ""))
-        mine = np.flatnonzero((keys == key) & (frames.length[rows] == length))
+        mine = alike[frames.length[rows[alike]] == length]
         if not length or not len(mine):
             continue
         data = frames.data[frames.begin[rows[mine]][:, None] + np.arange(length)]

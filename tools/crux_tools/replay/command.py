@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import errno
-import socket
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from crux_tools.arguments import taught
-from crux_tools.errors import UsageError
+from crux_tools.arguments import positive, taught
 from crux_tools.output import add_json_option, note, print_json
+from crux_tools.view.command import add_address, check_address, serve
 
-DEFAULT_PORT = 8737
+if TYPE_CHECKING:
+    from crux_tools.replay.bus_check import BusCheck
+
 _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits, tracking, wrench errors, timing - and
-shows it in a 3-D view in the browser: the robot as its joints were measured, the plan as a ghost, the contact forces.
-Logs of a runtime that was killed open too, as far as they go. With --check it instead computes every cycle again, by
-the runtime's own control core from the logged inputs, and compares all it gave out bit by bit; in a log of
---log-frames it also does the end-to-end checks of all CAN frames again, and compares with what the runtime counted."""
+shows it in the browser as crux view does. Logs of a runtime that was killed open too, as far as they go. With --check
+it instead computes every cycle again, by the runtime's own control core from the logged inputs, and compares all it
+gave out bit by bit; in a log of --log-frames it also does the end-to-end checks of all CAN frames again, and compares
+with what the runtime counted."""
 _EXAMPLES = (
     "crux replay out/climb.mcap",
     "crux replay out/climb.mcap --no-view --json",
     "crux replay out/climb.mcap --check",
 )
-
-
-def _port(text: str) -> int:
-    port = int(text) if text.isdigit() else -1
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a port: 1 … 65535, or 0 for any free one")
-    return port
 
 
 def add_parser(subparsers: Any) -> None:
@@ -42,10 +35,14 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
     parser.add_argument("--no-view", action="store_true", help="print the summary and end")
     parser.add_argument("--check", action="store_true", help="compute every cycle again and compare bit by bit")
-    parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
     parser.add_argument(
-        "--port", type=_port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
+        "--within",
+        type=positive,
+        default=0.0,
+        metavar="X",
+        help="with --check: numbers may differ by so much, SI units, states not at all; for logs of another processor",
     )
+    add_address(parser)
     add_json_option(parser)
     parser.set_defaults(func=run)
 
@@ -60,16 +57,26 @@ def _print_table(table: list[tuple[str, str]]) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from crux_tools.replay.bus_check import HEALTH, check_frames
-    from crux_tools.replay.recompute import recompute
+    from crux_tools.replay import recompute
+    from crux_tools.telemetry.can_frames import CHECKED, HEALTH
+    from crux_tools.telemetry.reader import read_payloads
 
-    found, bus = recompute(options.log), check_frames(options.log)
+    log = read_payloads(options.log, recompute.TOPICS | CHECKED)
+
+    def frames() -> BusCheck | None:
+        from crux_tools.replay.bus_check import checked  # while the core computes, which takes longest
+
+        return checked(log)
+
+    found, bus = recompute.recomputed(log, options.log, frames, options.within)
     ok = found.ok and (bus is None or bus.first_difference is None)
     if options.json:
         print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})
         return 0 if ok else 1
     if found.first_difference is not None:
         print(f"differs: {found.first_difference}")
+    elif found.largest:
+        print(f"{found.cycles} cycles computed again: every state the same, numbers within {found.largest:.1e}")
     else:
         print(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
     if found.missing_cycle is not None:
@@ -81,34 +88,18 @@ def _check(options: argparse.Namespace) -> int:
     return 0 if ok else 1
 
 
-def _check_address(host: str, port: int) -> None:
-    """Where nothing can listen, viser would wait for its own server for ever. Raises UsageError."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, UnicodeError) as error:
-        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
-            return
-        why = getattr(error, "strerror", None) or str(error)
-        raise UsageError(
-            f"--host {host} --port {port}: cannot be listened on: {why}; right is an address of this machine, such as "
-            "127.0.0.1, or 0.0.0.0 for all of them"
-        ) from error
-
-
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the log could be shown, however the climb went; with --check, when nothing differs."""
     if options.check:
         return _check(options)
     if not options.no_view:
-        _check_address(options.host, options.port)
-    from crux_tools.telemetry import read_log
+        check_address(options.host, options.port)
+    from crux_tools.telemetry import read_channels, telemetry_of
     from crux_tools.telemetry.summary import summarise
     from crux_tools.telemetry.wording import rows
 
-    log = read_log(options.log)
+    channels = read_channels(options.log)
+    log = telemetry_of(options.log, channels)
     summary = summarise(log)
     for remark in summary.notes:
         note(f"crux replay: {remark}")
@@ -118,16 +109,12 @@ def run(options: argparse.Namespace) -> int:
         _print_table(rows(summary))
     if options.no_view:
         return 0
-    if log.plan is None:
-        note("crux replay: no view: no plan was accepted in this log, so there is no wall to show")
-        return 0
-    from crux_tools.replay.viewer import Viewer
+    from crux_tools.view.recording import recording_of_log
+    from crux_tools.view.server import still
 
-    viewer = Viewer(log, options.host, options.port)
-    try:
-        note(f"view: {viewer.url} (Ctrl-C ends it)")
-        viewer.wait()
-    except KeyboardInterrupt:  # how it is meant to end
-        pass
-    viewer.close()
+    recording = recording_of_log(log, channels)
+    if recording is None:
+        note("crux replay: no view: no plan was accepted in this log, so there is no wall to show")
+    else:
+        serve([still(recording)], options.host, options.port)
     return 0

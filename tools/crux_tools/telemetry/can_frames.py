@@ -9,9 +9,31 @@ import numpy as np
 
 from crux_tools.telemetry.reader import CAN_FRAMES, Payloads, read_payloads
 
+HEALTH = "/bus_health"
+CHECKED = {HEALTH, CAN_FRAMES}  # what the end-to-end checks are done again with
 _ENCAPSULATION = 4  # bytes before the message, from whose end alignment counts
+_HEAD = np.dtype([("encapsulation", "<u4"), ("cycle", "<i8"), ("lost", "<i4"), ("count", "<i4"), ("size", "<u4")])
 _COLUMNS = (("host_ns", "<i8"), ("stamp_ns", "<i8"), ("identifier", "<i2"), ("bus", "<i1"), ("direction", "<i1"),
             ("length", "<i1"))  # fmt: skip
+POLYNOMIAL = 0x1021  # of the end-to-end checksum, msgs/can/e2e.h
+
+
+def _crc_table() -> np.ndarray:
+    value = np.arange(256, dtype=np.uint32) << 8
+    for _ in range(8):
+        value = np.where(value & 0x8000, value << 1 ^ POLYNOMIAL, value << 1) & 0xFFFF
+    return value
+
+
+_CRC_TABLE = _crc_table()
+
+
+def checksum(identifier: int, data: np.ndarray) -> np.ndarray:
+    """(n,) end-to-end checksums of payloads (n, length) of an identifier."""
+    crc = np.full(len(data), 0xFFFF, dtype=np.uint32)
+    for column in (*data[:, 2:].T, *(np.full(len(data), byte) for byte in (identifier & 0xFF, identifier >> 8))):
+        crc = (crc << 8 ^ _CRC_TABLE[crc >> 8 ^ column]) & 0xFFFF
+    return crc
 
 
 @dataclass(frozen=True)
@@ -44,37 +66,40 @@ def read_can_frames(path: Path) -> CanFrames:
 def can_frames_of(log: Payloads) -> CanFrames:
     """The frames among messages that have been read."""
     payloads = log.payloads.get(CAN_FRAMES, [])
-    parts: dict[str, list[np.ndarray]] = {name: [] for name, _ in (*_COLUMNS, ("data", ""))}
-    cycles = np.zeros(len(payloads), dtype=np.int64)
-    counts = np.zeros(len(payloads), dtype=np.int64)
-    lost = np.zeros(len(payloads), dtype=np.int64)
-    for row, payload in enumerate(payloads):
-        body = memoryview(payload)[_ENCAPSULATION:]
-        cycles[row] = np.frombuffer(body, "<i8", 1)[0]
-        lost[row], counts[row] = np.frombuffer(body, "<i4", 2, 8)
-        at = 16
+    heads = np.frombuffer(b"".join(payload[: _HEAD.itemsize] for payload in payloads), _HEAD)
+    counts, sizes = heads["count"].astype(np.int64), np.array([len(payload) for payload in payloads], np.int64)
+    ends, whole = np.cumsum(counts), {name: np.empty(int(counts.sum()), kind) for name, kind in _COLUMNS}
+    data: list[np.ndarray] = [np.empty(0, np.uint8)] * len(payloads)
+    # Messages of as many frames and bytes have one layout: they are taken apart together.
+    for count, size in np.unique(np.stack([counts, sizes], axis=1), axis=0).tolist():
+        mine = np.flatnonzero((counts == count) & (sizes == size))
+        block = np.frombuffer(b"".join(payloads[row] for row in mine), np.uint8).reshape(-1, size)[:, _ENCAPSULATION:]
+        places = (ends - counts)[mine][:, None] + np.arange(count)
+        at = _HEAD.itemsize - _ENCAPSULATION - 4
         for name, kind in _COLUMNS:
-            values, at = _sequence(body, at, kind)
-            parts[name].append(values)
-        values, _ = _sequence(body, -(-at // 4) * 4 + 4, "<u1")
-        parts["data"].append(values)
-    whole = {name: np.concatenate(each) if each else np.empty(0, np.int64) for name, each in parts.items()}
+            values, at = _sequence(block, at, kind, count)
+            whole[name][places] = values
+        begin = _ENCAPSULATION + -(-at // 4) * 4 + 8  # behind n_bytes and the sequence's own count
+        for row, length in zip(mine, whole["length"][places].sum(axis=1, dtype=np.int64), strict=True):
+            data[row] = np.frombuffer(payloads[row], np.uint8, length, begin)
     length = whole["length"].astype(np.int64)
     times_ns = np.array(log.times_ns.get(CAN_FRAMES, []), dtype=np.int64)
     return CanFrames(
-        cycles=cycles,
-        lost=lost,
-        cycle=np.repeat(cycles, counts),
+        cycles=heads["cycle"].copy(),
+        lost=heads["lost"].astype(np.int64),
+        cycle=np.repeat(heads["cycle"], counts),
         log_ns=np.repeat(times_ns, counts),
         begin=np.cumsum(length) - length,
+        data=np.concatenate(data) if data else np.empty(0, np.uint8),
         **(whole | {"length": length}),
     )
 
 
-def _sequence(body: memoryview, at: int, kind: str) -> tuple[np.ndarray, int]:
-    """The numbers of a CDR sequence at byte `at` or behind, and where it ends."""
+def _sequence(block: np.ndarray, at: int, kind: str, count: int) -> tuple[np.ndarray, int]:
+    """A CDR sequence of `count` numbers at byte `at` or behind in each of the messages, and where it ends."""
     size = np.dtype(kind).itemsize
-    at = -(-at // 4) * 4
-    count = int(np.frombuffer(body, "<u4", 1, at)[0])
-    at = -(-(at + 4) // size) * size if count else at + 4
-    return np.frombuffer(body, kind, count, at) if count else np.empty(0, kind), at + count * size
+    at = -(-at // 4) * 4 + 4
+    if not count:
+        return np.empty((len(block), 0), kind), at
+    at = -(-at // size) * size
+    return block[:, at : at + count * size].copy().view(kind), at + count * size

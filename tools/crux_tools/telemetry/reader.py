@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -20,17 +20,15 @@ from crux_contracts.channels import BY_TOPIC, shared_topic
 from crux_msgs import truth_verdict_t
 from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_ros2.decoder import DecoderFactory
 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
 from crux_tools.telemetry.description import difference
 from crux_tools.telemetry.log_format import newer_format
+from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_bytes, chunk_records, records
 
-MAGIC = b"\x89MCAP0\r\n"
 METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it says itself
 NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
@@ -50,9 +48,7 @@ STATE_TOPIC = "/robot_state"
 EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
 CAN_FRAMES = "/can_frames"  # too many to be decoded one by one: see can_frames.py
 PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
-_RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-READ_ERRORS = (McapError, struct.error, ValueError, RuntimeError, EOFError, KeyError, OverflowError)
 
 
 class LogError(Exception):
@@ -60,7 +56,7 @@ class LogError(Exception):
 
 
 @dataclass
-class _Raw:
+class Raw:
     """What the file holds before decoding: bytes a channel, in the order written."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -72,6 +68,29 @@ class _Raw:
     attachments: dict[str, bytes] = field(default_factory=dict)
     end: dict[str, str] | None = None
     notes: list[str] = field(default_factory=list)
+
+    def know(self, channel: Channel) -> None:
+        """Messages of a channel that has a topic for each limb are read as one table, as logs before format 8 have
+        them. Its schema is known already."""
+        channel = replace(channel, topic=shared_topic(channel.topic))
+        definition = self._definition(channel)
+        same = (n for n, k in self.channels.items() if k.topic == channel.topic and self._definition(k) == definition)
+        home = self.home[channel.id] = next(same, channel.id)
+        self.channels.setdefault(home, channel)
+
+    def _definition(self, channel: Channel) -> bytes | None:
+        schema = self.schemas.get(channel.schema_id)
+        return None if schema is None else schema.data
+
+    def take_metadata(self, record: Metadata) -> None:
+        """What the writer and a user say of the log."""
+        if record.name in METADATA:
+            self.metadata = record.metadata | self.metadata
+        elif record.name == NOTE_METADATA:
+            notes = (self.metadata.get("note"), record.metadata.get("note"))
+            self.metadata["note"] = "; ".join(filter(None, notes))
+        elif record.name == END_METADATA:
+            self.end = dict(record.metadata)
 
 
 @dataclass(frozen=True)
@@ -127,18 +146,7 @@ class Telemetry:
     verdict: truth_verdict_t | None  # of the simulation's judge; None in the log of a robot or an earlier crux
 
 
-def _chunk_records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    at, end = 0, len(data)
-    while at + _RECORD.size <= end:
-        opcode, length = _RECORD.unpack_from(data, at)
-        at += _RECORD.size
-        if at + length > end:
-            return
-        yield opcode, data[at : at + length]
-        at += length
-
-
-def _take(raw: _Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) -> None:
+def _take(raw: Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) -> None:
     if opcode == Opcode.MESSAGE:
         channel_id, _, log_time, _ = _MESSAGE.unpack_from(record)
         home = raw.home.get(channel_id)
@@ -149,66 +157,36 @@ def _take(raw: _Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) 
         schema = Schema.read(_stream(record))
         raw.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        _know(raw, Channel.read(_stream(record)))
-
-
-def _know(raw: _Raw, channel: Channel) -> None:
-    """Messages of a channel that has a topic for each limb are read as one table, as logs before format 8 have them."""
-    channel = replace(channel, topic=shared_topic(channel.topic))
-    definition = _definition(raw, channel)
-    same = (n for n, k in raw.channels.items() if k.topic == channel.topic and _definition(raw, k) == definition)
-    home = raw.home[channel.id] = next(same, channel.id)
-    raw.channels.setdefault(home, channel)
-
-
-def _definition(raw: _Raw, channel: Channel) -> bytes | None:
-    schema = raw.schemas.get(channel.schema_id)
-    return None if schema is None else schema.data
+        raw.know(Channel.read(_stream(record)))
 
 
 def _stream(record: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(record))
 
 
-def _chunk_bytes(chunk: Chunk, notes: list[str]) -> bytes:
-    """A chunk's records, nothing of a damaged one."""
-    try:
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        whole: bytes = stream.read(length)
-    except READ_ERRORS:
-        notes.append("a damaged chunk was left out")
-        return b""
-    return whole
-
-
-def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
-    raw = _Raw()
+def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
+    raw = Raw()
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise LogError(f"{path}: not an MCAP file, expected a log of the runtime or a plan")
         size = file.seek(0, os.SEEK_END)
-        file.seek(0)
+        file.seek(len(MAGIC))
         try:
-            for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+            for record in records(file, size):
                 if isinstance(record, Chunk):
-                    for opcode, data in _chunk_records(_chunk_bytes(record, raw.notes)):
+                    for opcode, data in chunk_records(chunk_bytes(record, raw.notes)):
                         _take(raw, opcode, data, wanted)
                 elif isinstance(record, Schema):
                     raw.schemas[record.id] = record
                 elif isinstance(record, Channel):
-                    _know(raw, record)
+                    raw.know(record)
                 elif isinstance(record, Message) and wanted(raw.channels[raw.home[record.channel_id]].topic):
                     raw.payloads[raw.home[record.channel_id]].append(record.data)
                     raw.times_ns[raw.home[record.channel_id]].append(record.log_time)
-                elif isinstance(record, Metadata) and record.name in METADATA:
-                    raw.metadata = record.metadata | raw.metadata
-                elif isinstance(record, Metadata) and record.name == NOTE_METADATA:
-                    notes = (raw.metadata.get("note"), record.metadata.get("note"))
-                    raw.metadata["note"] = "; ".join(filter(None, notes))
+                elif isinstance(record, Metadata):
+                    raw.take_metadata(record)
                 elif isinstance(record, Attachment):
                     raw.attachments[record.name] = record.data
-                elif isinstance(record, Metadata) and record.name == END_METADATA:
-                    raw.end = dict(record.metadata)
                 elif isinstance(record, Header) and record.profile != "ros2":
                     raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
         except READ_ERRORS:
@@ -216,7 +194,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> _Raw:
     return raw
 
 
-def _decode(raw: _Raw, path: Path) -> Channels:
+def decode(raw: Raw, path: Path) -> Channels:
     factory = DecoderFactory()
     tables: dict[str, np.ndarray] = {}
     messages: dict[str, list[Any]] = {}
@@ -251,7 +229,7 @@ def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
 
     Raises LogError when the file is no such file; a cut-off end only leaves `end` out.
     """
-    return _decode(_opened(path, lambda topic: topic != CAN_FRAMES and (topics is None or topic in topics)), path)
+    return decode(_opened(path, lambda topic: topic != CAN_FRAMES and (topics is None or topic in topics)), path)
 
 
 def read_payloads(path: Path, topics: set[str]) -> Payloads:
@@ -262,10 +240,10 @@ def read_payloads(path: Path, topics: set[str]) -> Payloads:
 def read_both(path: Path) -> tuple[Channels, Payloads]:
     """All channels, decoded (but CAN frames) and not. Raises LogError as `read_channels` does."""
     raw = _opened(path, lambda _topic: True)
-    return _decode(raw, path), _payloads(raw, {channel.topic for channel in raw.channels.values()})
+    return decode(raw, path), _payloads(raw, {channel.topic for channel in raw.channels.values()})
 
 
-def _payloads(raw: _Raw, topics: set[str]) -> Payloads:
+def _payloads(raw: Raw, topics: set[str]) -> Payloads:
     names = {number: channel.topic for number, channel in raw.channels.items() if channel.topic in topics}
     schemas = {name: raw.schemas[raw.channels[number].schema_id] for number, name in names.items()}
     definitions = {name: schema.data.decode() for name, schema in schemas.items()}
@@ -275,7 +253,7 @@ def _payloads(raw: _Raw, topics: set[str]) -> Payloads:
     return Payloads(payloads, times_ns, definitions, types, raw.metadata, raw.attachments)
 
 
-def _opened(path: Path, wanted: Callable[[str], bool]) -> _Raw:
+def _opened(path: Path, wanted: Callable[[str], bool]) -> Raw:
     if path.is_dir():
         raise LogError(f"{path}: is a folder, a plan or log (.mcap) is needed")
     if not path.exists():

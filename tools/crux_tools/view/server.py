@@ -1,0 +1,216 @@
+"""Serves the viewer: a page with time line and plots, and beside it viser's 3-D view of each recording.
+
+The page keeps the time and asks for what it draws; `/at` moves the 3-D views. All who look at one server see the same
+moment in 3-D.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import threading
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+
+from crux_tools.view.recording import Recording
+from crux_tools.view.scene import CAMERAS, Scene, caption
+from crux_tools.view.signals import Signal, difference, reduced, signals_of
+from crux_tools.view.story import start_s, story_of
+
+HERE = Path(__file__).parent
+FILES = {
+    "/": ("page.html", "text/html"),
+    "/page.css": ("page.css", "text/css"),
+    "/page.js": ("page.js", "text/javascript"),
+    "/drawing.js": ("drawing.js", "text/javascript"),
+}
+MOST_POINTS = 4000
+PORTS = 100  # that are tried, from the wished one on
+Query = dict[str, str]
+Source = Callable[[float, float], Recording]  # as it is now, as fine as it is to be had between two of its times
+ALL = (-math.inf, math.inf)
+
+
+def moment(at_s: float) -> str:
+    """What is behind the page's address for a moment; nothing for NaN."""
+    return "" if math.isnan(at_s) else f"/#t={at_s:g}"
+
+
+def still(recording: Recording) -> Source:
+    """The source of a recording that does not grow."""
+    return lambda _from_s, _to_s: recording
+
+
+def _quiet() -> contextlib.redirect_stdout[io.StringIO]:
+    """viser greets and takes leave on standard output, which belongs to the summary."""
+    return contextlib.redirect_stdout(io.StringIO())
+
+
+class Side:
+    """One recording: its 3-D view, its signals and how its times are shifted to those of the first."""
+
+    def __init__(self, source: Source, host: str, port: int, shift_s: float) -> None:
+        self.source, self.shift_s = source, shift_s
+        with _quiet():
+            self.server = viser.ViserServer(host=host, port=port, label="crux", verbose=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        recording = source(*ALL)
+        self.scene = Scene(self.server, recording)
+        self._known = (recording, signals_of(recording))
+
+    def between(self, from_s: float, to_s: float) -> Recording:
+        """As fine as it is to be had between two times of the page."""
+        return self.source(from_s - self.shift_s, to_s - self.shift_s)
+
+    def signals(self, from_s: float = -math.inf, to_s: float = math.inf) -> dict[str, Signal]:
+        """Of the recording as it is now."""
+        recording = self.between(from_s, to_s)
+        if recording is not self._known[0]:
+            self._known = (recording, signals_of(recording))
+        return self._known[1]
+
+    def show_at(self, time_s: float | None, span_s: float) -> dict[str, Any]:
+        """Moves the 3-D view to a time of the page, which shows a span about it, or to the newest row."""
+        recording = self.source(*ALL) if time_s is None else self.between(time_s - span_s / 2, time_s + span_s / 2)
+        row = recording.row_at(math.inf if time_s is None else time_s - self.shift_s)
+        with self.server.atomic():
+            self.scene.show(row, recording)
+        return {"time_s": float(recording.log.time_s[row]) + self.shift_s, "lines": caption(recording, row)}
+
+
+class Viewer:
+    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `url`."""
+
+    def __init__(self, sources: list[Source], host: str, port: int) -> None:
+        self._drawing = threading.Lock()  # one request a thread
+        begins = [start_s(source(*ALL)) for source in sources]
+        self._server = _listening(host, port, self)
+        self._host, self.port = host, self._server.server_port
+        self.sides = [
+            Side(source, host, self.port + 1, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)
+        ]
+        self.show_at(float(sources[0](*ALL).log.time_s[0]))
+        self._thread = threading.Thread(target=self._server.serve_forever, name="viewer", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the page."""
+        return f"http://{self._host}:{self.port}"
+
+    def show_at(self, time_s: float | None, span_s: float = math.inf) -> list[dict[str, Any]]:
+        """Moves every 3-D view to a time of the page, which shows so much of it; None: each to its newest row."""
+        with self._drawing:
+            return [side.show_at(time_s, span_s) for side in self.sides]
+
+    def answer(self, path: str, query: Query) -> Any:
+        """What a path of the page's is answered with. Raises KeyError for an unknown one, ValueError for a number."""
+        if path == "/story":
+            return self._story()
+        if path == "/at":
+            return self.show_at(float(query["time_s"]), float(query["span_s"])) if query else self.show_at(None)
+        if path == "/signal":
+            return self._signal(query["name"], float(query["from_s"]), float(query["to_s"]), int(query["points"]))
+        if path == "/watchers":
+            return [len(side.server.get_clients()) for side in self.sides]
+        if path == "/camera":
+            with self._drawing:
+                for side in self.sides:
+                    side.scene.look(query["name"])
+            return {}
+        raise KeyError(path)
+
+    def _story(self) -> dict[str, Any]:
+        stories = [
+            story_of(side.source(*ALL), side.shift_s) | {"view_port": side.server.get_port()} for side in self.sides
+        ]
+        return {"sides": stories, "signals": list(self.sides[0].signals()), "cameras": list(CAMERAS)}
+
+    def _signal(self, name: str, from_s: float, to_s: float, points: int) -> list[dict[str, Any]]:
+        """The course on each side, and the difference where there are two."""
+        points = min(max(points, 2), MOST_POINTS)
+        with self._drawing:
+            sides = [(side, side.signals(from_s, to_s).get(name)) for side in self.sides]
+        found = [
+            {"shift_s": side.shift_s, **reduced(signal, from_s - side.shift_s, to_s - side.shift_s, points)}
+            for side, signal in sides
+            if signal is not None
+        ]
+        if len(found) == 2:
+            (_, a), (other, b) = sides
+            assert a is not None
+            assert b is not None
+            found.append({"shift_s": 0.0, **reduced(difference(a, b, other.shift_s), from_s, to_s, points)})
+        return found
+
+    def wait(self) -> None:
+        """Serves until interrupted."""
+        while self._thread.is_alive():
+            self._thread.join(1.0)
+
+    def close(self) -> None:
+        """Closes all ports."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+        with _quiet():
+            for side in self.sides:
+                side.server.stop()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    server: _Server
+
+    def do_GET(self) -> None:
+        """A file of the page, or JSON."""
+        parts = urlsplit(self.path)
+        if parts.path in FILES:
+            name, kind = FILES[parts.path]
+            self._send(200, kind, (HERE / name).read_bytes())
+            return
+        try:
+            query = {key: values[-1] for key, values in parse_qs(parts.query).items()}
+            found = self.server.viewer.answer(parts.path, query)
+        except (KeyError, ValueError) as error:
+            self._send(404, "text/plain", f"no {parts.path}: {error}".encode())
+            return
+        self._send(200, "application/json", json.dumps(found).encode())
+
+    def _send(self, status: int, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # a page that was closed
+            self.wfile.write(body)
+
+    def log_message(self, *_: Any) -> None:
+        """Nothing: standard error is for the person at the terminal."""
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], viewer: Viewer) -> None:
+        super().__init__(address, _Handler)
+        self.viewer = viewer
+
+
+def _listening(host: str, port: int, viewer: Viewer) -> _Server:
+    """On the first free port from the wished one on; 0 is any. Raises OSError."""
+    for tried in range(port, port + (PORTS if port else 1)):
+        try:
+            return _Server((host, tried), viewer)
+        except OSError:
+            if tried in {0, port + PORTS - 1}:
+                raise
+    raise AssertionError
