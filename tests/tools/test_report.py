@@ -91,7 +91,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         plt.close(figure)
         return b""
 
-    monkeypatch.setattr(figures, "_png", no_png)
+    monkeypatch.setattr(figures, "png", no_png)
 
 
 def _report(source: Path, folder: Path, *more: str) -> tuple[Page, Path]:
@@ -314,3 +314,23 @@ def test_what_is_neither_plan_nor_log_is_refused(tmp_path: Path, capsys: pytest.
 def test_an_output_that_cannot_be_written(log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["report", str(log_path), "-o", "/proc/report.html"]) == 2
     assert "/proc" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_two_logs_are_compared(log_path: Path, faulty_log_path: Path, tmp_path: Path) -> None:
+    output = tmp_path / "report.html"
+    assert cli.main(["report", str(log_path), str(faulty_log_path), "-o", str(output)]) == 0
+    page = Page(output.read_text(encoding="utf-8"))
+    assert page.sections == ["verdict", "differences", "course", "alike"]
+    differs = page.words[page.words.index("What differs") : page.words.index("Body and margins")]
+    assert re.search(r"faultsnone2\.000 s: 7 body_error", differs)
+    assert "duration" not in differs
+    assert re.search(r"duration3\.80 s", page.words[page.words.index("What is the same") :])
+
+
+def test_two_logs_with_what_is_not_of_two_logs_are_refused(
+    log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["report", str(log_path), str(log_path), "-o", str(tmp_path / "page.html")]
+    assert cli.main([*words, "--picture", str(tmp_path / "p.png")]) == 2
+    assert "--picture: not with two logs" in capsys.readouterr().err

@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from crux_msgs import truth_verdict_t
 
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
-or from the robot): the verdict, pictures of the robot on the wall, gait, planned and measured wrenches, limit-surface
-margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the scenario. Slips and falls
-are told of a climb in simulation, whose log has what happened in physics. Of a campaign's folder: rates with their 95 %
-intervals, by walls, world and method, its failures with pictures, and --against another one. Needs no network."""
+or from the robot): the verdict, the cause of every fault, pictures of the robot on the wall, gait, planned and measured
+wrenches, limit-surface margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the
+scenario. Slips and falls are told of a climb in simulation, whose log has what happened in physics. Of two logs: both
+verdicts, and what differs. Of a campaign's folder: rates with their 95 % intervals, by walls, world and method, its
+failures with pictures, and --against another one. Needs no network."""
 _EXAMPLES = (
     "crux report out/plan.mcap -o out/plan.html",
     "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
+    "crux report out/before.mcap out/climb.mcap -o out/compared.html",
     "crux report out/campaign --against out/campaign-before -o out/campaign.html",
 )
 
@@ -31,7 +33,7 @@ class Written:
     """What a report was written about."""
 
     file: Path
-    kind: str  # plan, climb or campaign
+    kind: str  # plan, climb, campaign or comparison
     bytes: int
 
 
@@ -45,6 +47,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "source", type=Path, metavar="SOURCE", help="a plan or a log (.mcap), or the folder of a campaign"
     )
+    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="a second log, to compare with")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.html", help="the page to write")
     parser.add_argument(
         "--picture", type=Path, metavar="FILE.png", help="also write one large picture, of the middle of the climb"
@@ -105,18 +108,40 @@ def write_campaign_report(folder: Path, output: Path, against: Path | None) -> W
     return Written(output, "campaign", len(html))
 
 
+def write_comparison(paths: tuple[Path, Path], output: Path) -> Written:
+    """Writes the page about two climbs. Raises LogError, UsageError, OutputError, OSError."""
+    from crux_contracts.output_file import look_at_outputs, write_whole
+
+    from crux_tools.report.comparison import comparison_sections
+    from crux_tools.report.page import page
+
+    look_at_outputs({"-o": output}, paths)
+    title = f"{paths[0].stem} and {paths[1].stem}"
+    html = page(title, f"crux report of {paths[0]} and {paths[1]}", comparison_sections(paths)).encode()
+    write_whole(output, html)
+    return Written(output, "comparison", len(html))
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the page was written."""
-    if options.source.is_dir():
-        if options.picture is not None:
-            raise UsageError("--picture: is of a plan or a climb, not of a campaign")
-        written = write_campaign_report(options.source, options.output, options.against)
-    elif options.against is not None:
-        raise UsageError(f"--against: compares campaigns; {options.source} is not the folder of one")
-    else:
-        written = write_report(options.source, options.output, options.picture)
+    written = _written(options)
     if options.json:
         print_json({"ok": True, "file": str(written.file), "kind": written.kind, "bytes": written.bytes})
     else:
         note(f"report of the {written.kind}: {written.file} ({written.bytes / 1e6:.1f} MB)")
     return 0
+
+
+def _written(options: argparse.Namespace) -> Written:
+    if options.other is not None:
+        for name, given in (("--picture", options.picture), ("--against", options.against)):
+            if given is not None:
+                raise UsageError(f"{name}: not with two logs")
+        return write_comparison((options.source, options.other), options.output)
+    if options.source.is_dir():
+        if options.picture is not None:
+            raise UsageError("--picture: is of a plan or a climb, not of a campaign")
+        return write_campaign_report(options.source, options.output, options.against)
+    if options.against is not None:
+        raise UsageError(f"--against: compares campaigns; {options.source} is not the folder of one")
+    return write_report(options.source, options.output, options.picture)

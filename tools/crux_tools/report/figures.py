@@ -34,14 +34,14 @@ PHASE_COLOURS = (STANCE_COLOUR, "#7d95ad", "#f7e2ae", "#f0c36d", "#e8a33d", "#f0
 NS_PER_US = 1e3
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     plt.close(figure)
     return buffer.getvalue()
 
 
-def _rows(count: int, height_in: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:
+def rows_of(count: int, height_in: float, sharex: bool = True) -> tuple[Figure, list[Axes]]:
     figure, axes = plt.subplots(
         count, 1, sharex=sharex, figsize=(WIDTH_IN, height_in), layout="constrained", squeeze=False
     )
@@ -79,7 +79,7 @@ def _limb_lanes(axis: Axes) -> None:
 
 def gait(series: PlanSeries) -> bytes:
     """Limbs over plan time: stance with the hold's name, and air."""
-    figure, (axis,) = _rows(1, 2.4)
+    figure, (axis,) = rows_of(1, 2.4)
     end = series.time_s[-1] + series.dt_s
     for limb in range(len(LIMB_NAMES)):
         for first, last in runs(series.hold[:, limb]):
@@ -91,12 +91,12 @@ def gait(series: PlanSeries) -> bytes:
     _limb_lanes(axis)
     axis.set_xlim(series.time_s[0], end)
     axis.set_xlabel("plan time [s]")
-    return _png(figure)
+    return png(figure)
 
 
 def executed_gait(log: Telemetry) -> bytes:
     """Limbs over real time as they really moved, with the instants the plan's clock stood still."""
-    figure, (axis,) = _rows(1, 2.8)
+    figure, (axis,) = rows_of(1, 2.8)
     for limb in range(len(LIMB_NAMES)):
         phase = log.references["phase"][:, limb]
         for first, end in runs(phase):
@@ -115,7 +115,7 @@ def executed_gait(log: Telemetry) -> bytes:
     figure.legend(handles=handles, ncols=6, fontsize=8, frameon=False, loc="outside upper right")
     axis.set_xlim(log.time_s[0], log.time_s[-1])
     axis.set_xlabel("time [s]")
-    return _png(figure)
+    return png(figure)
 
 
 def _components(axis: Axes, time: np.ndarray, values: np.ndarray, style: dict[str, Any], labels: Iterable[str]) -> None:
@@ -124,7 +124,7 @@ def _components(axis: Axes, time: np.ndarray, values: np.ndarray, style: dict[st
 
 
 def _wrench_figure(quantity: str, unit: str, curves: list[tuple[np.ndarray, np.ndarray, dict[str, Any], str]]) -> bytes:
-    figure, axes = _rows(len(LIMB_NAMES), 7.5)
+    figure, axes = rows_of(len(LIMB_NAMES), 7.5)
     for limb, axis in enumerate(axes):
         for time, values, style, what in curves:
             _components(axis, time, values[:, limb], style, [f"{quantity}{letter} {what}" for letter in "xyz"])
@@ -132,7 +132,7 @@ def _wrench_figure(quantity: str, unit: str, curves: list[tuple[np.ndarray, np.n
     axes[-1].set_xlabel("time [s]" if len(curves) > 1 else "plan time [s]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=6, fontsize=8, frameon=False, loc="outside upper right")
-    return _png(figure)
+    return png(figure)
 
 
 def planned_wrenches(series: PlanSeries) -> tuple[bytes, bytes]:
@@ -163,7 +163,7 @@ def measured_wrenches(log: Telemetry) -> tuple[bytes, bytes]:
 
 
 def _margin_figure(time: np.ndarray, margin: np.ndarray, drawstyle: str, label: str) -> bytes:
-    figure, axes = _rows(len(LIMB_NAMES), 7.0)
+    figure, axes = rows_of(len(LIMB_NAMES), 7.0)
     for limb, axis in enumerate(axes):
         for finger in range(2):
             axis.plot(
@@ -176,7 +176,7 @@ def _margin_figure(time: np.ndarray, margin: np.ndarray, drawstyle: str, label: 
     axes[-1].set_xlabel(label)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=2, fontsize=8, frameon=False, loc="outside upper right")
-    return _png(figure)
+    return png(figure)
 
 
 def planned_margins(plan: Any, series: PlanSeries) -> tuple[bytes, float]:
@@ -194,7 +194,7 @@ def measured_margins(log: Telemetry, filter_s: float) -> tuple[bytes, float]:
 
 def body_tracking(log: Telemetry) -> bytes:
     """Position and orientation error of the body against its reference."""
-    figure, axes = _rows(2, 3.6)
+    figure, axes = rows_of(2, 3.6)
     axes[0].plot(*envelope(log.time_s, 1e3 * body_error_m(log)), color=AXIS_COLOURS[2], linewidth=1.1)
     axes[0].set_ylabel("position [mm]")
     axes[1].plot(*envelope(log.time_s, np.degrees(body_error_rad(log))), color=AXIS_COLOURS[0], linewidth=1.1)
@@ -202,12 +202,12 @@ def body_tracking(log: Telemetry) -> bytes:
     axes[1].set_xlabel("time [s]")
     for axis in axes:
         axis.set_ylim(bottom=0)
-    return _png(figure)
+    return png(figure)
 
 
 def grasp_forces(log: Telemetry) -> bytes:
     """Squeeze of a finger, wanted and measured."""
-    figure, axes = _rows(len(LIMB_NAMES), 6.0)
+    figure, axes = rows_of(len(LIMB_NAMES), 6.0)
     time, measured = envelope(log.time_s, log.inputs["finger_force_n"])
     _, wanted = envelope(log.time_s, log.limbs["grasp_force_reference_n"])
     for limb, axis in enumerate(axes):
@@ -217,12 +217,12 @@ def grasp_forces(log: Telemetry) -> bytes:
     axes[-1].set_xlabel("time [s]")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, ncols=2, fontsize=8, frameon=False, loc="outside upper right")
-    return _png(figure)
+    return png(figure)
 
 
 def joint_torques(log: Telemetry) -> bytes:
     """Torque of every joint."""
-    figure, axes = _rows(len(LIMB_NAMES), 7.0)
+    figure, axes = rows_of(len(LIMB_NAMES), 7.0)
     time, torque = envelope(log.time_s, joint_torques_Nm(log))
     for limb, axis in enumerate(axes):
         for joint in range(torque.shape[2]):
@@ -230,7 +230,7 @@ def joint_torques(log: Telemetry) -> bytes:
         axis.set_ylabel(f"{LIMB_NAMES[limb]} [Nm]")
     axes[-1].set_xlabel("time [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), ncols=6, fontsize=8, frameon=False, loc="outside upper right")
-    return _png(figure)
+    return png(figure)
 
 
 def cycle_timing(log: Telemetry) -> bytes | None:
@@ -250,4 +250,4 @@ def cycle_timing(log: Telemetry) -> bytes | None:
         axis.grid(color="#e4e4e4", linewidth=0.6)
         axis.set_axisbelow(True)
     axes[0][0].set_ylabel("cycles")
-    return _png(figure)
+    return png(figure)

@@ -115,7 +115,7 @@ def measured_margin_n(log: Telemetry, filter_s: float) -> np.ndarray:
     plan = log.plan
     series = plan_series(plan)
     friction, spines = _surfaces(plan, series)
-    knot = np.clip(np.searchsorted(series.time_s, log.state["plan_time_s"] + 1e-9) - 1, 0, len(series.time_s) - 1)
+    knot = series.knot_at(log.state["plan_time_s"])
     rotation = rotations_from_quaternions(log.limbs["gripper_quaternion_w"].reshape(-1, 4)).reshape(-1, 4, 3, 3)
     axis = rotation[..., 0]
     whole = _gripper_wrenches(log, filter_s, rotation)

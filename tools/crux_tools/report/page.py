@@ -24,6 +24,7 @@ figure img { width: 100%; display: block; } figcaption { padding: 6px 10px; font
 table { border-collapse: collapse; background: white; width: 100%; }
 th, td { text-align: left; padding: 5px 12px; border: 1px solid #dde2e6; vertical-align: top; }
 th { font-weight: 600; width: 34%; } table.wide { margin: 8px 0; font-size: 13.5px; } .wide th { width: auto; }
+.wide td:first-child { min-width: 9em; overflow-wrap: normal; }
 p.note { background: #fff4d6; border-left: 4px solid #e8a33d; padding: 8px 12px; }
 p.explain { color: #566573; font-size: 13.5px; margin: 4px 0; }
 p.verdict { font-size: 19px; line-height: 1.4; margin: 8px 0 14px; }

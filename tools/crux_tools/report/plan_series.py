@@ -58,6 +58,11 @@ class PlanSeries:
         """M of every gripper about its centre, (K, 4, 3)."""
         return self.wrench[..., 3:]
 
+    def knot_at(self, plan_time_s: np.ndarray) -> np.ndarray:
+        """The knot that begins the interval of each plan time, of the same shape."""
+        knots = np.searchsorted(self.time_s, plan_time_s + 1e-9) - 1
+        return np.asarray(np.clip(knots, 0, len(self.time_s) - 1))
+
     def swings(self) -> list[Swing]:
         """All swings in the order of their start."""
         found = []

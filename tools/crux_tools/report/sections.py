@@ -12,6 +12,7 @@ from crux_contracts.interpolation import is_walk
 from crux_contracts.robot import Robot
 
 from crux_tools.report import figures
+from crux_tools.report.causes import cause_sections
 from crux_tools.report.joints import hot_nodes, joint_loads
 from crux_tools.report.page import Section
 from crux_tools.report.pictures import Picture, Stage, open_stage
@@ -182,6 +183,7 @@ def log_sections(log: Telemetry, summary: Summary, verdict: truth_verdict_t | No
         margins = [Section("margins", "Limit-surface margins", text, rows=rows, plots=[plot])]
     sections = [
         Section("verdict", "Verdict", verdict=sentence(log, summary, smallest, verdict), rows=facts(log)),
+        *cause_sections(log, summary),
         Section("summary", "Summary", notes=list(summary.notes), rows=summary_rows(summary)),
     ]
     if log.plan is not None:
