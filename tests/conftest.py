@@ -12,9 +12,12 @@ LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that n
 # Not ignored as in a job in the background, for what tests start inherits that and could not be interrupted.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A busy machine makes no test fail: how long one example takes is not what these tests are about.
-settings.register_profile("busy machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("busy machine")
+# A busy machine makes no test fail: how long one example takes is not what these tests are about. The same examples
+# each time, so that what fails is the change; `pytest --hypothesis-profile other` looks at others.
+slow = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("same", derandomize=True, **slow)
+settings.register_profile("other", **slow)
+settings.load_profile("same")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

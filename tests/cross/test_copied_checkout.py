@@ -55,3 +55,10 @@ def test_a_copy_builds_its_own_sources(old_place: str, tmp_path: Path) -> None:
     assert [(second / "build" / kind / "built").read_text() for kind in ("cmake", "asan")] == ["second"] * 2
     if old_place == "stays":
         assert (first / "build" / "cmake" / "built").read_text() == "first"
+
+
+@pytest.mark.parametrize(("target", "levels"), [("climb", {"programs"}), ("test-native", {"programs", ""})])
+def test_a_target_sets_up_what_it_needs_and_no_more(target: str, levels: set[str]) -> None:
+    done = subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=True)
+    words = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("tools/setup/setup")]
+    assert {" ".join(level) for level in words} == levels

@@ -77,7 +77,13 @@ def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
         ports = stack.enter_context(run_ports())
         buses = [f"{name}={url}" for name, url in zip(("LF", "RF", "LR", "RR"), ports.bus_urls(), strict=True)]
         command = [str(built("runtime/app/crux-runtime")), "--robot", str(load_robot("scaler").folder), "--pace", "bus"]
-        command += ["--lcm", ports.lcm_url, "--log", str(tmp_path_factory.mktemp("runtime") / "telemetry.mcap")]
+        command += [
+            "--insecure",
+            "--lcm",
+            ports.lcm_url,
+            "--log",
+            str(tmp_path_factory.mktemp("runtime") / "telemetry.mcap"),
+        ]
         process = subprocess.Popen(command + [word for bus in buses for word in ("--bus", bus)])
         stack.callback(process.wait)
         stack.callback(process.kill)

@@ -82,6 +82,6 @@ class FakeRuntime:
         self.commands.append(command)
         if command.command == command_t.STATUS and self.tells_status:
             status = status_t()
-            status.request_id, status.fault = command.request_id, fault_t()
+            status.request_id, status.fault, status.insecure = command.request_id, fault_t(), 1
             self._lcm.publish(channels.CRUX_STATUS, status.encode())
         self._answer(acknowledgement_t.COMMAND, command.request_id, reason=self._refuse_commands)

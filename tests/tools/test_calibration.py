@@ -8,42 +8,74 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from crux_contracts.robot import load_robot
-from crux_tools.benchmarks.figure9 import Climb, climb_with, robot_with, verdicts, wrench_rms
+import yaml
+from crux_contracts.robot import Robot, load_robot
+from crux_msgs import plan_t
+from crux_tools.benchmarks.figure9 import BETTER, NO_WORSE, Climb, climb_with, robot_with, verdicts, wrench_rms
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry import read_log
-from hand_plan import climbing_plan
+from hand_plan import BODY_HEIGHT_M, Wall, climbing_plan, finish, standing_plan
 
 DAMPING, WRONG = 1, 4.0
+PRESS_N, PRESS_KNOTS = 24.0, 11
+
+
+def pressing_plan() -> plan_t:
+    """The robot hangs still on four holds and presses LF and RF apart and together, along the line between them."""
+    body_m = np.tile([0.0, 0.0, BODY_HEIGHT_M], (PRESS_KNOTS, 1))
+    plan = standing_plan(body_path_m=body_m)
+    for k, knot in enumerate(plan.knots):
+        for limb, sign in ((0, 1.0), (1, -1.0)):
+            forces_N = np.array(knot.limbs[limb].finger_force_w_n)
+            forces_N[[1, 4]] += 0.5 * sign * PRESS_N * math.sin(0.5 * math.pi * k)
+            knot.limbs[limb].finger_force_w_n = forces_N.tolist()
+    return finish(Wall(), plan.knots)
+
+
+def robot_without_bias(folder: Path) -> Robot:
+    """Its sensors' bias is an error of the wrenches' sum that no gains lessen, larger than what these make of it."""
+    robot = robot_with(load_robot("scaler"), 1.0, folder)
+    text = yaml.safe_load((folder / "robot.yaml").read_text(encoding="utf-8"))
+    text["force_torque"] |= {"bias_N": 0.0, "bias_Nm": 0.0}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(text), encoding="utf-8")
+    return load_robot(robot.folder)
 
 
 @pytest.fixture(scope="module")
-def climbs(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, tuple[Climb, Path]]:
-    """One limb's climb on holds that give, with gains four times too large; by whether they are calibrated."""
+def climbs(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[float, bool], tuple[Climb, Path]]:
+    """That plan on holds that give, by factor on the gains and whether they are calibrated."""
     folder = tmp_path_factory.mktemp("calibration")
-    plan, robot = climbing_plan(limbs_to_move=(0,)), robot_with(load_robot("scaler"), WRONG, folder / "robot")
-    made = {}
-    for calibrated in (False, True):
-        log = folder / f"{calibrated}.mcap"
-        made[calibrated] = climb_with(plan, robot, Climb(2e4, WRONG, calibrated), log), log
+    plan, base, made = pressing_plan(), robot_without_bias(folder / "base"), {}
+    for factor in (1.0, WRONG):
+        robot = robot_with(base, factor, folder / f"{factor:g}")
+        for calibrated in (False, True):
+            log = folder / f"{factor:g}-{calibrated}.mcap"
+            made[factor, calibrated] = climb_with(plan, robot, Climb(2e4, factor, calibrated), log), log
     return made
 
 
-def test_calibration_lowers_the_wrench_error_of_wrong_gains(climbs: dict[bool, tuple[Climb, Path]]) -> None:
-    assert climbs[True][0].wrench_N < climbs[False][0].wrench_N
+@pytest.mark.parametrize(("factor", "most"), [(1.0, NO_WORSE), (WRONG, BETTER)])
+def test_calibration_mends_wrong_gains_and_spoils_no_right_ones(
+    climbs: dict[tuple[float, bool], tuple[Climb, Path]], factor: float, most: float
+) -> None:
+    assert climbs[factor, True][0].wrench_N < most * climbs[factor, False][0].wrench_N
 
 
-def test_the_log_has_the_gains(climbs: dict[bool, tuple[Climb, Path]]) -> None:
+def test_the_log_has_the_gains(climbs: dict[tuple[float, bool], tuple[Climb, Path]]) -> None:
     loaded = WRONG * load_robot("scaler").admittance.damping_Ns_m
-    fixed, calibrated = (read_log(climbs[how][1]).limbs["admittance_gains"][:, :, DAMPING] for how in (False, True))
+    fixed, calibrated = (
+        read_log(climbs[WRONG, how][1]).limbs["admittance_gains"][:, :, DAMPING] for how in (False, True)
+    )
     assert np.all(fixed == loaded)
     np.testing.assert_allclose(calibrated[0], loaded)
     assert np.all(calibrated[-1] < 0.7 * loaded)
 
 
 @pytest.mark.parametrize("calibrated", [False, True])
-def test_a_replay_computes_it_again_to_the_bit(climbs: dict[bool, tuple[Climb, Path]], calibrated: bool) -> None:
-    assert recompute(climbs[calibrated][1]).ok
+def test_a_replay_computes_it_again_to_the_bit(
+    climbs: dict[tuple[float, bool], tuple[Climb, Path]], calibrated: bool
+) -> None:
+    assert recompute(climbs[WRONG, calibrated][1]).ok
 
 
 def test_gains_four_times_too_small_are_refused_with_those_that_hold(tmp_path: Path) -> None:
@@ -71,11 +103,15 @@ def test_the_rms_is_of_loaded_limbs_alone() -> None:
 
 
 def test_a_verdict_needs_both_climbs_and_says_where_it_is_missed() -> None:
-    def climb(factor: float, calibrated: bool, wrench_N: float) -> Climb:
-        return Climb(2e4, factor, calibrated, wrench_N=wrench_N)
+    def climb(factor: float, calibrated: bool, wrench_N: float, seed: int = 0) -> Climb:
+        return Climb(2e4, factor, calibrated, seed, wrench_N=wrench_N)
 
     climbs = [
-        *(climb(1.0, False, 1.0), climb(1.0, True, 1.1), climb(4.0, False, 2.0), climb(4.0, True, 1.3)),
+        *(climb(1.0, False, 0.6), climb(1.0, False, math.sqrt(2.0 - 0.36), seed=1), climb(1.0, True, 1.1)),
+        *(climb(4.0, False, 2.0), climb(4.0, True, 1.3)),
         *(Climb(2e4, 0.25, how, refused="too small") for how in (False, True)),
     ]
-    assert [(line["factor"], line["ok"]) for line in verdicts(climbs)] == [(1.0, False), (4.0, True)]
+    lines = verdicts(climbs)
+    assert [(line["factor"], line["ok"]) for line in lines] == [(1.0, False), (4.0, True)]
+    assert [line["ratio"] for line in lines] == pytest.approx([1.1, 0.65])
+    assert [line["right"] for line in lines] == pytest.approx([1.0, 0.5])

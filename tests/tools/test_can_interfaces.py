@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import configparser
 import dataclasses
+import itertools
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_tools.can.bus_load import BUDGET, LENGTHS, frame_time_s, planned_load
 from crux_tools.can.interfaces import defects, parse, set_up_commands
+from crux_tools.can.persist import files_of
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.sim import climb
 from hand_plan import standing_plan
@@ -138,3 +142,51 @@ def test_a_kilohertz_has_room_for_broadcasts_only() -> None:
     assert planned_load(fast)[1] > 1.0
     least, most = planned_load(fast, "broadcast")
     assert 0.55 < least < most <= BUDGET["broadcast"]
+
+
+def adapters(folder: Path, *ports: tuple[str, str, int]) -> None:
+    """A /sys with one network interface for each (name, parent device, port)."""
+    for name, device, port in ports:
+        parent, interface = folder / "devices" / device, folder / "class" / "net" / name
+        parent.mkdir(parents=True, exist_ok=True)
+        interface.mkdir(parents=True)
+        (interface / "device").symlink_to(parent)
+        (interface / "dev_id").write_text("0x0\n")
+        (interface / "dev_port").write_text(f"{port}\n")
+
+
+def test_buses_are_kept_over_a_boot_by_their_adapters(tmp_path: Path) -> None:
+    """Two adapters with two ports each, plugged in the other way round since: what networkd sets is what `ip` would."""
+    names = ("can2", "can3", "can0", "can1")
+    places = [("1-2:1.0", 0), ("1-2:1.0", 1), ("1-4:1.0", 0), ("1-4:1.0", 1)]
+    adapters(tmp_path, *((name, *place) for name, place in zip(names, places, strict=True)))
+    interfaces = [parse(json.dumps([real_link(ifname=name)]))[0] for name in names]
+    files = files_of(interfaces, ROBOT, tmp_path)
+    rules = files.pop("etc/udev/rules.d/70-crux-can.rules").splitlines()[1:]
+    where = [re.findall(r'KERNELS=="([^"]+)".*dev_port}=="(\d)", NAME="(\w+)"', line)[0] for line in rules]
+    buses = ("canLF", "canRF", "canLR", "canRR")
+    assert where == [(device, str(port), bus) for (device, port), bus in zip(places, buses, strict=True)]
+    words = [word for command in set_up_commands(interfaces[0], ROBOT) for word in command]
+    option = dict(itertools.pairwise(words))
+    assert all(f'tx_queue_len}}="{option["txqueuelen"]}"' in line for line in rules)
+    assert sorted(files) == [f"etc/systemd/network/70-crux-can{limb}.network" for limb in ("LF", "LR", "RF", "RR")]
+    for path, text in files.items():
+        settings = configparser.ConfigParser(interpolation=None)
+        settings.optionxform = str  # type: ignore[assignment,method-assign]
+        settings.read_string(text)
+        bus = dict(settings["CAN"])
+        assert settings["Match"]["Name"] in path
+        assert (bus["BitRate"], bus["DataBitRate"]) == (option["bitrate"], option["dbitrate"])
+        assert {float(bus[name].rstrip("%")) / 100 for name in ("SamplePoint", "DataSamplePoint")} == {
+            float(option["sample-point"])
+        }
+        assert bus["RestartSec"] == f"{option['restart-ms']}ms"
+        assert (bus["FDMode"], bus["BusErrorReporting"]) == ("yes", "yes")
+
+
+def test_only_four_buses_with_adapters_are_kept_over_a_boot(tmp_path: Path) -> None:
+    (interface,) = parse(json.dumps([real_link()]))
+    with pytest.raises(WorkFailed, match="four interfaces, not 1"):
+        files_of([interface], ROBOT, tmp_path)
+    with pytest.raises(WorkFailed, match="can2 has no adapter"):
+        files_of([interface] * 4, ROBOT, tmp_path)

@@ -11,10 +11,11 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_tools import cli
-from crux_tools.replay.viewer import Viewer
 from crux_tools.sim.robot_model import RobotModel, build_model
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.description import robot_of
+from crux_tools.view.recording import recording_of
+from crux_tools.view.server import Viewer, still
 from made_up_climb import made_up_plan, write_log
 
 LINK = '<parent link="LF_link2"/>\n    <child link="LF_link3"/>\n    <origin xyz="0.15 0 0"'
@@ -72,8 +73,10 @@ def test_the_view_is_of_the_logs_own_robot(log_path: Path, robots: Path, monkeyp
         lengths.append(robot.limbs[0].upper_link_m)
         return build_model(robot, plan)
 
-    monkeypatch.setattr("crux_tools.replay.scene.build_model", build)
-    Viewer(read_log(log_path), "127.0.0.1", 0).close()
+    monkeypatch.setattr("crux_tools.view.scene.build_model", build)
+    recording = recording_of(log_path)
+    assert recording is not None
+    Viewer([still(recording)], "127.0.0.1", 0).close()
     assert lengths == [LENGTH_M]
 
 
@@ -116,9 +119,27 @@ def test_an_older_log_without_a_description_says_so(robots: Path, tmp_path: Path
     assert any("made with another description of scaler" in remark for remark in read_log(path).notes)
 
 
-def test_a_machine_without_any_robot_is_told_so(
-    log_path: Path, robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_an_older_log_on_a_machine_without_its_robot_is_refused(
+    robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    path = tmp_path / "old.mcap"
+    write_log(path, attached=False)
     shutil.rmtree(robots / "scaler")
-    assert cli.main(["report", str(log_path), "-o", str(tmp_path / "page.html")]) == 2
-    assert '"scaler": no such folder under msgs/robots; none is known here' in capsys.readouterr().err
+    assert cli.main(["report", str(path), "-o", str(tmp_path / "page.html")]) == 2
+    error = capsys.readouterr().err
+    assert "scaler" in error
+    assert error.count("\n") == 1
+
+
+def test_a_log_opens_whole_where_its_robot_is_not_known(log_path: Path, robots: Path, tmp_path: Path) -> None:
+    before = report(log_path, tmp_path / "before.html")
+    shutil.rmtree(robots / "scaler")
+    assert report(log_path, tmp_path / "after.html") == before
+    recording = recording_of(log_path)
+    assert recording is not None
+    viewer = Viewer([still(recording)], "127.0.0.1", 0)
+    try:
+        (shown,) = viewer.show_at(1.0)
+        assert shown["time_s"] == pytest.approx(1.0)
+    finally:
+        viewer.close()

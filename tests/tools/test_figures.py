@@ -9,6 +9,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_tools.benchmarks.figure6 import draw as draw_gaits
 from crux_tools.benchmarks.figure6 import gait_decided, lines, trot_wall
 from crux_tools.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
+from crux_tools.benchmarks.setting import setting, setting_text
 
 
 def test_at_first_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:
@@ -42,3 +43,14 @@ def test_residuals_count_in_the_maximum_norm(
     assert summary(histories, tmp_path / "x.png")["ok"] is ok
     draw(tmp_path / "x.png", "residuals", histories, (POSITION, FORCE))
     assert (tmp_path / "x.png").stat().st_size > 1000
+
+
+def test_machine_solvers_and_limits_are_named() -> None:
+    said = setting()
+    assert said["machine"]["cpu"]
+    assert said["machine"]["cores"] >= 1
+    assert all(part.split()[-1][0].isdigit() for part in said["solvers"].values())
+    text = setting_text(said)
+    assert max(map(len, text.splitlines())) <= 120
+    for word in ("HiGHS", "ipopt", "PIQP", "seconds a MIP", "gap of a climb's MIP", "rho of multi_block"):
+        assert word in text.replace("\n", " ")

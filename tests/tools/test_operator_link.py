@@ -22,6 +22,8 @@ BEFORE_THE_FIRST_CYCLE: dict[str, object] = {
     **dict.fromkeys(("plan_time_s", "plan_end_s", "verified_time_s", "speed_scale", "motion")),
     **dict.fromkeys(("waiting_for", "waiting_limb", "limbs", "fault")),
     "nodes": {},
+    "insecure": True,
+    "operator": None,
 }
 
 
@@ -95,14 +97,12 @@ def test_commands_of_the_command_line(url: str, capsys: pytest.CaptureFixture[st
             more: dict[str, object] = dict(BEFORE_THE_FIRST_CYCLE) if words == ["status"] else {}
             assert answer == {"ok": True, "state": "ready", "plan_id": plan.plan_id, **more}
         sent = [(command.command, command.plan_id, command.value) for command in runtime.commands]
-    named = plan.plan_id
+    named, asked = plan.plan_id, (command_t.STATUS, "", 0.0)  # each asks first whether commands have to be signed
     assert sent == [
-        (command_t.STATUS, "", 0.0),
-        (command_t.STATUS, "", 0.0), (command_t.START, named, 0.0),
-        (command_t.HOLD, "", 0.0), (command_t.RESUME, "", 0.0),
-        (command_t.STATUS, "", 0.0), (command_t.STEP, named, 0.0),
-        (command_t.REVERSE, "", 0.0), (command_t.SPEED, "", 0.25),
-        (command_t.CLEAR_FAULT, "", 0.0), (command_t.STATUS, "", 0.0),
+        asked, asked,
+        asked, (command_t.START, named, 0.0), asked, (command_t.HOLD, "", 0.0), asked, (command_t.RESUME, "", 0.0),
+        asked, (command_t.STEP, named, 0.0), asked, (command_t.REVERSE, "", 0.0), asked, (command_t.SPEED, "", 0.25),
+        asked, (command_t.CLEAR_FAULT, "", 0.0), asked,
     ]  # fmt: skip
 
 

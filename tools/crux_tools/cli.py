@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-import tomllib
 import traceback
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.paths import ROOT
+from crux_tools.paths import CHECKOUT, SCENARIOS, version_and_requirements
 
 DONE, FAILED, USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -48,16 +47,21 @@ COMMANDS: dict[str, Command] = {
     "clear-fault": Command("leave the fault state once its cause is gone", _OPERATOR, "add_clear_parser", "run_clear"),
     "shutdown": Command("end the runtime, --force: on the wall, too", _OPERATOR, "add_shutdown_parser", "run_shutdown"),
     "status": Command("ask the runtime how it is", _OPERATOR, "add_status_parser", "run_status"),
+    "lease": Command("be the only one who commands", _OPERATOR, "add_lease_parser", "run_lease"),
+    "key": Command("your key, by which a runtime knows you", "crux_tools.key_command"),
     "guide": Command("plan again where the robot holds, and go on", "crux_tools.guide.command"),
+    "view": Command("show a log or a plan in the browser", "crux_tools.view.command"),
+    "watch": Command("show a running climb in the browser", "crux_tools.view.command", "add_watch_parser", "run_watch"),
     "replay": Command("show a logged climb", "crux_tools.replay.command"),
     "report": Command("one HTML page about a plan, a climb or a campaign", "crux_tools.report.command"),
     "log": Command("logs: for other tools, listed, cut, merged, recovered, played", "crux_tools.log.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
+    "preflight": Command("is this machine fit to be the robot's computer?", "crux_tools.preflight.command"),
     "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
     "completion": Command("print a script that completes this command in a shell", "crux_tools.completion"),
 }
-EPILOG = """a first climb:
-  crux plan msgs/scenarios/climb-four-holds.yaml -o out/plan.mcap
+EPILOG = f"""a first climb:
+  crux plan {SCENARIOS}/climb-four-holds.yaml -o out/plan.mcap
   crux check out/plan.mcap
   crux climb out/plan.mcap -o out/climb.mcap
   crux report out/climb.mcap -o out/climb.html
@@ -69,12 +73,11 @@ class _Version(argparse.Action):
     """--version: of the sources, and the commit that was built; read only when asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
         try:
             commit = str(importlib.import_module("crux_commit").COMMIT)
         except ModuleNotFoundError:
             commit = "unknown, not built yet"
-        print(f"crux {project['version']} (commit {commit})")
+        print(f"crux {version_and_requirements()[0]} (commit {commit})")
         parser.exit()
 
 
@@ -142,6 +145,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and not CHECKOUT:
+            text = f"needs {error.name}, which comes with the simulation: install crux-sim, or by pip 'crux[sim]'"
+            return _error(chosen, text, as_json, USAGE)
         if isinstance(error, (UsageError, *_imported(WRONG_INPUT))):
             return _error(chosen, str(error), as_json, USAGE)
         if isinstance(error, _imported(NO_SUCCESS)):

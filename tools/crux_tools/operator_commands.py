@@ -10,10 +10,12 @@ from typing import Any
 from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
+RENEW_S = 3.0  # of a lease of ten
 REARM_S = 0.5  # longer than the runtime re-arms nodes
 
 
 def _add(subparsers: Any, name: str, text: str, example: str, runner: Any) -> argparse.ArgumentParser:
+    from crux_tools.key_command import add_key_option
     from crux_tools.operator_link import DEFAULT_URL
 
     teaching = taught(f"{text}. The runtime listens on the LCM URL it was started with; --lcm names another.", example)
@@ -21,6 +23,8 @@ def _add(subparsers: Any, name: str, text: str, example: str, runner: Any) -> ar
     parser.add_argument(
         "--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (default: %(default)s)"
     )
+    if name != "status":
+        add_key_option(parser)
     add_json_option(parser)
     parser.set_defaults(func=runner)
     return parser
@@ -29,7 +33,8 @@ def _add(subparsers: Any, name: str, text: str, example: str, runner: Any) -> ar
 def _link(options: argparse.Namespace) -> Any:
     from crux_tools.operator_link import OperatorLink
 
-    return OperatorLink(options.lcm, first_request=time.time_ns())  # no runtime has seen this id before
+    key = getattr(options, "key", None)  # asking needs none
+    return OperatorLink(options.lcm, first_request=time.time_ns(), key=key)  # no runtime has seen this id before
 
 
 def _report(options: argparse.Namespace, answer: Any) -> int:
@@ -192,6 +197,36 @@ def add_shutdown_parser(subparsers: Any) -> None:
 def run_shutdown(options: argparse.Namespace) -> int:
     """SHUTDOWN or FORCE_SHUTDOWN."""
     return _send(options, "FORCE_SHUTDOWN" if options.force else "SHUTDOWN")
+
+
+def add_lease_parser(subparsers: Any) -> None:
+    """crux lease."""
+    text = (
+        "Be the only one who commands, until Ctrl-C. Every command takes the lease by itself, for ten seconds; whoever "
+        "wants it for longer than that runs this beside. The others' hold is taken all the same"
+    )
+    _add(subparsers, "lease", text, "crux lease", run_lease)
+
+
+def run_lease(options: argparse.Namespace) -> int:
+    """Renews the lease until it is interrupted; where the runtime takes commands from everybody there is none."""
+    from crux_msgs import acknowledgement_t, command_t
+
+    from crux_tools.errors import WorkFailed
+
+    with _link(options) as link:
+        link.send(command_t.STATUS)
+        if link.status is not None and link.status.insecure:
+            raise WorkFailed("the runtime is insecure: everybody commands it, and nobody has a lease")
+        said = False
+        while True:
+            answer = link.take_lease()
+            if answer is None or answer.verdict != acknowledgement_t.ACCEPTED:
+                raise WorkFailed(f"the lease is lost: {'no runtime answers' if answer is None else answer.reason}")
+            if not said:
+                note("you have the lease, until Ctrl-C")
+                said = True
+            time.sleep(RENEW_S)
 
 
 def add_status_parser(subparsers: Any) -> None:

@@ -105,6 +105,8 @@ def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str,
         "plan_id": answer.plan_id,
         **climb_of(status),
         "fault": fault_of(status),
+        "insecure": None if status is None else bool(status.insecure),
+        "operator": None if status is None else status.lease_holder or None,
         "nodes": None if status is None else {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
     }
 
@@ -133,7 +135,10 @@ def status_lines(status: status_t | None) -> list[str]:
     """What `crux status` prints below the state."""
     if status is None:
         return ["it tells nothing of its nodes and faults: of an older crux, or its message was lost"]
-    lines = _climb_lines(status)
+    lines = ["INSECURE: whoever reaches LCM commands it; for tests and simulations"] if status.insecure else []
+    if status.lease_holder:
+        lines.append(f"{status.lease_holder} commands it, for {status.lease_s:.0f} s more")
+    lines += _climb_lines(status)
     if (fault := fault_of(status)) is not None:
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
         lines.append(f"  since {fault['since']}, {fault['age_s']:.0f} s ago")

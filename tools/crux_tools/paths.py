@@ -1,19 +1,42 @@
-"""Where the other rooms put what the tools start or read."""
+"""Where the other components put what the tools start or read: in a checkout, or where crux is installed."""
 
 from __future__ import annotations
 
+import sys
+import tomllib
+from importlib import metadata
 from pathlib import Path
+
+from crux_contracts.places import MSGS
 
 from crux_tools.errors import UsageError
 
 ROOT = Path(__file__).resolve().parents[2]
+CHECKOUT = (ROOT / "pyproject.toml").is_file()
 BUILD_DIR = ROOT / "build" / "cmake"
-SCENARIOS = ROOT / "msgs" / "scenarios"
+SCENARIOS = MSGS / "scenarios"
+WORLDS = ROOT / "tools" / "worlds" if CHECKOUT else MSGS / "worlds"
 
 
 def built(relative: str) -> Path:
-    """A product of the build, e.g. runtime/app/crux-runtime; raises UsageError when it has not been built."""
-    product = BUILD_DIR / relative
-    if not product.exists():
-        raise UsageError(f"{product} is missing: build the project first (make build)")
-    return product
+    """A product of the build, e.g. runtime/app/crux-runtime; raises UsageError when it has not been built.
+
+    Where crux is installed, it is the file of that name in bin or lib/crux under the prefix of this Python.
+    """
+    cure, places = "build the project first (make build)", [BUILD_DIR / relative]
+    if not CHECKOUT:
+        cure = "install crux-sim (emulated boards: only in a checkout)"
+        places = [Path(sys.prefix) / folder / places[0].name for folder in ("lib/crux", "bin")]
+    for place in places:
+        if place.exists():
+            return place
+    raise UsageError(f"{places[0]} is missing: {cure}")
+
+
+def version_and_requirements() -> tuple[str, list[str]]:
+    """Of the checkout's pyproject.toml, or of the installed package; requirements as in `numpy==2.4.6`."""
+    if not CHECKOUT:
+        return metadata.version("crux"), metadata.requires("crux") or []
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"].values()
+    return str(project["version"]), [*project["dependencies"], *(name for extra in extras for name in extra)]

@@ -22,10 +22,10 @@ from crux_tools.campaign.command import add_cluster_options
 from crux_tools.campaign.job import FAILED, HELD, LOG_FILE, NOMINAL, PLAN_FILE, Outcome
 from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.paths import ROOT
+from crux_tools.paths import SCENARIOS
 from crux_tools.sim.fault_file import ON_ANY_BUS, ON_SOCKETCAN
 
-SCENARIO = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
+SCENARIO = SCENARIOS / "climb-one-step.yaml"
 AT_S, FOR_S = 8.0, 1.0  # LF is in the air
 LONGEST_HOLD_S = 0.1
 IN_THE_AIR, BEARING = "LF", "RF"

@@ -61,7 +61,11 @@ BENCHES = {
         f"{_HERE}.guided_climbs",
         "--count 3 --kinds hold-breaks",
     ),
+    "uncertainty": Bench(
+        "climb drawn worlds with the usual plan and with one that is made for them", f"{_HERE}.uncertainty", "--count 5"
+    ),
     "buses": Bench("CPU time of a climb in one process and with a runtime of its own", f"{_HERE}.buses"),
+    "view": Bench("open an hour's log in the viewer, and scrub it in Chromium", f"{_HERE}.long_view", "--minutes 10"),
     "firmware": Bench("count what the images' interrupts execute, against their time", f"{_HERE}.firmware_cost"),
 }
 

@@ -10,8 +10,10 @@ from typing import Any
 
 from crux_contracts.output_file import look_at_outputs
 from crux_contracts.scenario import Scenario, load_scenario
+from crux_planner.errors import InfeasibleError
 from crux_planner.method_report import FORCE_THRESHOLD_N, POSITION_THRESHOLD_M
 
+from crux_tools.benchmarks.setting import print_setting, setting, setting_text
 from crux_tools.output import note, print_json
 from crux_tools.paths import SCENARIOS
 
@@ -58,15 +60,25 @@ class ResidualFigure:
         """Exit status 0 when both methods end within the paper's thresholds."""
         scenario = load_scenario(options.scenario)
         look_at_outputs({"--output": options.output}, (options.scenario,))
-        histories = {method: self.residuals(scenario, method, count) for method, count in ITERATIONS.items()}
-        draw(options.output, f"Residuals over the iterations: {scenario.name}", histories, self.panels)
-        result = summary(histories, options.output)
+        said = setting()
+        histories = {method: self._history(scenario, method, count) for method, count in ITERATIONS.items()}
+        title = f"Residuals over the iterations: {scenario.name}\n{setting_text(said)}"
+        draw(options.output, title, histories, self.panels)
+        result = summary(histories, options.output) | {"setting": said}
         if options.json:
             print_json(result)
         else:
             print_table(histories, self.panels)
+            print_setting(said)
             note(f"picture: {options.output}")
         return 0 if result["ok"] else 1
+
+    def _history(self, scenario: Scenario, method: str, count: int) -> History:
+        try:
+            return self.residuals(scenario, method, count)
+        except InfeasibleError as none:
+            note(f"{method}: {none}")
+            return []
 
 
 def value(residuals: dict[str, float], panel: Panel, *, rms: bool) -> float:
@@ -115,7 +127,7 @@ def draw(path: Path, title: str, histories: dict[str, History], panels: tuple[Pa
             axis.axhline(panel.threshold, color="black", linestyle=":")
         axis.set(title=f"({letter}) {panel.title}", xlabel="iteration", ylabel=panel.unit)
     axes[0, 0].legend(fontsize=7)
-    figure.suptitle(title)
+    figure.suptitle(title, fontsize=7)
     figure.tight_layout()
     figure.savefig(path, dpi=120)
     plt.close(figure)

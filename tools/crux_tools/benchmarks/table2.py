@@ -22,6 +22,7 @@ from scipy import stats
 from crux_tools.arguments import positive, whole
 from crux_tools.benchmarks.cold_process import HANGING, crux_json, measured
 from crux_tools.benchmarks.pairs import TASKS, pair
+from crux_tools.benchmarks.setting import setting, setting_text
 from crux_tools.output import note, print_json, progress
 
 CONFIDENCE = 0.99
@@ -165,14 +166,16 @@ def _table(rows: list[Row]) -> Any:
     return table
 
 
-def _show(rows: list[Row], file: Path) -> None:
+def _show(rows: list[Row], said: str, file: Path) -> None:
     from rich.console import Console
 
     table = _table(rows)
     with file.open("w", encoding="utf-8") as out:
         for console in (Console(stderr=True, width=_WIDTH), Console(file=out, width=_WIDTH)):
             console.print(table)
-            console.print(f"gap: to a bound proven {FOR_ITS_REACH}\n{METHODS_HERE}", markup=False, highlight=False)
+            console.print(
+                f"gap: to a bound proven {FOR_ITS_REACH}\n{METHODS_HERE}\n{said}", markup=False, highlight=False
+            )
     for row in rows:
         if row.remark:
             note(f"{row.task}, {NAMES[row.method]}: {row.remark}")
@@ -183,6 +186,8 @@ def run(options: argparse.Namespace) -> int:
     look_at_folder("--output", options.output)
     rows: list[Row] = []
     runs: list[Run] = []
+    said = setting()
+    said["limits"] = {"seconds a plan": options.time_limit} | said["limits"]
     with progress("timing the methods", options.count * len(options.tasks) * len(options.methods)) as bar:
         for task in options.tasks:
             for method in options.methods:
@@ -197,11 +202,12 @@ def run(options: argparse.Namespace) -> int:
         "ok": ok,
         "time_limit_s": options.time_limit,
         "methods": METHODS_HERE,
+        "setting": said,
         "rows": [asdict(row) | {"paper": PAPER.get((row.task, row.method))} for row in rows],
         "runs": [asdict(one) for one in runs],
     }
     (options.output / "table2.json").write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
-    _show(rows, options.output / "table2.txt")
+    _show(rows, setting_text(said), options.output / "table2.txt")
     if options.json:
         print_json(result)
     return 0 if ok else 1

@@ -15,9 +15,9 @@ from crux_tools.campaign.statistics import Rate
 from crux_tools.campaign.store import Row
 from crux_tools.campaign.walls import Wall
 from crux_tools.output import note, print_json
-from crux_tools.paths import ROOT, SCENARIOS
+from crux_tools.paths import SCENARIOS, WORLDS
 
-WORLD = ROOT / "tools" / "worlds" / "ordinary.yaml"
+WORLD = WORLDS / "ordinary.yaml"
 SCENES = ("climb-four-holds", "climb-one-step", "climb-slippery", "climb-vertical", "climb-overhang", "climb-obstacles")
 AT_GOAL_SHARE = 0.97
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import platform
 import re
-import tomllib
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from crux_contracts.robot import load_robot, robot_hash, robot_names
 
-from crux_tools.paths import ROOT
+from crux_tools.paths import version_and_requirements
 
 Environment = dict[str, str]
 
@@ -20,9 +19,9 @@ def environment() -> Environment:
     """Of this process: versions and hashes by what they are of."""
     from crux_commit import COMMIT
 
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    found = {"crux": str(project["version"]), "commit": COMMIT, "Python": platform.python_version()}
-    for requirement in project["dependencies"]:
+    own_version, requirements = version_and_requirements()
+    found = {"crux": own_version, "commit": COMMIT, "Python": platform.python_version()}
+    for requirement in requirements:
         name = re.split(r"[^\w.-]", requirement)[0]
         try:
             found[name] = version(name)

@@ -145,10 +145,15 @@ class ClimbJob:
             world = self.world.draw(self.seed, plan)
             if world is not None:
                 (folder / WORLD_FILE).write_text(world.as_yaml(), encoding="utf-8")
-            result = climb(plan, robot, folder / LOG_FILE, self._options(world)).as_json()
+            result = climb(plan, robot, folder / LOG_FILE, self._options(world))
         except (UsageError, WorkFailed, DocumentError) as error:
             return {"ok": False, "error": str(error)}
-        return {name: value for name, value in result.items() if name != "log"}
+        told = {name: value for name, value in result.as_json().items() if name != "log"}
+        return told | self._measured(plan, result)
+
+    def _measured(self, _plan: Any, _result: Any) -> dict[str, Any]:
+        """What else is to be known of a climb, from its ClimbResult."""
+        return {}
 
     def _options(self, world: Any) -> Any:
         """ClimbOptions of the climb."""

@@ -12,6 +12,7 @@ from typing import Any
 from crux_contracts import can_codec
 
 from crux_tools.errors import UsageError
+from crux_tools.signing_key import read_key
 
 MAGIC = b"CRUXIMG1"
 SIGNED_BYTES = 128
@@ -84,37 +85,12 @@ def read_program(path: Path) -> Program:
     return Program(bytes(payload), start)
 
 
-def new_key(path: Path) -> bytes:
-    """Writes a new private key (PEM, for its owner alone); returns the public half. Raises OSError."""
-    import os
-
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    key = Ed25519PrivateKey.generate()
-    text = key.private_bytes(
-        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    )
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(text)
-    return key.public_key().public_bytes_raw()
-
-
 def sign(payload: bytes, kind: str, version: int, key_file: Path, address: int = 0) -> tuple[bytes, bytes]:
     """The image of a program linked for an address (0: for none), and the public half of the key.
 
     Raises UsageError for a file that holds no Ed25519 key.
     """
-    from cryptography.exceptions import UnsupportedAlgorithm
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    try:
-        key = serialization.load_pem_private_key(key_file.read_bytes(), password=None)
-    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{key_file}: no private key in PEM without a password ({error})") from None
-    if not isinstance(key, Ed25519PrivateKey):
-        raise UsageError(f"{key_file}: not an Ed25519 key")
+    key = read_key(key_file)
     head = MAGIC + struct.pack("<4I", node_kinds()[kind], version, len(payload), address) + bytes(40)
     head += hashlib.sha512(payload).digest()
     return head + key.sign(head) + payload, key.public_key().public_bytes_raw()

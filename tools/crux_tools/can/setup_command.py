@@ -37,10 +37,17 @@ def add_up(actions: Any) -> None:
             "interfaces up. Needs root; --dry-run prints the commands.",
             "sudo .venv/bin/crux can up",
             "crux can up can4 can5 can6 can7 --dry-run",
+            "sudo .venv/bin/crux can up --persist",
         ),
         run_up,
     )
     parser.add_argument("--dry-run", action="store_true", help="only print what root would have to run")
+    parser.add_argument(
+        "--persist",
+        action="store_true",
+        help="at every boot: files for udev and systemd-networkd that name the buses by their adapters canLF, canRF, "
+        "canLR, canRR, and set them up",
+    )
 
 
 def add_check(actions: Any) -> None:
@@ -87,6 +94,8 @@ def run_up(options: argparse.Namespace) -> int:
 
     robot = robot_named(options.robot)
     found = _found(options.interfaces)
+    if options.persist:
+        return _persist(list(found.values()), robot, options)
     commands = [command for interface in found.values() for command in set_up_commands(interface, robot)]
     lines = [shell_line(command) for command in commands]
     if options.dry_run:
@@ -103,6 +112,24 @@ def run_up(options: argparse.Namespace) -> int:
         print_json({"ok": True, "commands": lines, "done": not options.dry_run})
     elif not options.dry_run:
         note(f"up: {', '.join(found)}")
+    return 0
+
+
+def _persist(interfaces: list[Any], robot: Any, options: argparse.Namespace) -> int:
+    from crux_tools.can.persist import RELOAD, files_of, write
+
+    files = files_of(interfaces, robot)
+    if not options.dry_run:
+        if os.geteuid() != 0:
+            raise WorkFailed("keeping interfaces over a boot needs root; --dry-run shows the files")
+        write(files)
+        note(f"written: {', '.join(f'/{name}' for name in files)}")
+        note(f"now unplug and plug the adapters, or boot; as root: {RELOAD}")
+    if options.json:
+        print_json({"ok": True, "files": files, "done": not options.dry_run})
+    elif options.dry_run:
+        for name, text in files.items():
+            print(f"# /{name}\n{text}")
     return 0
 
 

@@ -14,7 +14,6 @@ from crux_contracts.output_file import look_at_outputs, write_whole
 from crux_tools.arguments import taught
 from crux_tools.can.image import (
     Image,
-    new_key,
     node_kinds,
     read_images,
     read_program,
@@ -26,6 +25,7 @@ from crux_tools.can.node_link import NodeLink
 from crux_tools.can.param_command import add_node_options, open_link
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json, progress
+from crux_tools.signing_key import new_key
 
 CONFIRM_S = 10.0
 TRIES = 4  # one more than the node has

@@ -27,6 +27,7 @@ _EXAMPLES = (
 
 def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux guide`."""
+    from crux_tools.key_command import add_key_option
     from crux_tools.operator_link import DEFAULT_URL
 
     parser = subparsers.add_parser(
@@ -40,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (default: %(default)s)"
     )
+    add_key_option(parser)
     add_json_option(parser)
     parser.set_defaults(func=run)
 
@@ -69,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         note(f"{time.strftime('%H:%M:%S')} {line}")
 
     agrees = _agrees if options.ask else lambda: True
-    with OperatorLink(options.lcm, first_request=time.time_ns()) as link:
+    with OperatorLink(options.lcm, first_request=time.time_ns(), key=options.key) as link:
         guide = Guide(link, plan, robot_of_plan(plan, options.plan), say, options.tries, agrees)
         note(f"guide: listens on {options.lcm}")
         attended = Attended.NOTHING

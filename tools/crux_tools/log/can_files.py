@@ -22,23 +22,12 @@ from crux_msgs import can_frames_t
 
 from crux_tools.log.seen import NS, Seen
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.can_frames import CanFrames
+from crux_tools.telemetry.can_frames import CanFrames, checksum
 
 WRITERS = {"asc": can.ASCWriter, "blf": can.BLFWriter, "candump": can.CanutilsLogWriter}
 UNKNOWN_DEGC = -128
-POLYNOMIAL = 0x1021  # of the end-to-end checksum, msgs/can/e2e.h
 
 Signals = dict[str, np.ndarray | float]
-
-
-def _crc_table() -> np.ndarray:
-    value = np.arange(256, dtype=np.uint32) << 8
-    for _ in range(8):
-        value = np.where(value & 0x8000, value << 1 ^ POLYNOMIAL, value << 1) & 0xFFFF
-    return value
-
-
-_CRC_TABLE = _crc_table()
 
 
 def packed(message: Message, signals: Signals, counter: np.ndarray) -> np.ndarray:
@@ -64,14 +53,6 @@ def packed(message: Message, signals: Signals, counter: np.ndarray) -> np.ndarra
     crc = checksum(message.frame_id, data)
     data[:, 0], data[:, 1] = crc & 0xFF, crc >> 8
     return data
-
-
-def checksum(identifier: int, data: np.ndarray) -> np.ndarray:
-    """(n,) end-to-end checksums of payloads (n, length) of an identifier."""
-    crc = np.full(len(data), 0xFFFF, dtype=np.uint32)
-    for column in (*data[:, 2:].T, *(np.full(len(data), byte) for byte in (identifier & 0xFF, identifier >> 8))):
-        crc = (crc << 8 ^ _CRC_TABLE[crc >> 8 ^ column]) & 0xFFFF
-    return crc
 
 
 def _joint(log: Telemetry, robot: Robot, limb: int, joint: int) -> Iterator[tuple[Message, Signals, np.ndarray]]:

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from crux_tools.errors import UsageError
 from crux_tools.log.mcap_export import LATCHED
 from crux_tools.telemetry import LogError
-from crux_tools.telemetry.reader import MAGIC, READ_ERRORS
+from crux_tools.telemetry.records import MAGIC, READ_ERRORS
 
 LIBRARY = "crux log"
 NS = 10**9

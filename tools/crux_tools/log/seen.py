@@ -117,7 +117,7 @@ def seen(log: Telemetry, channels: Channels, robot: Robot, rate_Hz: float, clock
         joints=names,
         joint_state=values,
         margin_n=_margins(log, robot, rows),
-        events=_events(log, channels, clock),
+        events=events_of(log, channels, clock),
     )
 
 
@@ -146,24 +146,31 @@ def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[
     return names, np.concatenate([joints, np.repeat(fingers, 2, axis=1)], axis=1)
 
 
+def least_margin_n(log: Telemetry, robot: Robot) -> np.ndarray:
+    """(n, 4) of every cycle, the least of a limb's two fingers [N]; NaN: not in full stance. The log has a plan."""
+    return np.asarray(measured_margin_n(log, robot.control.force_filter_s).min(axis=2))
+
+
 def _margins(log: Telemetry, robot: Robot, rows: np.ndarray) -> np.ndarray:
     """(n, 4) so that a dip of one cycle between two rows is seen."""
     if log.plan is None:
         return np.full((len(rows), len(LIMB_NAMES)), np.nan)
-    margin = np.nan_to_num(measured_margin_n(log, robot.control.force_filter_s), nan=np.inf).min(axis=2)
+    margin = np.nan_to_num(least_margin_n(log, robot), nan=np.inf)
     ends = np.append(rows[1:], len(margin))
     least = np.array([margin[first:end].min(axis=0) for first, end in zip(rows, ends, strict=True)])
     return np.where(np.isfinite(least), least, np.nan)
 
 
-def _events(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:
-    """Faults, changes of state, waits, commands and answers, in the order of time."""
+def events_of(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:
+    """Faults, changes of state, waits, slips, plans, commands and answers, in the order of time."""
     found: list[tuple[int, int, str]] = []
     times_ns = np.round(log.time_s * NS).astype(np.int64)
     for topic, words in (("/command", _command_words), ("/acknowledgement", _answer_words)):
         times = channels.times_ns.get(topic, np.empty(0))
         for time_ns, message in zip(times, channels.messages.get(topic, []), strict=True):
             found.append((int(time_ns), *words(message)))
+    found += [(int(at_ns), INFO, "planned anew") for at_ns in channels.times_ns.get("/plan", np.empty(0))[1:]]
+    found += _slips(log, times_ns)
     for fault in summarise(log).faults:
         found.append((round(fault.time_s * NS), ERROR, "fault " + fault_line(fault).partition(": ")[2]))
     state = log.state["supervisor_state"].astype(int)
@@ -181,6 +188,18 @@ def _events(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:
     return [Event(log_ns, time_ns, level, text) for (log_ns, level, text), time_ns in zip(found, by_clock, strict=True)]
 
 
+def _slips(log: Telemetry, times_ns: np.ndarray) -> list[tuple[int, int, str]]:
+    """As the runtime felt them."""
+    if "slip_m" not in (log.limbs.dtype.names or ()):  # an older log
+        return []
+    return [
+        (int(times_ns[first]), WARN, f"{name} slips by {slid_m[first:end].max() * 1e3:.1f} mm")
+        for name, slid_m in zip(LIMB_NAMES, log.limbs["slip_m"].T, strict=True)
+        for first, end in runs(slid_m > 0)
+        if slid_m[first] > 0
+    ]
+
+
 def _command_words(command: Any) -> tuple[int, str]:
     name = COMMAND_WORDS.get(command.command, f"#{command.command}")
     return INFO, f"operator: {name}" + (f" {command.value:g}" if command.command == command_t.SPEED else "")
@@ -189,7 +208,7 @@ def _command_words(command: Any) -> tuple[int, str]:
 def _answer_words(answer: Any) -> tuple[int, str]:
     what = "plan" if answer.subject == acknowledgement_t.PLAN else "command"
     if answer.verdict == acknowledgement_t.ACCEPTED:
-        return INFO, f"{what} accepted"
+        return INFO, answer.reason or f"{what} accepted"
     return WARN, f"{what} refused: {answer.reason}"
 
 

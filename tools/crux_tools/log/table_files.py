@@ -8,39 +8,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow
-from crux_contracts import LIMB_NAMES, can_codec
+from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import look_at_outputs, whole_file
 from pyarrow import csv, parquet
 
 from crux_tools.log.mcap_export import OF_A_LIMB
 from crux_tools.log.seen import Seen
 from crux_tools.telemetry import Channels
-
-XYZ = ("x", "y", "z")
-JOINTS = [f"{limb}_joint{joint + 1}" for limb in LIMB_NAMES for joint in range(can_codec.JOINTS)]
-FINGERS = [f"{limb}_finger{finger}" for limb in LIMB_NAMES for finger in (1, 2)]
-WXYZ = ("w", *XYZ)
-LABELS = {3: XYZ, 4: LIMB_NAMES, 24: JOINTS, 8: FINGERS, 12: [f"{limb}_{axis}" for limb in LIMB_NAMES for axis in XYZ]}
-
-
-def _labels(field: str, count: int) -> list[str]:
-    """What the numbers of an array are called."""
-    if "quaternion" in field:
-        return list(WXYZ) if count == 4 else [f"{limb}_{part}" for limb in LIMB_NAMES for part in WXYZ]
-    if field.startswith("pad_position"):
-        return [f"{finger}_{axis}" for finger in FINGERS for axis in XYZ]
-    return list(LABELS.get(count) or map(str, range(count)))
-
-
-def columns(table: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Names and values of the columns of a record array."""
-    for field in table.dtype.names or ():
-        values = table[field]
-        if values.ndim == 1:
-            yield field, values
-        else:
-            labels = _labels(field, values.shape[1])
-            yield from ((f"{field}_{label}", values[:, i]) for i, label in enumerate(labels))
+from crux_tools.telemetry.columns import columns
 
 
 def tables(channels: Channels, seen: Seen, utc: bool) -> Iterator[tuple[str, pyarrow.Table]]:

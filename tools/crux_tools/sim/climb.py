@@ -33,8 +33,8 @@ from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
 from crux_tools.sim.priority import no_garbage_collection, realtime_priority
 from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
-from crux_tools.sim.recorder import recorded
-from crux_tools.sim.robot_model import build_model
+from crux_tools.sim.recorder import Truth, recorded
+from crux_tools.sim.robot_model import RobotModel, build_model
 from crux_tools.sim.runtime_here import RuntimeHere
 from crux_tools.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
 from crux_tools.sim.truth_log import log_truth
@@ -96,6 +96,9 @@ class ClimbResult:
     """instructions, of the emulated boards"""
     guide: dict[str, Any] | None = None
     """what it did, as `--json` prints it"""
+    truth: Truth | None = None
+    model: RobotModel | None = None
+    """that it ran on"""
 
     @property
     def ok(self) -> bool:
@@ -352,6 +355,8 @@ def _judged(
         log=log,
         log_complete=not (unlogged or last_words),
         courses=courses,
+        truth=truth,
+        model=robot,
     )
 
 

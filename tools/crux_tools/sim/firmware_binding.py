@@ -1,19 +1,22 @@
-"""The firmware's ctypes bindings; they live beside the headers they mirror, not on the Python path."""
+"""The firmware's ctypes bindings; in a checkout they live beside the headers they mirror, not on the Python path."""
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 from types import ModuleType
 
 from crux_tools.errors import WorkFailed
-from crux_tools.paths import ROOT
+from crux_tools.paths import CHECKOUT, ROOT
 
 PORTS = ROOT / "firmware" / "ports"
 
 
 def binding(port: str, name: str) -> ModuleType:
     """Module `name` of a port."""
+    if not CHECKOUT:
+        return importlib.import_module(name)
     if name not in sys.modules:
         file = PORTS / port / f"{name}.py"
         spec = importlib.util.spec_from_file_location(name, file)

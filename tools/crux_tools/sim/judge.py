@@ -65,7 +65,7 @@ class Tracking:
 
 def goal_pose(plan: Any) -> tuple[Floats, Floats]:
     """Goal position (3,) and rotation (3, 3) of the body in W, from the scenario the plan carries."""
-    body = parse_scenario(plan.scenario_yaml).goal.body
+    body = parse_scenario(plan.scenario_yaml, any_robot=True).goal.body
     return np.array(body.position_m), rotation_from_rpy(body.rpy_rad)
 
 

@@ -53,6 +53,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--world-seed", type=whole(0), default=0, metavar="N", help="of the numbers that the world draws"
     )
+    parser.add_argument(
+        "--keys", type=Path, metavar="FILE", help="who may command it, as crux-runtime --keys (default: everybody)"
+    )
     parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
     parser.set_defaults(func=run)
 
@@ -118,7 +121,7 @@ def _practise(options: argparse.Namespace, plan: Any, robot: Robot, wanted: Any)
     plant = plant_of(plan, robot, wanted)
     with ExitStack() as stack:
         buses = stack.enter_context(run_ports()).bus_urls()
-        arguments = runtime_arguments(robot.folder, options.output, wanted.commands, _tags(options))
+        arguments = runtime_arguments(robot.folder, options.output, wanted.commands, _tags(options), keys=options.keys)
         runtime = stack.enter_context(RuntimeProcess(buses, PACES[wanted.pace], options.lcm, GUARD_TIME_S, arguments))
         with OperatorLink(options.lcm) as link:
             runtime.await_answer(link)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import struct
 from collections.abc import Iterator
 
 PRIORITY = 10  # SCHED_FIFO, below the runtime's
+AWAKE = "/dev/cpu_dma_latency"  # PM QoS: the time [us] a processor may take to wake, as long as the file is open
 
 
 @contextlib.contextmanager
@@ -22,14 +24,16 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def realtime_priority() -> Iterator[bool]:
-    """SCHED_FIFO for the time of a with-block; yields False where the system does not allow it."""
+def realtime_priority(priority: int = PRIORITY) -> Iterator[bool]:
+    """SCHED_FIFO and processors that wake at once for the time of a with-block; yields False where the system allows no
+    SCHED_FIFO."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
         yield False
         return
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))
+        with contextlib.suppress(OSError):
+            stack.enter_context(open(AWAKE, "wb", buffering=0)).write(struct.pack("i", 0))
         yield True
-    finally:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

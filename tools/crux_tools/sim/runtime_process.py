@@ -28,14 +28,21 @@ STDERR_SHOWN = 400  # characters of a dead runtime's last words
 
 
 def runtime_arguments(
-    robot_dir: Path, log: Path, commands: str, tags: dict[str, str], switches: Mapping[str, bool] | None = None
+    robot_dir: Path,
+    log: Path,
+    commands: str,
+    tags: dict[str, str],
+    switches: Mapping[str, bool] | None = None,
+    keys: Path | None = None,
 ) -> list[str]:
     """What crux-runtime is told wherever it runs. A log that is there already is replaced.
 
-    `commands`: each or broadcast; `tags`: what the log is to say of itself; `switches`: its options without a value.
+    `commands`: each or broadcast; `tags`: what the log is to say of itself; `switches`: its options without a value;
+    `keys`: of those who may command it, None: it is nobody's but this simulation's.
     """
     said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
-    given = ["--overwrite", *(name for name, on in (switches or {}).items() if on)]
+    who = ["--insecure"] if keys is None else ["--keys", str(keys)]
+    given = [*who, "--overwrite", *(name for name, on in (switches or {}).items() if on)]
     return ["--robot", str(robot_dir), "--log", str(log), *given, "--commands", commands, *said]
 
 

@@ -47,16 +47,21 @@ def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w
     return np.concatenate([position_w_m - data.site_xpos[site], rotation])
 
 
-def solve_limb(robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float) -> bool:
-    """Moves the six joints of `limb` until its gripper stands at the pose; False when it cannot within the limits."""
+def solve_limb(
+    robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float, near: bool = False
+) -> bool:
+    """Moves the six joints of `limb` until its gripper stands at the pose; False when it cannot within the limits.
+    `near`: begins with the joints as they are, so that a motion is followed.
+    """
     model = robot.model
     qpos, dof = robot.joint_qpos[6 * limb : 6 * limb + 6], robot.joint_dof[6 * limb : 6 * limb + 6]
     low, high = model.jnt_range[model.dof_jntid[dof]].T
     jacobian = np.zeros((6, model.nv))
     generator = np.random.default_rng(0)
-    for attempt in range(STARTS):
-        share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, 6)
-        data.qpos[qpos] = low + share * (high - low)
+    for attempt in range(-1 if near else 0, STARTS):
+        if attempt >= 0:
+            share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, 6)
+            data.qpos[qpos] = low + share * (high - low)
         for _ in range(ITERATIONS):
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
@@ -93,15 +98,15 @@ class RobotPose:
         )
 
 
-def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose) -> list[int]:
-    """Moves body, limbs and fingers of `data` to `pose`; returns the limbs that cannot reach theirs."""
+def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose, near: bool = False) -> list[int]:
+    """Moves body, limbs and fingers of `data` to `pose`, `near` as in solve_limb; returns the limbs that cannot."""
     data.qpos[:3] = pose.body_position_m
     mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(pose.body_rpy_rad).ravel())
     data.qpos[robot.finger_qpos] = pose.finger_opening_m[:, None]
     return [
         limb
         for limb in range(len(pose.gripper_yaw_rad))
-        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], float(pose.gripper_yaw_rad[limb]))
+        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], float(pose.gripper_yaw_rad[limb]), near)
     ]
 
 

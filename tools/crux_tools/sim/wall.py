@@ -36,7 +36,7 @@ class Face:
 
 def wall_friction(plan: Any) -> float:
     """Friction coefficient of the wall's own surface, from the scenario the plan carries."""
-    return parse_scenario(plan.scenario_yaml).wall.friction
+    return parse_scenario(plan.scenario_yaml, any_robot=True).wall.friction
 
 
 def _slabs(size_m: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:

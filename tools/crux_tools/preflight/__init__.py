@@ -1,0 +1,1 @@
+"""Is this machine fit to be the robot's computer? `crux preflight`."""
