@@ -122,7 +122,7 @@ def composed_pages() -> Iterator[tuple[str, str]]:
     wall, real = "Your own wall in five minutes", "The real robot"
     yield "wall.md", f"# Your wall\n{section('README.md', wall)}\n"
     runtime = section("tools/README.md", "A runtime on the robot")
-    runtime = runtime.replace("](#the-guide)", "](tools/README.md#the-guide)")
+    runtime = runtime.replace("](../", "](").replace("](#the-guide)", "](tools/README.md#the-guide)")
     yield "real-robot.md", f"# The real robot\n{section('README.md', real)}\n\n## The commands in detail\n{runtime}\n"
 
 
