@@ -13,6 +13,8 @@ ROOT = Path(__file__).resolve().parents[2]
 COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
 COMPONENT_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
+SIMULATION = ("sim", "benchmarks", "campaign", "report", "view")  # of the tools; the rest is what an operator installs
+SHOWS = {"tools/crux_tools/replay/command.py"}  # opens the viewer where it is installed, once all else is done
 PUBLIC = re.compile(r"crux_planner(\.(errors|method_report|checker(\.\w+)*))?")
 LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates", "pipeline"]
 LAYERS += ["method_report", "__init__", "cli"]  # each uses only those before it, from "pipeline" on the checker too
@@ -51,6 +53,15 @@ def test_tools_use_only_the_public_part_of_the_planner() -> None:
     used = [(path, name) for path, name in python_imports("tools") if name.partition(".")[0] == "crux_planner"]
     assert used
     assert not [f"{path}: {name}" for path, name in used if PUBLIC.fullmatch(name) is None]
+
+
+def test_what_an_operator_installs_does_without_the_simulation() -> None:
+    package = ROOT / "tools" / "crux_tools"
+    of = re.compile(rf"crux_tools\.({'|'.join(SIMULATION)})\b")
+    imports = python_imports("tools/crux_tools")
+    operator = [(path, name) for path, name in imports if path.relative_to(package).parts[0] not in SIMULATION]
+    used = [(str(path.relative_to(ROOT)), name) for path, name in operator if of.match(name)]
+    assert {path for path, _ in used} == SHOWS, used
 
 
 def test_the_checker_shares_nothing_with_the_planner() -> None:

@@ -10,7 +10,7 @@ import pytest
 from crux_contracts.plan_file import read_plan
 from crux_tools import cli
 from crux_tools.paths import ROOT
-from crux_tools.report.margins import planned_margin_n
+from crux_tools.telemetry.margins import planned_margin_n
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crux_tools.report.margins import measured_margin_n, planned_margin_n, split_between_fingers
 from crux_tools.telemetry import read_log
+from crux_tools.telemetry.margins import measured_margin_n, planned_margin_n, split_between_fingers
 from crux_tools.telemetry.summary import summarise
 from hypothesis import given
 from hypothesis import strategies as st

@@ -16,9 +16,9 @@ from crux_tools.cli import main
 from crux_tools.log import ros2
 from crux_tools.log.mcap_export import DERIVED
 from crux_tools.paths import ROOT
-from crux_tools.report.margins import measured_margin_n
 from crux_tools.sim.robot_model import build_model
 from crux_tools.telemetry import read_log
+from crux_tools.telemetry.margins import measured_margin_n
 from made_up_climb import CYCLE_S, GRASP_FORCE_N, Story, made_up_plan, write_log
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory

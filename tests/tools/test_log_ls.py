@@ -15,9 +15,9 @@ from crux_contracts.plan_file import write_plan
 from crux_msgs import truth_verdict_t
 from crux_tools.cli import main
 from crux_tools.log import index
-from crux_tools.report.margins import measured_margin_n
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.append import Series, append
+from crux_tools.telemetry.margins import measured_margin_n
 from hand_plan import standing_plan
 from made_up_climb import Story, write_log
 

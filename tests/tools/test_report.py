@@ -20,11 +20,11 @@ from crux_tools import cli
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
-from crux_tools.report.margins import planned_margin_n
 from crux_tools.sim.climb import ClimbResult
 from crux_tools.sim.judge import Tracking, Verdict
 from crux_tools.sim.loop import Ending, Outcome
 from crux_tools.telemetry.append import Series, append
+from crux_tools.telemetry.margins import planned_margin_n
 from made_up_climb import (
     CYCLE_S,
     DT_S,

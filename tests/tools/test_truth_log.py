@@ -21,12 +21,12 @@ from crux_contracts.robot import load_robot
 from crux_msgs import truth_body_t, truth_contacts_t, truth_verdict_t
 from crux_tools.paths import built
 from crux_tools.sim import climb as climbing
-from crux_tools.sim.judge import rotations_from_quaternions
 from crux_tools.sim.native import contact_period
 from crux_tools.sim.recorder import Truth, recorded
 from crux_tools.sim.robot_model import build_model
 from crux_tools.telemetry import read_channels, read_log
 from crux_tools.telemetry.append import Series, append
+from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.telemetry.summary import summarise
 from crux_tools.telemetry.wording import rows
 from hand_plan import climbing_plan

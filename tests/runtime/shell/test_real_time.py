@@ -16,7 +16,7 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import command_t
 from crux_tools.paths import built
-from crux_tools.sim.priority import AWAKE
+from crux_tools.priority import AWAKE
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from own_runtime import Runtime, Starter

@@ -13,7 +13,7 @@ from crux_contracts.scenario import FACE_NAMES
 
 from crux_tools.benchmarks.cold_process import planned_scene
 from crux_tools.output import note, print_json
-from crux_tools.report.plan_series import plan_series
+from crux_tools.telemetry.plan_series import plan_series
 
 SCENE = "climb-slippery"
 _TURN_DEG = (0.0, 180.0, 90.0, -90.0)  # of a face's outward normal against the hold's x, in the order of FACE_NAMES

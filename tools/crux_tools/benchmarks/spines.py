@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from crux_tools.benchmarks.cold_process import planned_scene
 from crux_tools.output import note, print_json
-from crux_tools.report.plan_series import plan_series
+from crux_tools.telemetry.plan_series import plan_series
 
 SCENE = "climb-spines-only"
 PRESSED_N = 1e-3  # a finger that presses no harder than this does not press

@@ -50,9 +50,9 @@ class Entry:
 
 def entry_of(path: Path) -> Entry | None:
     """Reads a log; None where the file is none (a plan). Raises LogError."""
-    from crux_tools.report.margins import measured_margin_n
     from crux_tools.telemetry import is_log, read_channels, telemetry_of
     from crux_tools.telemetry.description import robot_of
+    from crux_tools.telemetry.margins import measured_margin_n
     from crux_tools.telemetry.summary import summarise
 
     channels = read_channels(path)

@@ -19,8 +19,8 @@ from crux_msgs import acknowledgement_t, command_t
 from scipy.spatial.transform import Rotation
 
 from crux_tools.errors import UsageError
-from crux_tools.report.margins import measured_margin_n
 from crux_tools.telemetry import Channels, Telemetry
+from crux_tools.telemetry.margins import measured_margin_n
 from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, is_realtime, name_of, runs, summarise
 from crux_tools.telemetry.wording import fault_line
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from crux_tools.operator_link import NO_NETWORK
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, RUNTIME_PRIORITY, Finding
-from crux_tools.sim.priority import realtime_priority
+from crux_tools.priority import realtime_priority
 
 EDGES_US = np.array([0, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, np.inf])
 LATE_SHARE = 0.25  # of a period: a cycle that begins so late may miss its end

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from crux_tools.sim.priority import AWAKE
+from crux_tools.priority import AWAKE
 
 GOOD, DOUBTFUL, BAD = "good", "doubtful", "bad"
 RUNTIME_PRIORITY = 80  # runtime/app/realtime.cpp

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from crux_tools.arguments import positive, taught
 from crux_tools.output import add_json_option, note, print_json
-from crux_tools.view.command import add_address, check_address, serve
+from crux_tools.page_address import add_address, check_address
 
 if TYPE_CHECKING:
     from crux_tools.replay.bus_check import BusCheck
@@ -109,6 +109,7 @@ def run(options: argparse.Namespace) -> int:
         _print_table(rows(summary))
     if options.no_view:
         return 0
+    from crux_tools.view.command import serve
     from crux_tools.view.recording import recording_of_log
     from crux_tools.view.server import still
 

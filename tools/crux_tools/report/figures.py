@@ -19,9 +19,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from crux_tools.report.joints import joint_torques_Nm
-from crux_tools.report.margins import measured_margin_n, planned_margin_n
-from crux_tools.report.plan_series import PlanSeries
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.margins import measured_margin_n, planned_margin_n
+from crux_tools.telemetry.plan_series import PlanSeries
 from crux_tools.telemetry.summary import PHASE_NAMES, body_error_m, body_error_rad, is_realtime, runs
 
 MAX_POINTS = 2500  # a curve needs no more on a page

@@ -22,6 +22,7 @@ from crux_tools.can.native import available
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
+from crux_tools.priority import no_garbage_collection, realtime_priority
 from crux_tools.sim.disturbance import Course, Disturbance, look_back
 from crux_tools.sim.emulated_boards import EmulatedBoards, Place
 from crux_tools.sim.fault_file import OF_THE_RUNTIME, Fault
@@ -31,7 +32,6 @@ from crux_tools.sim.judge import Tracking, Verdict, judge, track
 from crux_tools.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
 from crux_tools.sim.plant import Plant
 from crux_tools.sim.ports import run_ports
-from crux_tools.sim.priority import no_garbage_collection, realtime_priority
 from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
 from crux_tools.sim.recorder import Truth, recorded
 from crux_tools.sim.robot_model import RobotModel, build_model

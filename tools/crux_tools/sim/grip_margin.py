@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crux_tools.report.margins import split_between_fingers
 from crux_tools.sim.judge import contact_forces_w
 from crux_tools.sim.recorder import Truth
 from crux_tools.sim.robot_model import RobotModel
+from crux_tools.telemetry.margins import split_between_fingers
 
 Floats = NDArray[np.float64]
 

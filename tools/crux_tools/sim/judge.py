@@ -21,6 +21,7 @@ from crux_tools.sim.recorder import Truth
 from crux_tools.sim.reference_clock import LEAD_INTERVALS, ReferenceClock
 from crux_tools.sim.robot_model import RobotModel
 from crux_tools.sim.start_pose import rotation_from_rpy
+from crux_tools.telemetry.rotations import rotations_from_quaternions
 
 SLIP_M = 0.005
 WALK_SLIP_M = 0.010  # of a point foot: one that comes down late or early rubs a little
@@ -67,19 +68,6 @@ def goal_pose(plan: Any) -> tuple[Floats, Floats]:
     """Goal position (3,) and rotation (3, 3) of the body in W, from the scenario the plan carries."""
     body = parse_scenario(plan.scenario_yaml, any_robot=True).goal.body
     return np.array(body.position_m), rotation_from_rpy(body.rpy_rad)
-
-
-def rotations_from_quaternions(quaternion: Floats) -> Floats:
-    """(n, 4) w, x, y, z -> (n, 3, 3)."""
-    w, x, y, z = quaternion.T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-        ],
-        axis=-2,
-    )
 
 
 def angle_between(a: Floats, b: Floats) -> float:

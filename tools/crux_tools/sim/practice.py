@@ -112,10 +112,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _practise(options: argparse.Namespace, plan: Any, robot: Robot, wanted: Any) -> None:
     from crux_tools.operator_link import OperatorLink
+    from crux_tools.priority import no_garbage_collection, realtime_priority
     from crux_tools.sim.climb import PACES, plant_of
     from crux_tools.sim.firmware_nodes import FirmwareNodes
     from crux_tools.sim.ports import run_ports
-    from crux_tools.sim.priority import no_garbage_collection, realtime_priority
     from crux_tools.sim.runtime_process import GUARD_TIME_S, RuntimeProcess, runtime_arguments
 
     plant = plant_of(plan, robot, wanted)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import math
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from crux_tools.arguments import positive, taught
 from crux_tools.errors import UsageError
 from crux_tools.output import note
+from crux_tools.page_address import add_address, check_address
 
 if TYPE_CHECKING:
     from crux_tools.view.server import Source, Viewer
 
-DEFAULT_PORT = 8737
 FILMS = (".mp4", ".webp", ".gif")
 _VIEW = """Shows a log or a plan in the browser: the robot on its wall in 3-D, and below it one time line with states,
 waits, gait and events, and plots of any signal that share its cursor. Of two logs each has a 3-D view; they are laid
@@ -36,28 +34,12 @@ _VIEW_EXAMPLES = (
 _WATCH_EXAMPLES = ("crux watch out/plan.mcap", "crux watch --lcm 'udpm://239.255.76.67:7667?ttl=1'")
 
 
-def port(text: str) -> int:
-    """A port, as an argument. Raises argparse.ArgumentTypeError."""
-    number = int(text) if text.isdigit() else -1
-    if not 0 <= number <= 65535:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a port: 1 … 65535, or 0 for any free one")
-    return number
-
-
 def _film(text: str) -> Path:
     if Path(text).suffix not in FILMS:
         raise argparse.ArgumentTypeError(
             f"'{text}': expected a name that ends in {', '.join(FILMS[:-1])} or {FILMS[-1]}"
         )
     return Path(text)
-
-
-def add_address(parser: argparse.ArgumentParser) -> None:
-    """--host and --port."""
-    parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
-    parser.add_argument(
-        "--port", type=port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
-    )
 
 
 def add_parser(subparsers: Any) -> None:
@@ -84,23 +66,6 @@ def add_watch_parser(subparsers: Any) -> None:
     parser.add_argument("--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (%(default)s)")
     add_address(parser)
     parser.set_defaults(func=run_watch)
-
-
-def check_address(host: str, port: int) -> None:
-    """Where nothing can listen, viser would wait for its own server for ever. Raises UsageError."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except (OSError, UnicodeError) as error:
-        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
-            return
-        why = getattr(error, "strerror", None) or str(error)
-        raise UsageError(
-            f"--host {host} --port {port}: cannot be listened on: {why}; right is an address of this machine, such as "
-            "127.0.0.1, or 0.0.0.0 for all of them"
-        ) from error
 
 
 @contextmanager

@@ -15,9 +15,9 @@ import numpy as np
 from crux_planner.checker.limit_surface import cone_excess
 from scipy.signal import lfilter
 
-from crux_tools.report.plan_series import PlanSeries, plan_series
-from crux_tools.sim.judge import rotations_from_quaternions
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.plan_series import PlanSeries, plan_series
+from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.telemetry.summary import in_full_stance
 
 _FACES = 4  # +x, -x, +y, -y

@@ -1,4 +1,4 @@
-"""The bench plays the hardware: in real time neither other programs nor its own housekeeping may make it late."""
+"""Programs that must not be late: neither other programs nor their own housekeeping may delay them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,44 @@
+"""Where a page that a command serves is listened for."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import socket
+
+from crux_tools.errors import UsageError
+
+DEFAULT_PORT = 8737
+
+
+def port(text: str) -> int:
+    """A port, as an argument. Raises argparse.ArgumentTypeError."""
+    number = int(text) if text.isdigit() else -1
+    if not 0 <= number <= 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a port: 1 … 65535, or 0 for any free one")
+    return number
+
+
+def add_address(parser: argparse.ArgumentParser) -> None:
+    """--host and --port."""
+    parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
+    parser.add_argument(
+        "--port", type=port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
+    )
+
+
+def check_address(host: str, port: int) -> None:
+    """Where nothing can listen, viser would wait for its own server for ever. Raises UsageError."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except (OSError, UnicodeError) as error:
+        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+            return
+        why = getattr(error, "strerror", None) or str(error)
+        raise UsageError(
+            f"--host {host} --port {port}: cannot be listened on: {why}; right is an address of this machine, such as "
+            "127.0.0.1, or 0.0.0.0 for all of them"
+        ) from error
