@@ -33,7 +33,7 @@ def lines(path: Path, pattern: str) -> set[Any]:
 
 
 def test_it_names_all_that_is_locked_and_installed(components: dict[str, dict[str, Any]]) -> None:
-    locks = ("operator.lock", "simulation.lock", "development.lock", "uv.lock.txt", "docs.lock")
+    locks = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt", "docs.lock")
     locked = [lines(SETUP / name, r"^([\w.-]+)==(\S+)") for name in locks]
     wanted = {f"pkg:pypi/{name}@{number}" for name, number in set.union(*locked)}
     crates = lines(ROOT / "runtime/telemetry/mcap_c/Cargo.lock.in", r'^name = "(.+)"\nversion = "(.+)"\nsource')

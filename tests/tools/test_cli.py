@@ -224,3 +224,14 @@ def test_a_bench_whose_problem_has_no_plan_says_why(
     monkeypatch.setattr("crux_tools.benchmarks.figure6.run", run)
     assert main(["bench", "fig6"]) == 1
     assert capsys.readouterr().err.strip() == "crux bench: no time was left"
+
+
+def test_a_package_that_is_not_installed_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As after `make climb`, which installs none of what campaigns alone need."""
+    monkeypatch.setitem(sys.modules, "dask", None)
+    monkeypatch.delitem(sys.modules, "crux_tools.campaign.engine", raising=False)
+    spec = ROOT / "examples" / "four-hold-walls.yaml"
+    assert main(["campaign", str(spec), "--out", str(tmp_path / "out")]) == 2
+    assert "crux campaign: needs dask, which is not installed: make setup\n" in capsys.readouterr().err

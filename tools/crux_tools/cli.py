@@ -145,9 +145,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
     except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and not CHECKOUT:
-            text = f"needs {error.name}, which comes with the simulation: install crux-sim, or by pip 'crux[sim]'"
-            return _error(chosen, text, as_json, USAGE)
+        if isinstance(error, ModuleNotFoundError) and not (CHECKOUT and str(error.name).startswith("crux_")):
+            cure = "make setup" if CHECKOUT else "install crux-sim, or by pip 'crux[sim,campaign]'"
+            return _error(chosen, f"needs {error.name}, which is not installed: {cure}", as_json, USAGE)
         if isinstance(error, (UsageError, *_imported(WRONG_INPUT))):
             return _error(chosen, str(error), as_json, USAGE)
         if isinstance(error, _imported(NO_SUCCESS)):

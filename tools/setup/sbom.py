@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 SETUP = ROOT / "tools" / "setup"
 LINKED, STATIC, IMAGES, USER, DEVELOPMENT, DOCS = range(1, 7)  # the tables of NOTICE
-PYTHON_LOCKS = ("operator.lock", "simulation.lock", "development.lock", "uv.lock.txt", "docs.lock")
+PYTHON_LOCKS = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt", "docs.lock")
 CRATES = {"runtime/telemetry/mcap_c/Cargo.lock.in": "required", "tests/firmware/metapac/Cargo.lock": "excluded"}
 
 

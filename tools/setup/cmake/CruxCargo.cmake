@@ -13,7 +13,7 @@ function(crux_cargo_staticlib target)
   if(NOT ARG_LIBRARY)
     set(ARG_LIBRARY ${target})
   endif()
-  find_program(CRUX_CARGO cargo HINTS $ENV{HOME}/.cargo/bin REQUIRED)
+  set(cargo ${CMAKE_SOURCE_DIR}/tools/setup/cargo)
 
   cmake_path(SET work NORMALIZE ${CMAKE_BINARY_DIR}/../cargo/${target}) # one for all build folders beside each other
   set(library ${work}/target/release/lib${ARG_LIBRARY}.a)
@@ -27,6 +27,7 @@ function(crux_cargo_staticlib target)
   set(flags "--remap-path-prefix=$ENV{HOME}/.cargo/registry/src=crates --remap-path-prefix=${work}=${target}")
   set(built ${work}/target)
   if(CMAKE_CROSSCOMPILING)
+    set(cargo ${CRUX_CARGO})
     set(triple ${CMAKE_SYSTEM_PROCESSOR}-unknown-linux-gnu)
     string(APPEND flags " -L ${CMAKE_SYSROOT}/usr/lib/rustlib/${triple}/lib")
     set(environment RUSTC=${CRUX_RUSTC})
@@ -38,14 +39,14 @@ function(crux_cargo_staticlib target)
   add_custom_command(
     OUTPUT ${library}
     COMMAND ${CMAKE_COMMAND} -E env "RUSTFLAGS=${flags}" ${environment}
-            ${CRUX_CARGO} build --release --locked --quiet --jobs 2 ${choice}
+            ${cargo} build --release --locked --quiet --jobs 2 ${choice}
             --manifest-path ${work}/Cargo.toml --target-dir ${built}
     COMMAND ${CMAKE_COMMAND} -E touch ${library}
     DEPENDS ${sources} ${work}/Cargo.toml ${work}/Cargo.lock
     COMMENT "cargo build ${target}" VERBATIM)
   add_custom_target(${target}_build DEPENDS ${library})
   add_custom_target(${target}_lock
-    COMMAND ${CRUX_CARGO} generate-lockfile --manifest-path ${work}/Cargo.toml
+    COMMAND ${cargo} generate-lockfile --manifest-path ${work}/Cargo.toml
     COMMAND sed "s|^source = \"registry+.*\"|source = \"@CRATES_IO@\"|" ${work}/Cargo.lock > ${ARG_MANIFEST_DIR}/Cargo.lock.in
     COMMENT "resolve ${target} and write Cargo.lock.in" VERBATIM)
 
