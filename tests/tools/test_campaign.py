@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.scenario import parse_scenario
 from crux_tools.benchmarks.random_walls import random_wall
 from crux_tools.campaign.engine import run_jobs
 from crux_tools.campaign.job import ClimbJob, Outcome
@@ -249,6 +250,7 @@ def test_two_campaigns_are_compared_job_by_job_where_both_have_the_same(tmp_path
         ("walls: [{draw: wall, count: 3, slop_deg: 45}]", "walls[0].slop_deg: unknown key; did you mean slope_deg?"),
         ("walls: [{draw: wall, count: 0}]", "walls[0].count: 0: expected a whole number in 1..1000000"),
         ("walls: [{draw: wall, count: 1, slope_deg: 120}]", "slope_deg: 120: expected a number in 0..110 deg"),
+        ("walls: [{draw: ladder, count: 1, rungs: 4, obstacles: 3}]", "obstacles: 3: expected a whole number in 0..2"),
         ("walls: [{scenario: none.yaml}]", "none.yaml: no such file"),
         ("walls: []", "walls: a list of 0: expected one entry or more"),
         ("walls: [{draw: wall, count: 1}]\nmethods: [fast]", 'methods[0]: "fast": expected auto, two_block'),
@@ -272,6 +274,23 @@ def test_a_spec_is_walls_by_worlds_by_methods_by_seeds_each_once() -> None:
     jobs = read_spec(ROOT / "examples" / "four-hold-walls.yaml").jobs
     assert [(job.wall.seed, job.seed) for job in jobs] == [(seed, seed) for seed in range(1, 301)]
     assert jobs[6].wall.scenario() == random_wall(7)
+
+
+@pytest.mark.parametrize("obstacles", [0, 3, 10])
+def test_obstacles_of_a_ladder_stand_in_gaps_above_the_start_and_touch_no_hold(tmp_path: Path, obstacles: int) -> None:
+    spec = tmp_path / "spec.yaml"
+    walls = f"walls: [{{draw: ladder, count: 3, obstacles: {obstacles}}}]"
+    spec.write_text(f"version: 1\n{walls}\nclimb: false\n")
+    for job in read_spec(spec).jobs:
+        wall = parse_scenario(job.wall.scenario())
+        assert len(wall.obstacles) == obstacles
+        for part in wall.obstacles:
+            (x, y), long = part.position_m, part.size_m[0]
+            column = sorted(hold.position_m[0] for hold in wall.holds if hold.position_m[1] * y > 0.0)
+            nearest = np.sort(np.abs(np.array(column) - x))[:2]
+            assert nearest[0] == pytest.approx(nearest[1], abs=2e-4)  # rounded
+            assert x > column[2]
+            assert nearest[0] - long / 2 > 0.06 / 2**0.5 + 0.005  # half a hold, however it is turned
 
 
 def test_keys_are_of_what_a_job_depends_on(tmp_path: Path) -> None:

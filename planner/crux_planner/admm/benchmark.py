@@ -17,17 +17,17 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 
 from crux_planner.admm.motion_block import Ends
-from crux_planner.admm.windows import Swinging, Windows
+from crux_planner.admm.windows import Windows
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import BODY_STATES, Problem
+from crux_planner.model.schedule import Swinging
 from crux_planner.physics.bounds import body_bounds
 from crux_planner.physics.cost import body_cost, plan_cost, wrench_cost
 from crux_planner.physics.dynamics import WRENCH_INPUTS, centre_of_mass, euler_step, gripper_wrench
 from crux_planner.physics.limit_surface import cone_demand
 from crux_planner.physics.reach import offset_in_body
 from crux_planner.solvers.relaxation import Relaxed
-from crux_planner.swing.swing import contact_pose
 from crux_planner.trajectory.knot_qp import KnotSolution
 
 _POSE, _FACES = 5, 5
@@ -223,9 +223,8 @@ class Benchmark:
             ends = [problem.contacts[c] for c in self.windows.goals[limb]] or [begin]
             swings = [float(np.linalg.norm(c.centre_w_m - begin.centre_w_m)) for c in ends]
             end = ends[int(np.argmin(swings))]
-            poses = [np.append(contact_pose(c), c.separation_m / 2) for c in (begin, end)]
             at = BODY_STATES + _POSE * limb
-            z[:, at : at + _POSE] = np.linspace(poses[0], poses[1], n + 1)
+            z[:, at : at + _POSE] = np.linspace(begin.pose, end.pose, n + 1)
         alpha = BODY_STATES + 4 * _POSE
         z[:, alpha : alpha + len(self.pairs)] = 0.5
         q = alpha + len(self.pairs)
@@ -240,10 +239,8 @@ def _unit(problem: Problem) -> Array:
 
 def _apart(pose: Any, problem: Problem, contact: int) -> Any:
     """Squared distance of a gripper's pose from a grasp, of order one for a few centimetres."""
-    grasp = problem.contacts[contact]
-    wanted = np.append(contact_pose(grasp), grasp.separation_m / 2)
     unit = np.array([_LENGTH_UNIT_M] * 3 + [1.0, _LENGTH_UNIT_M])
-    return ca.sumsqr((pose - wanted) / unit)
+    return ca.sumsqr((pose - problem.contacts[contact].pose) / unit)
 
 
 def _beyond(problem: Problem, hold: int, point: Any) -> Any:

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_planner.admm.windows import Arc, Swinging, Windows
+from crux_planner.admm.windows import Arc, Windows
 from crux_planner.model.arrays import Array, Indices
-from crux_planner.model.schedule import Schedule
+from crux_planner.model.schedule import Schedule, Swinging
 from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.milp import Milp, MilpResult
 

@@ -18,10 +18,11 @@ from crux_planner.admm.hull import HullMilp
 from crux_planner.admm.turns import in_turn
 from crux_planner.admm.walk_mip import WalkMip, window_ends
 from crux_planner.admm.window_cost import window_cost
-from crux_planner.admm.windows import REST_KNOTS, Swinging, Windows
+from crux_planner.admm.windows import REST_KNOTS, Windows
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.gait import WalkMotion, nominal_footholds
+from crux_planner.model.schedule import Swinging
 from crux_planner.model.slots import Slot, Slots
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.static_balance import StaticBalance

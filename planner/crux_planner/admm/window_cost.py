@@ -12,7 +12,6 @@ from crux_planner.admm.hull import SHARES, SQUARED, WindowCost
 from crux_planner.admm.windows import REST_KNOTS, Windows
 from crux_planner.model.arrays import Array
 from crux_planner.physics.cost import swing_cost
-from crux_planner.swing.swing import contact_pose
 from crux_planner.trajectory.consensus import Eta, Scales, finger_positions
 
 
@@ -60,7 +59,7 @@ def held_costs(windows: Windows, limb: int, target: Eta, pull: float, scales: Sc
     for t in range(windows.count):
         first, end = windows.span(t)
         for c in windows.contacts[limb]:
-            poses = np.tile(_grasp_pose(windows, c), (end - first, 1))
+            poses = np.tile(windows.problem.contacts[c].pose, (end - first, 1))
             costs[t, c] = _apart(poses, target, limb, first, pull, scales)
     return costs
 
@@ -70,21 +69,13 @@ def arc_costs(windows: Windows, limb: int, target: Eta | None, pull: float, scal
     costs = np.zeros(len(windows.arcs[limb]))
     for i, arc in enumerate(windows.arcs[limb]):
         swing = windows.swinging(limb, arc)
-        way = windows.swings.swing(swing.start, swing.goal)
-        assert way is not None
-        poses = way.poses(swing.end - swing.first)[:-1]
+        poses = windows.swings.way(swing.start, swing.goal).poses(swing.end - swing.first)[:-1]
         costs[i] = swing_cost(windows.problem.weights, poses)
         if target is not None:
-            rest = np.tile(_grasp_pose(windows, swing.start), (REST_KNOTS, 1))
+            rest = np.tile(windows.problem.contacts[swing.start].pose, (REST_KNOTS, 1))
             costs[i] += _apart(np.vstack([rest, poses]), target, limb, swing.first - REST_KNOTS, pull, scales)
             costs[i] += pull / 2 * scales.flag**2 * float((1.0 - 2.0 * target.away[arc.first : arc.end, limb]).sum())
     return costs
-
-
-def _grasp_pose(windows: Windows, contact: int) -> Array:
-    grasp = windows.problem.contacts[contact]
-    pose: Array = np.append(contact_pose(grasp), grasp.separation_m / 2)
-    return pose
 
 
 def _apart(poses: Array, target: Eta, limb: int, first: int, pull: float, scales: Scales) -> float:

@@ -9,8 +9,9 @@ from crux_contracts import LIMB_NAMES
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Move, Schedule, Stance
+from crux_planner.model.schedule import Move, Schedule, Swinging, stance_after
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
+from crux_planner.search.schedule import grippers_at_knots
 from crux_planner.swing.swing_cache import SwingCache
 
 STAGE_KNOTS = 5
@@ -23,17 +24,6 @@ _ASIDE_M = 0.1  # how far beyond start and goal the body may go
 class Arc:
     """A swing: in the air in windows `first` .. `end` - 1, on contact `start` before and on `goal` from `end` on."""
 
-    first: int
-    end: int
-    start: int
-    goal: int
-
-
-@dataclass(frozen=True)
-class Swinging:
-    """One swing at the knots: in the air at knots `first` .. `end` - 1."""
-
-    limb: int
     first: int
     end: int
     start: int
@@ -75,19 +65,7 @@ class Windows:
 
     def schedule(self, airborne: list[Swinging]) -> Schedule:
         """Contacts and gripper poses at the knots for swings, those of one limb in the order of time."""
-        problem, total = self.problem, self.problem.steps + 1
-        contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
-        poses = np.zeros((total, 4, 5))
-        for limb in range(4):
-            current, since = problem.start_contacts[limb], 0
-            for swing in [s for s in airborne if s.limb == limb]:
-                self._stand(contacts, poses, limb, current, since, swing.first)
-                way = self.swings.swing(swing.start, swing.goal)
-                assert way is not None
-                poses[swing.first : swing.end, limb] = way.poses(swing.end - swing.first)[:-1]
-                current, since = swing.goal, swing.end
-            self._stand(contacts, poses, limb, current, since, total)
-        return Schedule(self._moves(airborne), contacts, poses)
+        return Schedule(self._moves(airborne), *grippers_at_knots(self.problem, self.swings, airborne))
 
     def swinging(self, limb: int, arc: Arc) -> Swinging:
         """An arc at the knots."""
@@ -126,25 +104,15 @@ class Windows:
     def _stages_for(self, start: int, goal: int) -> int:
         return -(-(self.least_knots(start, goal) + REST_KNOTS) // self.knots)
 
-    def _stand(
-        self, contacts: list[list[int | None]], poses: Array, limb: int, contact: int, first: int, end: int
-    ) -> None:
-        grasp = self.problem.contacts[contact]
-        poses[first:end, limb] = [*grasp.centre_w_m, grasp.yaw_rad, grasp.separation_m / 2]
-        for k in range(first, end):
-            contacts[k][limb] = contact
-
     def _moves(self, airborne: list[Swinging]) -> list[Move]:
         """Swings that begin together are one move; the body is where it starts, the knots decide."""
-        current, moves = list(self.problem.start_contacts), []
+        before, moves, place = self.problem.start_contacts, [], self.problem.start.position_m
         for first in sorted({s.first for s in airborne}):
             together = sorted((s for s in airborne if s.first == first), key=lambda s: s.limb)
-            before: Stance = (current[0], current[1], current[2], current[3])
-            for swing in together:
-                current[swing.limb] = swing.goal
-            after: Stance = (current[0], current[1], current[2], current[3])
-            place = self.problem.start.position_m
-            moves.append(Move(before, after, tuple(s.limb for s in together), place, place))
+            limbs = tuple(s.limb for s in together)
+            after = stance_after(before, limbs, tuple(s.goal for s in together))
+            moves.append(Move(before, after, limbs, place, place))
+            before = after
         return moves
 
 

@@ -46,6 +46,17 @@ class Move:
 
 
 @dataclass(frozen=True)
+class Swinging:
+    """One swing at the knots: in the air at knots `first` .. `end` - 1."""
+
+    limb: int
+    first: int
+    end: int
+    start: int
+    goal: int
+
+
+@dataclass(frozen=True)
 class Schedule:
     """Contacts and gripper poses at the knots 0..N.
 

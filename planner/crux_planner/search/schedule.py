@@ -5,7 +5,7 @@ import numpy as np
 from crux_planner.errors import HorizonError
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
-from crux_planner.model.schedule import Contacts, Move, Schedule
+from crux_planner.model.schedule import Contacts, Move, Schedule, Swinging
 from crux_planner.swing.swing_cache import SwingCache
 
 TURN_SHARE = 0.9  # of the body's largest rate
@@ -56,28 +56,32 @@ def scheduled(problem: Problem, swings: SwingCache, moves: list[Move], body_step
 
 def at_knots(problem: Problem, swings: SwingCache, moves: list[Move], stances: Array, swing_knots: Array) -> Schedule:
     """The schedule with given knots of the stance before each move, and after the last (n + 1,), and each move (n,)."""
+    airborne, k = list[Swinging](), 0
+    for move, stance, knots in zip(moves, stances, swing_knots, strict=False):
+        lift = k + int(stance)
+        k = lift + int(knots)
+        airborne += [Swinging(limb, lift, k, move.before[limb], move.after[limb]) for limb in move.limbs]
+    return Schedule(moves, *grippers_at_knots(problem, swings, airborne), _yaws(problem, moves, stances, swing_knots))
+
+
+def grippers_at_knots(
+    problem: Problem, swings: SwingCache, airborne: list[Swinging]
+) -> tuple[list[list[int | None]], Array]:
+    """Contacts and poses of a schedule for swings, those of one limb in the order of time."""
     total = problem.steps + 1
     contacts: list[list[int | None]] = [[None] * 4 for _ in range(total)]
     poses = np.zeros((total, 4, 5))
     for limb in range(4):
-        current, k = problem.start_contacts[limb], 0
-        for i, duration in enumerate(stances):
-            until = k + int(duration) if i < len(moves) else total
-            _stand(problem, contacts, poses, limb, current, k, until)
-            k = until
-            if i == len(moves):
-                break
-            move, until = moves[i], k + int(swing_knots[i])
-            if limb in move.limbs:
-                swing = swings.way(current, move.after[limb])
-                poses[k:until, limb] = swing.poses(until - k)[:-1]
-                if not swing.start.bears:
-                    poses[k, limb, 4] = swing.start.open_m
-                current = move.after[limb]
-            else:
-                _stand(problem, contacts, poses, limb, current, k, until)
-            k = until
-    return Schedule(moves, contacts, poses, _yaws(problem, moves, stances, swing_knots))
+        current, since = problem.start_contacts[limb], 0
+        for each in [swing for swing in airborne if swing.limb == limb]:
+            _stand(problem, contacts, poses, limb, current, since, each.first)
+            way = swings.way(each.start, each.goal)
+            poses[each.first : each.end, limb] = way.poses(each.end - each.first)[:-1]
+            if not way.start.bears:
+                poses[each.first, limb, 4] = way.start.open_m
+            current, since = each.goal, each.end
+        _stand(problem, contacts, poses, limb, current, since, total)
+    return contacts, poses
 
 
 def _yaws(problem: Problem, moves: list[Move], stances: Array, swing_knots: Array) -> Array | None:

@@ -13,7 +13,7 @@ from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import inverse, rotation_z
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
-from crux_planner.swing.swing import Swing, contact_pose
+from crux_planner.swing.swing import Swing
 from crux_planner.swing.swing_cache import SwingCache
 
 CLEARANCE_M = 0.008  # of links: twice the checker's, and what lies between two samples of a link
@@ -66,7 +66,7 @@ class LinkClearance:
         return False
 
     def _standing(self, contact: int, moments: int) -> Array:
-        return np.tile(contact_pose(self.problem.contacts[contact]), (moments, 1))
+        return np.tile(self.problem.contacts[contact].pose[:4], (moments, 1))
 
     def _limb_clear(self, limb: int, bodies: Array, grippers: Array) -> bool:
         return bool((self._gap(limb, bodies, grippers) >= CLEARANCE_M).all())

@@ -122,11 +122,6 @@ def palm_gap(a: Array, b: Array, half_width: float) -> float:
     return min(apart(a, b), apart(b, a))
 
 
-def contact_pose(contact: Contact) -> Array:
-    """(x, y, z, yaw) of a grasp."""
-    return np.append(contact.centre_w_m, contact.yaw_rad)
-
-
 def _clear_height(
     start: Contact, end: Contact, way: Array, cuboids: Cuboids, shape: GripperShape, limits: SwingLimits
 ) -> float | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
-from crux_planner.swing.swing import Swing, contact_pose, footprint, gripper_gap, palm_gap, plan_swing
+from crux_planner.swing.swing import Swing, footprint, gripper_gap, palm_gap, plan_swing
 
 _CORNER_SHARE = 0.5  # of the clearance among grippers, at the corners of palms that are turned against each other
 
@@ -19,7 +19,7 @@ class SwingCache:
         self._columns: dict[tuple[int, int], Array] = {}
         self._gaps: dict[tuple[int, int, int], bool] = {}
         shape = problem.shape
-        poses = np.stack([contact_pose(c) for c in problem.contacts])
+        poses = np.stack([c.pose for c in problem.contacts])
         widest = max(c.separation_m / 2 for c in problem.contacts)
         self._standing = footprint(poses, shape.half_length(widest) - shape.pad_radius)
         self._touching = 2 * shape.pad_radius + problem.swing.body_clearance_m

@@ -8,7 +8,7 @@ import numpy as np
 from crux_planner.admm.contact_block import ClimbContacts
 from crux_planner.admm.hull import SHARES, SQUARED, HullMilp, WindowCost
 from crux_planner.admm.window_cost import window_cost
-from crux_planner.admm.windows import Swinging
+from crux_planner.model.schedule import Swinging
 from crux_planner.physics.cost import schedule_cost
 from crux_planner.trajectory.consensus import Eta, Scales
 from scenes import Scene, scene, square

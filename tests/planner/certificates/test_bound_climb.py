@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import parse_scenario
-from crux_planner.admm.windows import Swinging, Windows
+from crux_planner.admm.windows import Windows
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker, gap
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.bound.excursion import body_range, excursion, yaw_range
@@ -20,6 +20,7 @@ from crux_planner.certificates.bound.places import body_boxes, orientations
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Swinging
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers.worker import Worker

@@ -19,6 +19,10 @@ BODY_HEIGHT_M = 0.185
 HOLD_SIZE_M = 0.06
 RUNG_M, COLUMN_M = 0.15, 0.36  # of a ladder: between two rungs, and of its columns from the middle
 RUNG_SCATTER_M = 0.015
+OBSTACLE_LONG_M, OBSTACLE_WIDE_M, OBSTACLE_HIGH_M = 0.03, (0.04, 0.16), (0.05, 0.18)
+OBSTACLE_ASIDE_M = 0.06  # of its column, to either side
+OBSTACLE_GAP_M = 0.06  # by which rungs are further apart where one stands
+RUNGS, START_RUNGS = 8, 3  # of a ladder, usually, and those below the start's body or beside it
 CONTACT = {  # micro-spines and sandpaper, as on the paper's walls
     "model": "patch",
     "patch_radius_m": 0.02,
@@ -56,18 +60,49 @@ def random_wall(seed: int, slope_deg: float = 45.0, *, all_limbs: bool = False) 
     return yaml.safe_dump(scenario, sort_keys=False)
 
 
-def random_ladder(seed: int, rungs: int = 8, slope_deg: float = 45.0, steps: int = 120) -> str:
-    """A scenario as YAML text: two columns of holds, scattered and turned; the body goes up to the last rungs."""
+def random_ladder(
+    seed: int, rungs: int = RUNGS, slope_deg: float = 45.0, steps: int = 120, *, obstacles: int = 0
+) -> str:
+    """A scenario as YAML text: two columns of holds, scattered and turned; the body goes up to the last rungs.
+
+    So many `obstacles`, at most `most_obstacles`, stand in gaps above the start's rungs, by turns in one column and in
+    the other: sills that limbs step over and posts that they go round.
+    """
     random = np.random.default_rng(seed)
     names = [f"{side}-{rung}" for side in ("left", "right") for rung in range(1, rungs + 1)]
     xy = np.array([[(rung - 1) * RUNG_M - 0.14, side * COLUMN_M] for side in (1, -1) for rung in range(1, rungs + 1)])
     xy += random.uniform(-RUNG_SCATTER_M, RUNG_SCATTER_M, xy.shape)
     yaw_deg = np.round(random.uniform(-YAW_DEG, YAW_DEG, len(xy)), 2)
     start = {"LF": "left-3", "RF": "right-3", "LR": "left-1", "RR": "right-1"}
+    parts = _obstacles(random, xy.reshape(2, rungs, 2), obstacles)
+    goal_m = (rungs - START_RUNGS) * RUNG_M + obstacles // 2 * OBSTACLE_GAP_M
     holds = _holds(names, np.round(xy, ROUNDING), yaw_deg)
     scenario = _scenario(f"random-ladder-{seed}", slope_deg, holds, start, steps)
-    scenario["goal"] = {"body": {"position_m": [round((rungs - 3) * RUNG_M, ROUNDING), 0.0, BODY_HEIGHT_M]}}
+    scenario["goal"] = {"body": {"position_m": [round(goal_m, ROUNDING), 0.0, BODY_HEIGHT_M]}}
+    if parts:
+        scenario["obstacles"] = parts
     return yaml.safe_dump(scenario, sort_keys=False)
+
+
+def most_obstacles(rungs: int) -> int:
+    """One in every gap of either column above the start's rungs."""
+    return 2 * max(rungs - START_RUNGS, 0)
+
+
+def _obstacles(random: np.random.Generator, columns: NDArray[np.float64], count: int) -> list[dict[str, Any]]:
+    """Each half way between two rungs of a column (2, rungs, 2) of holds, whose upper ones give way to it."""
+    above = [random.permutation(np.arange(START_RUNGS, columns.shape[1])) for _ in columns]
+    gaps = [(columns[number % 2], above[number % 2][number // 2]) for number in range(count)]
+    for column, rung in gaps:
+        column[rung:, 0] += OBSTACLE_GAP_M
+    parts = []
+    for number, (column, rung) in enumerate(gaps, 1):
+        place = column[rung - 1 : rung + 1].mean(axis=0)
+        place[1] += random.uniform(-OBSTACLE_ASIDE_M, OBSTACLE_ASIDE_M)
+        size = np.array([OBSTACLE_LONG_M, random.uniform(*OBSTACLE_WIDE_M), random.uniform(*OBSTACLE_HIGH_M)])
+        rounded = {"position_m": place.round(ROUNDING).tolist(), "size_m": size.round(ROUNDING).tolist()}
+        parts.append({"name": f"obstacle-{number}", **rounded})
+    return parts
 
 
 def _holds(names: list[str], xy_m: NDArray[np.float64], yaw_deg: NDArray[np.float64]) -> list[dict[str, Any]]:

@@ -22,6 +22,7 @@ from crux_contracts.reading import Checker
 from crux_contracts.scenario import METHODS, load_scenario
 from crux_contracts.yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
+from crux_tools.benchmarks.random_walls import RUNGS, most_obstacles
 from crux_tools.campaign.job import NOMINAL, ClimbJob, WorldFile
 from crux_tools.campaign.walls import GENERATORS, Wall
 from crux_tools.sim.world_file import WorldError, read_world
@@ -29,7 +30,12 @@ from crux_tools.sim.world_file import WorldError, read_world
 VERSION = 1
 MAX_COUNT, MAX_SEED, MAX_ENTRIES = 1_000_000, 2**31 - 1, 1000
 MAX_SLOPE_DEG, MAX_RUNGS, MAX_STEPS, MAX_TIME_S = 110.0, 100, 1000, 3600.0
-SETTINGS = {"wall": ("slope_deg", "all_limbs"), "ladder": ("slope_deg", "rungs", "steps"), "field": (), "walk": ()}
+SETTINGS = {
+    "wall": ("slope_deg", "all_limbs"),
+    "ladder": ("slope_deg", "rungs", "steps", "obstacles"),
+    "field": (),
+    "walk": (),
+}
 """What a generator takes beside the seed."""
 
 
@@ -109,6 +115,9 @@ def _walls(check: Checker, node: Node, folder: Path) -> tuple[str, list[Wall]]:
         settings["rungs"] = check.integer(known["rungs"], 4, MAX_RUNGS)
     if "steps" in known:
         settings["steps"] = check.integer(known["steps"], 1, MAX_STEPS)
+    if "obstacles" in known:
+        most = most_obstacles(settings.get("rungs", RUNGS))
+        settings["obstacles"] = check.integer(known["obstacles"], 0, most)
     if "all_limbs" in known:
         settings["all_limbs"] = check.flag(known["all_limbs"])
     name = check.text(known["name"]) if "name" in known else kind
