@@ -11,10 +11,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPONENT_OF = {"crux_contracts": "msgs", "crux_msgs": "msgs", "generate": "msgs", "crux_planner": "planner"}
-COMPONENT_OF |= {"crux_tools": "tools", "crux_nodes": "firmware", "crux_emulated": "firmware"}
+COMPONENT_OF |= {"crux_tools": "tools", "crux_simulation": "tools"}
+COMPONENT_OF |= {"crux_nodes": "firmware", "crux_emulated": "firmware"}
 MAY_USE = {"msgs": set(), "planner": {"msgs"}, "runtime": {"msgs"}, "firmware": {"msgs"}, "tools": {"msgs", "planner"}}
-SIMULATION = ("sim", "benchmarks", "campaign", "report", "view")  # of the tools; the rest is what an operator installs
+DRAWS = ("robot3d", "report", "view")  # by MuJoCo, which crux-sim brings; nothing else of crux_tools needs them
 SHOWS = {"tools/crux_tools/replay/command.py"}  # opens the viewer where it is installed, once all else is done
+TABLE = "tools/crux_tools/cli.py"  # of commands: there alone the simulation is named by what an operator installs
 PUBLIC = re.compile(r"crux_planner(\.(errors|method_report|checker(\.\w+)*))?")
 LAYERS = ["errors", "model", "solvers", "physics", "swing", "search", "trajectory", "admm", "certificates", "pipeline"]
 LAYERS += ["method_report", "__init__", "cli"]  # each uses only those before it, from "pipeline" on the checker too
@@ -56,11 +58,18 @@ def test_tools_use_only_the_public_part_of_the_planner() -> None:
 
 
 def test_what_an_operator_installs_does_without_the_simulation() -> None:
+    files = sorted((ROOT / "tools" / "crux_tools").rglob("*.py"))
+    naming = {path for path in files if "crux_simulation" in path.read_text(encoding="utf-8")}
+    assert {str(path.relative_to(ROOT)) for path in naming} == {TABLE}
+    assert not [name for path, name in python_imports("tools/crux_tools") if name.startswith("crux_simulation")]
+
+
+def test_what_commands_a_robot_does_without_drawing_it() -> None:
     package = ROOT / "tools" / "crux_tools"
-    of = re.compile(rf"crux_tools\.({'|'.join(SIMULATION)})\b")
+    of = re.compile(rf"crux_tools\.({'|'.join(DRAWS)})\b|mujoco")
     imports = python_imports("tools/crux_tools")
-    operator = [(path, name) for path, name in imports if path.relative_to(package).parts[0] not in SIMULATION]
-    used = [(str(path.relative_to(ROOT)), name) for path, name in operator if of.match(name)]
+    rest = [(path, name) for path, name in imports if path.relative_to(package).parts[0] not in DRAWS]
+    used = [(str(path.relative_to(ROOT)), name) for path, name in rest if of.match(name)]
     assert {path for path, _ in used} == SHOWS, used
 
 

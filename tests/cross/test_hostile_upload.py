@@ -18,10 +18,10 @@ from crux_contracts import channels
 from crux_contracts.plan_file import plan_id, read_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import built
-from crux_tools.sim.ports import run_ports
 
 SEED = 7
 START_TRIES = 40

@@ -13,7 +13,7 @@ from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_planner.checker.limb_model import load_model
 from crux_planner.model.shapes import limb_radii_m, palm_shape
 from crux_tools.paths import built
-from crux_tools.sim.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model
 
 PICTURE = '<visual><geometry><mesh filename="package://scaler/missing.stl" scale="1 1 1"/></geometry></visual>'
 

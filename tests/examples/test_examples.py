@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
+from crux_simulation.sim.ports import BUS_GROUP, run_ports
 from crux_tools.cli import main as crux
 from crux_tools.paths import ROOT, SCENARIOS, built
-from crux_tools.sim.ports import BUS_GROUP, run_ports
 from hand_plan import standing_plan
 from made_up_climb import Story, write_log
 

@@ -12,8 +12,8 @@ import crux_nodes
 import numpy as np
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot
+from crux_simulation.sim.ports import BUS_GROUP, run_ports
 from crux_tools.paths import built
-from crux_tools.sim.ports import BUS_GROUP, run_ports
 
 LIBRARY = "firmware/libcrux_nodes.so"
 LIMBS = crux_nodes.LIMBS

@@ -11,8 +11,8 @@ import crux_emulated
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
+from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
 from crux_tools.errors import UsageError
-from crux_tools.sim.emulated_boards import EmulatedBoards, Place
 from emulated import board, elf, image
 from host import TRACK, Host, host
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from crux_contracts.robot import Robot, load_robot
-from crux_tools.benchmarks.firmware_cost import SHARE, Load, measure
+from crux_simulation.benchmarks.firmware_cost import SHARE, Load, measure
 from emulated import board, elf
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from crux_tools.sim.plant import Plant
+from crux_simulation.sim.plant import Plant
 from numpy.typing import NDArray
 
 RAMP_S = 0.2

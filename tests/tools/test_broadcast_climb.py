@@ -8,8 +8,8 @@ from pathlib import Path
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner.pipeline.entry import plan
+from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.paths import ROOT
-from crux_tools.sim.climb import ClimbOptions, climb
 
 RATE_HZ = 1000
 

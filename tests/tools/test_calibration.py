@@ -11,7 +11,7 @@ import pytest
 import yaml
 from crux_contracts.robot import Robot, load_robot
 from crux_msgs import plan_t
-from crux_tools.benchmarks.figure9 import BETTER, NO_WORSE, Climb, climb_with, robot_with, verdicts, wrench_rms
+from crux_simulation.benchmarks.figure9 import BETTER, NO_WORSE, Climb, climb_with, robot_with, verdicts, wrench_rms
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, climbing_plan, finish, standing_plan

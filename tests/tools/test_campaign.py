@@ -17,17 +17,18 @@ from typing import Any
 import numpy as np
 import pytest
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benchmarks.random_walls import random_wall
-from crux_tools.campaign.engine import run_jobs
-from crux_tools.campaign.job import ClimbJob, Outcome
-from crux_tools.campaign.spec import read_spec
-from crux_tools.campaign.statistics import Rate, difference, paired_difference
-from crux_tools.campaign.store import Store, read_rows
-from crux_tools.campaign.walls import Wall
+from crux_simulation.benchmarks.random_walls import random_wall
+from crux_simulation.campaign.engine import run_jobs
+from crux_simulation.campaign.job import ClimbJob, Outcome
+from crux_simulation.campaign.spec import read_spec
+from crux_simulation.campaign.store import Store
+from crux_simulation.campaign.walls import Wall
+from crux_simulation.sim.judge import Verdict, judge
 from crux_tools.cli import main
 from crux_tools.paths import ROOT
 from crux_tools.report.campaign import campaign_rows, comparison_section, success
-from crux_tools.sim.judge import Verdict, judge
+from crux_tools.report.results import read_rows
+from crux_tools.report.statistics import Rate, difference, paired_difference
 from distributed import Client, LocalCluster
 from pyarrow import parquet
 from tiny_campaign import TinyJob
@@ -328,7 +329,7 @@ def test_of_a_failed_climb_everything_is_kept_and_shown(tmp_path: Path, monkeypa
     def fallen(*given: Any) -> Verdict:
         return replace(judge(*given), fell=True, fall_reason="made to")
 
-    monkeypatch.setattr("crux_tools.sim.climb.judge", fallen)
+    monkeypatch.setattr("crux_simulation.sim.climb.judge", fallen)
     outcome = ClimbJob("wall", Wall("wall", 2), 2, method="auto").run()
     Store(tmp_path).put(outcome)
     kept = tmp_path / "failures" / outcome.row["key"]

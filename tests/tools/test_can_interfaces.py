@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 from crux_contracts.robot import load_robot
+from crux_simulation.sim import climb
 from crux_tools.can.bus_load import BUDGET, LENGTHS, frame_time_s, planned_load
 from crux_tools.can.interfaces import defects, parse, set_up_commands
 from crux_tools.can.persist import files_of
 from crux_tools.errors import UsageError, WorkFailed
-from crux_tools.sim import climb
 from hand_plan import standing_plan
 
 ROBOT = load_robot("scaler")

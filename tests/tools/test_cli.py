@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from crux_contracts.plan_file import read_plan, write_plan
 from crux_planner.errors import InfeasibleError
+from crux_simulation.sim.world_file import read_world
 from crux_tools.cli import COMMANDS, main
 from crux_tools.paths import ROOT, built
-from crux_tools.sim.world_file import read_world
 from hand_plan import standing_plan
 
 HEAVY = ("casadi", "mujoco", "matplotlib", "scipy", "lcm")
@@ -221,7 +221,7 @@ def test_a_bench_whose_problem_has_no_plan_says_why(
     def run(_options: argparse.Namespace) -> int:
         raise InfeasibleError("time limit", "no time was left")
 
-    monkeypatch.setattr("crux_tools.benchmarks.figure6.run", run)
+    monkeypatch.setattr("crux_simulation.benchmarks.figure6.run", run)
     assert main(["bench", "fig6"]) == 1
     assert capsys.readouterr().err.strip() == "crux bench: no time was left"
 
@@ -231,7 +231,7 @@ def test_a_package_that_is_not_installed_is_named(
 ) -> None:
     """As after `make climb`, which installs none of what campaigns alone need."""
     monkeypatch.setitem(sys.modules, "dask", None)
-    monkeypatch.delitem(sys.modules, "crux_tools.campaign.engine", raising=False)
+    monkeypatch.delitem(sys.modules, "crux_simulation.campaign.engine", raising=False)
     spec = ROOT / "examples" / "four-hold-walls.yaml"
     assert main(["campaign", str(spec), "--out", str(tmp_path / "out")]) == 2
     assert "crux campaign: needs dask, which is not installed: make setup\n" in capsys.readouterr().err

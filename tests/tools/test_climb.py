@@ -20,10 +20,10 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import command_t, plan_t
+from crux_simulation.sim.lcm_flood import FIRST_REQUEST
 from crux_tools.errors import WorkFailed
 from crux_tools.output import alone_with
 from crux_tools.replay import recompute
-from crux_tools.sim.lcm_flood import FIRST_REQUEST
 from crux_tools.telemetry.can_frames import read_can_frames
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.reader import read_channels, read_log, read_payloads

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import can_frames_t
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
 from crux_tools.log import edit
 from crux_tools.replay import bus_check
-from crux_tools.sim.climb import ClimbOptions, climb
-from crux_tools.sim.world_file import parse_world
 from crux_tools.telemetry import read_channels
 from crux_tools.telemetry.can_frames import can_frames_of, read_can_frames
 from crux_tools.telemetry.reader import CAN_FRAMES, Payloads

@@ -44,3 +44,14 @@ def test_every_command_is_in_the_script(shell: str, capsys: pytest.CaptureFixtur
     assert {name for name in COMMANDS if name not in script} == set()
     if shutil.which(shell):
         subprocess.run([shell, "-n"], input=script, text=True, check=True)
+
+
+def test_of_commands_that_are_not_installed_there_is_the_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("crux_tools.completion.find_spec", lambda name: None if name == "crux_simulation" else name)
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert "climb" in script
+    assert "--emulate" not in script
+    assert "--meth" in script

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from crux_tools.benchmarks import costs
+from crux_simulation.benchmarks import costs
 
 
 @pytest.mark.parametrize(("auto", "ok"), [(1.9, True), (2.0, True), (2.1, False), (None, False)])

@@ -11,7 +11,7 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, Robot, load_robot
 from crux_tools import cli
-from crux_tools.sim.robot_model import RobotModel, build_model
+from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.description import robot_of
 from crux_tools.view.recording import recording_of

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.yaml_document import DocumentError
+from crux_simulation.sim.disturbance import Disturbance
+from crux_simulation.sim.fault_file import FOR_GOOD, KINDS, OF_THE_RUNTIME, ON_SOCKETCAN, Fault, read_faults
+from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
+from crux_simulation.sim.rogue_hosts import SENDERS
 from crux_tools.errors import UsageError
-from crux_tools.sim.disturbance import Disturbance
-from crux_tools.sim.fault_file import FOR_GOOD, KINDS, OF_THE_RUNTIME, ON_SOCKETCAN, Fault, read_faults
-from crux_tools.sim.process_faults import ProcessFaults, check_process_faults
-from crux_tools.sim.rogue_hosts import SENDERS
 
 DT_S = 0.002
 
@@ -128,7 +128,7 @@ def test_a_starved_runtime_has_its_share_at_the_beginning_of_each_period(
 ) -> None:
     sent: list[tuple[int, int]] = []
     cycle = 0
-    monkeypatch.setattr("crux_tools.sim.process_faults.os.kill", lambda _pid, number: sent.append((cycle, number)))
+    monkeypatch.setattr("crux_simulation.sim.process_faults.os.kill", lambda _pid, number: sent.append((cycle, number)))
     process = ProcessFaults(MadeUpRuntime(), tmp_path / "log")  # type: ignore[arg-type]
     fault = Fault("cpu_starved", -1, at_s=0.02, for_s=0.25, share=0.3)
     disturbance = Disturbance([fault], Recorded(), DT_S, None, 0, process)  # type: ignore[arg-type]
@@ -142,7 +142,7 @@ def test_a_runtime_that_is_stopped_goes_on_when_the_climb_is_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent: list[int] = []
-    monkeypatch.setattr("crux_tools.sim.process_faults.os.kill", lambda _pid, number: sent.append(number))
+    monkeypatch.setattr("crux_simulation.sim.process_faults.os.kill", lambda _pid, number: sent.append(number))
     runtime = MadeUpRuntime()
     with ProcessFaults(runtime, tmp_path / "log") as process:  # type: ignore[arg-type]
         process.switch(Fault("runtime_stopped", -1, 1.0, 9.0), True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benchmarks.hold_fields import PROVEN, field_job, verdict
-from crux_tools.benchmarks.random_fields import HOLDS, SLOPE_DEG, random_field
+from crux_simulation.benchmarks.hold_fields import PROVEN, field_job, verdict
+from crux_simulation.benchmarks.random_fields import HOLDS, SLOPE_DEG, random_field
 
 
 def test_fields_are_drawn_alike_for_the_same_seed_and_lie_in_their_ranges() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benchmarks.figure6 import draw as draw_gaits
-from crux_tools.benchmarks.figure6 import gait_decided, lines, trot_wall
-from crux_tools.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
-from crux_tools.benchmarks.setting import setting, setting_text
+from crux_simulation.benchmarks.figure6 import draw as draw_gaits
+from crux_simulation.benchmarks.figure6 import gait_decided, lines, trot_wall
+from crux_simulation.benchmarks.residuals import FORCE, POSITION, draw, first_within, summary
+from crux_simulation.benchmarks.setting import setting, setting_text
 
 
 def test_at_first_diagonal_limbs_trot_and_the_checker_sees_them_tumble(tmp_path: Path) -> None:

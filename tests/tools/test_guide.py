@@ -13,11 +13,11 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t
 from crux_planner import plan as make_plan
+from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
 from crux_tools.guide.guide import Attended, Guide
 from crux_tools.replay.recompute import recompute
-from crux_tools.sim.climb import ClimbOptions, ClimbResult, climb
-from crux_tools.sim.world_file import parse_world
 from crux_tools.telemetry.reader import Channels, read_channels
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"

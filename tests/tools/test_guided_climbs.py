@@ -11,7 +11,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import plan as make_plan
-from crux_tools.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps
+from crux_simulation.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 

@@ -12,10 +12,10 @@ import pytest
 from crux_contracts.interpolation import PlanReference
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
-from crux_tools.sim.judge import Tracking, Verdict, judge, long_runs, pad_travel, track
-from crux_tools.sim.recorder import Truth
-from crux_tools.sim.robot_model import build_model
-from crux_tools.sim.start_pose import rotation_from_rpy
+from crux_simulation.sim.judge import Tracking, Verdict, judge, long_runs, pad_travel, track
+from crux_simulation.sim.recorder import Truth
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.telemetry.rotations import rotation_from_rpy
 from hand_plan import BODY_HEIGHT_M, NOMINAL_M, PAD_HEIGHT_M, Wall, climbing_plan, standing_plan
 from hypothesis import given
 from hypothesis import strategies as st

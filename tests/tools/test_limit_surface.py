@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.benchmarks.table3 import FRICTION, planned_N
-from crux_tools.sim.pad_rig import box_face, pad_on_face, slips_within
-from crux_tools.sim.wall import add_wall
+from crux_simulation.benchmarks.table3 import FRICTION, planned_N
+from crux_simulation.sim.pad_rig import box_face, pad_on_face, slips_within
+from crux_tools.robot3d.wall import add_wall
 from hand_plan import HALF_HOLD_M, PAD_HEIGHT_M, Wall, standing_plan
 
 MU = 2.2

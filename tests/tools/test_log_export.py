@@ -16,7 +16,7 @@ from crux_tools.cli import main
 from crux_tools.log import ros2
 from crux_tools.log.mcap_export import DERIVED
 from crux_tools.paths import ROOT
-from crux_tools.sim.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.margins import measured_margin_n
 from made_up_climb import CYCLE_S, GRASP_FORCE_N, Story, made_up_plan, write_log

@@ -12,9 +12,9 @@ import lcm
 import pytest
 from crux_contracts.channels import BY_NAME
 from crux_msgs import robot_state_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.cli import main
 from crux_tools.log import lcm_command
-from crux_tools.sim.ports import run_ports
 from crux_tools.telemetry import read_log
 from made_up_climb import Story, made_up_plan, write_log
 

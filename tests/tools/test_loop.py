@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.sim.loop import (
+from crux_simulation.sim.loop import (
     CLIMBING,
     FAULT,
     FREE_RUN_S,
@@ -20,9 +20,9 @@ from crux_tools.sim.loop import (
     Outcome,
     WorldClock,
 )
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.recorder import recorded
-from crux_tools.sim.robot_model import build_model
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.recorder import recorded
+from crux_tools.robot3d.robot_model import build_model
 from hand_plan import standing_plan
 from holding_controller import HoldingController
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def test_after_the_runtimes_death_the_nodes_are_watched_on_their_own(plant: Plan
 
 
 def test_a_runtime_that_hangs_is_not_waited_for_forever(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("crux_tools.sim.loop.SILENCE_S", 0.0)
+    monkeypatch.setattr("crux_simulation.sim.loop.SILENCE_S", 0.0)
     outcome = run(MadeUpNodes(plant, [*range(100), None], {0: READY}), plant)
     assert outcome.ending is Ending.SILENT
     assert outcome.cycles == 100

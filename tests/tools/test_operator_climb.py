@@ -13,20 +13,20 @@ from crux_contracts import channels
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_msgs import acknowledgement_t, command_t, limb_knot_t, plan_t, robot_state_t
+from crux_simulation.sim.climb import ClimbOptions, plant_of
+from crux_simulation.sim.disturbance import STATE_MASK
+from crux_simulation.sim.firmware_nodes import FirmwareNodes
+from crux_simulation.sim.judge import SLIP_M, judge
+from crux_simulation.sim.loop import START_CYCLE, climbing
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.recorder import recorded
+from crux_simulation.sim.runtime_here import RuntimeHere
+from crux_simulation.sim.runtime_process import runtime_arguments
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.operator_status import status_json, status_lines
 from crux_tools.replay.recompute import recompute
-from crux_tools.sim.climb import ClimbOptions, plant_of
-from crux_tools.sim.disturbance import STATE_MASK
-from crux_tools.sim.firmware_nodes import FirmwareNodes
-from crux_tools.sim.judge import SLIP_M, judge
-from crux_tools.sim.loop import START_CYCLE, climbing
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.recorder import recorded
-from crux_tools.sim.runtime_here import RuntimeHere
-from crux_tools.sim.runtime_process import runtime_arguments
-from crux_tools.sim.world_file import parse_world
 from crux_tools.telemetry.reader import read_channels, read_log
 from crux_tools.telemetry.summary import summarise
 from hand_plan import climbing_plan

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_msgs import command_t, fault_t, plan_piece_t, robot_state_t, status_t
+from crux_simulation.sim.ports import RunPorts, run_ports
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from crux_tools.operator_link import OperatorLink
 from crux_tools.operator_status import status_lines
-from crux_tools.sim.ports import RunPorts, run_ports
 from fake_runtime import FakeRuntime
 from hand_plan import climbing_plan, standing_plan
 
@@ -152,7 +152,7 @@ def test_a_port_somebody_else_uses_is_left_alone(monkeypatch: pytest.MonkeyPatch
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", 0))
         taken = other.getsockname()[1]
-        monkeypatch.setattr("crux_tools.sim.ports.PORTS", range(taken - 3, taken - 2))
+        monkeypatch.setattr("crux_simulation.sim.ports.PORTS", range(taken - 3, taken - 2))
         with pytest.raises(OSError, match="no free UDP ports"), run_ports():
             pass
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from crux_contracts.scenario import parse_scenario
-from crux_tools.benchmarks.pairs import TASKS, pair, pairs
+from crux_simulation.benchmarks.pairs import TASKS, pair, pairs
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.robot_model import build_model
-from crux_tools.sim.start_pose import StartPoseError, rotation_from_rpy
+from crux_simulation.sim.plant import Plant
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.robot3d.start_pose import StartPoseError
+from crux_tools.telemetry.rotations import rotation_from_rpy
 from hand_plan import BODY_HEIGHT_M, MASS_KG, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
 from holding_controller import HoldingController
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_msgs import command_t, plan_t, robot_state_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.operator_link import OperatorLink
-from crux_tools.sim.ports import run_ports
 from crux_tools.telemetry.reader import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
 

@@ -16,13 +16,13 @@ from crux_contracts import cdr
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import truth_verdict_t
+from crux_simulation.sim.climb import ClimbResult
+from crux_simulation.sim.judge import Tracking, Verdict
+from crux_simulation.sim.loop import Ending, Outcome
 from crux_tools import cli
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
-from crux_tools.sim.climb import ClimbResult
-from crux_tools.sim.judge import Tracking, Verdict
-from crux_tools.sim.loop import Ending, Outcome
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.margins import planned_margin_n
 from made_up_climb import (

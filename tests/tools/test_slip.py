@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_tools.sim.climb import ClimbOptions, ClimbResult, climb
-from crux_tools.sim.world_file import parse_world
+from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.telemetry.reader import Channels, read_channels
 from hand_plan import climbing_plan
 

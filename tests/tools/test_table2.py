@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from crux_planner.method_report import METHODS_HERE
-from crux_tools.benchmarks import table2
-from crux_tools.benchmarks.cold_process import measured
+from crux_simulation.benchmarks import table2
+from crux_simulation.benchmarks.cold_process import measured
 from crux_tools.cli import main
 
 

@@ -19,11 +19,11 @@ import pytest
 from crux_contracts import cdr, channels
 from crux_contracts.robot import load_robot
 from crux_msgs import truth_body_t, truth_contacts_t, truth_verdict_t
+from crux_simulation.sim import climb as climbing
+from crux_simulation.sim.native import contact_period
+from crux_simulation.sim.recorder import Truth, recorded
 from crux_tools.paths import built
-from crux_tools.sim import climb as climbing
-from crux_tools.sim.native import contact_period
-from crux_tools.sim.recorder import Truth, recorded
-from crux_tools.sim.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_channels, read_log
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.rotations import rotations_from_quaternions

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 from crux_contracts.robot import load_robot
-from crux_tools.benchmarks import uncertainty
-from crux_tools.benchmarks.uncertainty import AS_DRAWN, SCENE, SURE, USUAL, line_of, scenarios_of
+from crux_simulation.benchmarks import uncertainty
+from crux_simulation.benchmarks.uncertainty import AS_DRAWN, SCENE, SURE, USUAL, line_of, scenarios_of
+from crux_simulation.sim.grip_margin import grip_margins
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.recorder import recorded
 from crux_tools.errors import WorkFailed
-from crux_tools.sim.grip_margin import grip_margins
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.recorder import recorded
-from crux_tools.sim.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model
 from hand_plan import Wall, standing_plan
 from holding_controller import HoldingController
 
@@ -71,7 +71,7 @@ def test_ok_is_half_as_much_again_without_a_slip(
 ) -> None:
     import argparse
 
-    from crux_tools.campaign import engine
+    from crux_simulation.campaign import engine
 
     def run_anew(jobs: Any, *_: Any) -> list[dict[str, Any]]:
         return [

@@ -17,8 +17,8 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import truth_contacts_t
 from crux_planner import plan
+from crux_simulation.sim.judge import pad_travel
 from crux_tools.report.command import write_report
-from crux_tools.sim.judge import pad_travel
 from crux_tools.telemetry.reader import read_channels, read_log
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"

@@ -9,10 +9,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from crux_simulation.sim.ports import run_ports
 from crux_tools.cli import main
 from crux_tools.report.pictures import place_measured
-from crux_tools.sim.ports import run_ports
-from crux_tools.sim.robot_model import build_model
+from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_log
 from crux_tools.telemetry.description import robot_of
 from crux_tools.view.browser import open_page

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
-from crux_tools.sim.climb import ClimbOptions, plant_of
-from crux_tools.sim.native import library
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.start_pose import rotation_from_rpy
-from crux_tools.sim.world_file import parse_world
+from crux_simulation.sim.climb import ClimbOptions, plant_of
+from crux_simulation.sim.native import library
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.world_file import parse_world
+from crux_tools.telemetry.rotations import rotation_from_rpy
 from hand_plan import HALF_HOLD_M, MASS_KG, NOMINAL_M, PAD_HEIGHT_M, Wall, standing_plan
 from holding_controller import HoldingController
 from numpy.typing import NDArray

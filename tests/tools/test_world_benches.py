@@ -12,8 +12,8 @@ from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
-from crux_tools.benchmarks import world_faults, worlds
-from crux_tools.benchmarks.world_faults import (
+from crux_simulation.benchmarks import world_faults, worlds
+from crux_simulation.benchmarks.world_faults import (
     IN_THE_WORLD,
     KINDS,
     LOSES_A_HOLD,
@@ -25,9 +25,9 @@ from crux_tools.benchmarks.world_faults import (
     gripped,
     job_of,
 )
-from crux_tools.campaign.job import PLAN_FILE, WorldFile
-from crux_tools.sim.fault_file import read_faults
-from crux_tools.sim.world_file import read_world
+from crux_simulation.campaign.job import PLAN_FILE, WorldFile
+from crux_simulation.sim.fault_file import read_faults
+from crux_simulation.sim.world_file import read_world
 from hand_plan import climbing_plan, standing_plan
 
 

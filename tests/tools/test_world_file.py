@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crux_tools.paths import ROOT
-from crux_tools.sim.world_file import (
+from crux_simulation.sim.world_file import (
     ERRORS,
     SENSORS,
     SHARES,
@@ -23,7 +22,8 @@ from crux_tools.sim.world_file import (
     parse_world,
     read_world,
 )
-from crux_tools.sim.world_reader import DISTRIBUTIONS
+from crux_simulation.sim.world_reader import DISTRIBUTIONS
+from crux_tools.paths import ROOT
 from hand_plan import climbing_plan
 from scipy import stats
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crux_tools.campaign.engine import cluster, run_jobs
-from crux_tools.campaign.job import CLIMBED, FAILED, Outcome
-from crux_tools.campaign.store import Store
+from crux_simulation.campaign.engine import cluster, run_jobs
+from crux_simulation.campaign.job import Outcome
+from crux_simulation.campaign.store import Store
+from crux_tools.report.results import CLIMBED, FAILED
 
 POLL_S = 0.02
 

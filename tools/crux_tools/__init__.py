@@ -1,1 +1,1 @@
-"""The `crux` command: HIL bench, upload, operator commands, replay, report and benches."""
+"""The `crux` command and what an operator installs: commands to a runtime, logs, reports, the viewer."""

@@ -34,9 +34,9 @@ COMMANDS: dict[str, Command] = {
     "check": Command(
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
     ),
-    "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_tools.sim.climb_command"),
-    "sim": Command("a robot to practise with: runtime, nodes and physics", "crux_tools.sim.practice"),
-    "campaign": Command("plan and climb by the thousand, on a cluster", "crux_tools.campaign.command"),
+    "climb": Command("run a plan in the hardware-in-the-loop simulation", "crux_simulation.sim.climb_command"),
+    "sim": Command("a robot to practise with: runtime, nodes and physics", "crux_simulation.sim.practice"),
+    "campaign": Command("plan and climb by the thousand, on a cluster", "crux_simulation.campaign.command"),
     "upload": Command("send a plan to a running runtime", _OPERATOR, "add_upload_parser", "run_upload"),
     "start": Command("let the runtime climb the uploaded plan", _OPERATOR, "add_start_parser", "run_start"),
     "hold": Command("stop climbing and hold on", _OPERATOR, "add_hold_parser", "run_hold"),
@@ -57,7 +57,7 @@ COMMANDS: dict[str, Command] = {
     "log": Command("logs: for other tools, listed, cut, merged, recovered, played", "crux_tools.log.command"),
     "can": Command("CAN interfaces: set up, check, or a kernel that has them", "crux_tools.can.command"),
     "preflight": Command("is this machine fit to be the robot's computer?", "crux_tools.preflight.command"),
-    "bench": Command("reproduce a figure of merit", "crux_tools.benchmarks.command"),
+    "bench": Command("reproduce a figure of merit", "crux_simulation.benchmarks.command"),
     "completion": Command("print a script that completes this command in a shell", "crux_tools.completion"),
 }
 EPILOG = f"""a first climb:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,9 @@ def run(options: argparse.Namespace) -> int:
 
     from crux_tools.cli import COMMANDS, parser_with
 
-    parser = parser_with(COMMANDS)
+    # Of a command that is not installed there is the name alone.
+    here = {name for name, command in COMMANDS.items() if find_spec(command.module.partition(".")[0]) is not None}
+    parser = parser_with(here)
     _complete_files(parser, shtab.FILE)
     print(shtab.complete(parser, options.shell))
     return 0

@@ -20,7 +20,7 @@ from crux_planner.model.mass import centres_of_mass
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.solvers import clock
-from crux_tools.benchmarks.random_walls import random_wall
+from crux_simulation.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from search.test_search import balanced

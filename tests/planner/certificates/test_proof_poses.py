@@ -19,8 +19,8 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_from_rpy
 from crux_planner.model.problem import Pose, Problem
-from crux_tools.benchmarks.random_fields import random_field
-from crux_tools.benchmarks.random_walls import random_wall
+from crux_simulation.benchmarks.random_fields import random_field
+from crux_simulation.benchmarks.random_walls import random_wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -22,7 +22,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline import fallback
 from crux_planner.pipeline.explanation import level_stance_at_goal
-from crux_tools.benchmarks.random_fields import random_field
+from crux_simulation.benchmarks.random_fields import random_field
 from walls import scenario, two_rows
 
 LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}

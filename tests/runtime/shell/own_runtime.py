@@ -11,9 +11,9 @@ from pathlib import Path
 
 from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t
+from crux_simulation.sim.ports import RunPorts, run_ports
 from crux_tools.operator_link import OperatorLink
 from crux_tools.paths import ROOT, built
-from crux_tools.sim.ports import RunPorts, run_ports
 
 ROBOT = ROOT / "msgs" / "robots" / "scaler"
 END_TIMEOUT_S = 20

@@ -9,11 +9,11 @@ from types import TracebackType
 
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
-from crux_tools.sim.disturbance import STATE_MASK
-from crux_tools.sim.firmware_nodes import FirmwareNodes
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.ports import RunPorts
-from crux_tools.sim.robot_model import build_model
+from crux_simulation.sim.disturbance import STATE_MASK
+from crux_simulation.sim.firmware_nodes import FirmwareNodes
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.ports import RunPorts
+from crux_tools.robot3d.robot_model import build_model
 
 PATIENCE_S = 120.0  # a busy machine is slow; no test waits for it when all is well
 POLL_S = 0.005

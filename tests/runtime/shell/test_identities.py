@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from crux_contracts.robot import load_robot
 from crux_msgs import command_t, robot_state_t, status_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.operator_status import status_json, status_lines
-from crux_tools.sim.ports import run_ports
 from fake_nodes import FakeNodes
 from hand_plan import standing_plan
 from mcap.reader import make_reader

@@ -6,8 +6,8 @@ import subprocess
 
 import pytest
 from crux_contracts import LIMB_NAMES
+from crux_simulation.sim.ports import run_ports
 from crux_tools.paths import built
-from crux_tools.sim.ports import run_ports
 from own_runtime import END_TIMEOUT_S, ROBOT, Runtime, Starter
 
 

@@ -16,9 +16,9 @@ import pytest
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t, plan_t, robot_state_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.cli import main
 from crux_tools.errors import UsageError, WorkFailed
-from crux_tools.sim.ports import run_ports
 from hand_plan import BODY_HEIGHT_M, NOMINAL_M, Wall, standing_plan
 from own_runtime import ROBOT, Runtime, Starter
 from robot_on_wall import RobotOnWall

@@ -11,11 +11,11 @@ import lcm
 import pytest
 from crux_contracts import channels
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, robot_state_t, signed_t, status_t
+from crux_simulation.sim.ports import run_ports
 from crux_tools.cli import main
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_key import OperatorKey
 from crux_tools.operator_link import OperatorLink
-from crux_tools.sim.ports import run_ports
 from own_runtime import Starter
 from robot_on_wall import RobotOnWall
 from test_operator import logged

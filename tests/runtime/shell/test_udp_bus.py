@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import can
 import pytest
+from crux_simulation.sim.ports import BUS_GROUP, run_ports
 from crux_tools.paths import built
-from crux_tools.sim.ports import BUS_GROUP, run_ports
 
 COUNT = 200
 LENGTHS = (0, 1, 7, 8, 12, 16, 20, 24, 32, 48, 64)

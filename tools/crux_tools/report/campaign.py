@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from crux_tools.campaign.job import ERROR, LOG_FILE, SUCCESSES
-from crux_tools.campaign.statistics import Rate, difference, paired_difference
-from crux_tools.campaign.store import FAILURES, ROWS, Row, read_rows
 from crux_tools.errors import UsageError
 from crux_tools.report.page import Section
 from crux_tools.report.pictures import Picture, open_stage
 from crux_tools.report.renderer import NoGraphicsError
+from crux_tools.report.results import ERROR, FAILURES, LOG_FILE, ROWS, SUCCESSES, Row, read_rows
+from crux_tools.report.statistics import Rate, difference, paired_difference
 
 MAX_PICTURES, MAX_FAILURES = 6, 100
 PICTURE_PX = (640, 460)

@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image
 
 from crux_tools.report.renderer import Renderer
-from crux_tools.sim.robot_model import RobotModel, build_model
-from crux_tools.sim.start_pose import RobotPose, take_pose
+from crux_tools.robot3d.robot_model import RobotModel, build_model
+from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 

@@ -18,7 +18,7 @@ from crux_tools.report.page import Section
 from crux_tools.report.pictures import Picture, Stage, open_stage
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
-from crux_tools.sim.start_pose import RobotPose
+from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.plan_series import PlanSeries, Swing, plan_series

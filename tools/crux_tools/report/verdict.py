@@ -8,10 +8,9 @@ import numpy as np
 from crux_contracts.interpolation import is_walk
 from crux_msgs import truth_verdict_t
 
-from crux_tools.sim.judge import angle_between, goal_pose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import SHOWN
-from crux_tools.telemetry.rotations import rotations_from_quaternions
+from crux_tools.telemetry.rotations import angle_between, goal_pose, rotations_from_quaternions
 from crux_tools.telemetry.summary import FaultNote, Summary
 from crux_tools.telemetry.wording import judged
 

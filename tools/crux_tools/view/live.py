@@ -29,8 +29,8 @@ from crux_tools.errors import UsageError
 from crux_tools.log.seen import NS, Event, events_of, least_margin_n
 from crux_tools.operator_link import NO_NETWORK
 from crux_tools.plan_robot import robot_named
-from crux_tools.sim.robot_model import RobotModel, build_model
-from crux_tools.sim.start_pose import solve_limb
+from crux_tools.robot3d.robot_model import RobotModel, build_model
+from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Channels, Telemetry
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.view.recording import Recording, blank, made_telemetry

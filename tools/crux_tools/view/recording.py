@@ -15,8 +15,8 @@ from crux_contracts.interpolation import PlanReference
 from crux_tools.log.seen import INFO, NS, Event, events_of, least_margin_n
 from crux_tools.plan_robot import robot_of_plan
 from crux_tools.report.evidence import evidence, moment_of, stories
-from crux_tools.sim.robot_model import build_model
-from crux_tools.sim.start_pose import RobotPose, take_pose
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry import Channels, Telemetry, is_log, read_channels, telemetry_of
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.description import robot_of

@@ -17,8 +17,8 @@ from crux_contracts import LIMB_NAMES
 
 from crux_tools.log.markers import margin_colours
 from crux_tools.report.pictures import place_measured
-from crux_tools.sim.robot_model import build_model
-from crux_tools.sim.start_pose import solve_limb
+from crux_tools.robot3d.robot_model import build_model
+from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.plan_series import PlanSeries, plan_series

@@ -1,0 +1,1 @@
+"""Simulated climbs, campaigns and benches; found by `crux` only through its table of commands."""

@@ -1,0 +1,235 @@
+"""`crux bench faults --world`: one thing goes wrong with holds, sensors, drives or the runtime's process in a climb.
+
+Faults of the process need a process: the runtime is killed and its disk full in lockstep over UDP; where it is stopped
+or starved the climb goes by the clock, in a kernel with virtual time, so that all of these are the same in every run.
+Only the flood takes real time: what it costs is what it is about.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_tools.output import note, print_json
+from crux_tools.report.results import LOG_FILE, Row
+
+from crux_simulation.benchmarks.cold_process import CRUX, GUEST, crux_json
+from crux_simulation.benchmarks.worlds import wall_of
+from crux_simulation.campaign.job import AGAIN_FILE, PLAN_FILE, ClimbJob, WorldFile
+
+
+class InTheWorld(NamedTuple):
+    """A fault of the robot or of its holds: its entry in a world file, and the faults by which it is told aright."""
+
+    entry: str
+    causes: tuple[str, ...]
+
+
+def _of_sensor(sensor: str, on: str, error: str, *causes: str) -> InTheWorld:
+    return InTheWorld(f"sensors: [{{{{sensor: {sensor}, on: {{{on}}}, error: {error}, from_s: {{at_s}}}}}}]", causes)
+
+
+WRONG_WRENCH = ("ft_implausible", "unbalanced")
+IN_THE_WORLD = {
+    "encoder-frozen": _of_sensor("encoder", "joint", "freeze", "encoder_frozen"),
+    "encoder-jump": _of_sensor("encoder", "joint", "jump, rad: 0.1", "encoder_jumped"),
+    "ft-zero": _of_sensor("force_torque", "limb", "zero", *WRONG_WRENCH),
+    "ft-frozen": _of_sensor("force_torque", "limb", "freeze", *WRONG_WRENCH),
+    "ft-nan": _of_sensor("force_torque", "limb", "nan", "ft_silent"),
+    "ft-jump": _of_sensor("force_torque", "limb", "jump, N: [0, 0, 15]", *WRONG_WRENCH),
+    "ft-dropout": _of_sensor("force_torque", "limb", "dropout, share: 0.5", "ft_silent"),
+    "finger-force-zero": _of_sensor("finger_force", "limb", "zero", "finger_force_implausible"),
+    "finger-force-frozen": _of_sensor("finger_force", "limb", "freeze", "finger_force_implausible"),
+    "opening-frozen": _of_sensor("finger_opening", "limb", "freeze", "event_timeout", "finger_force_implausible"),
+    "gripper-jams": InTheWorld("robot: {{grippers: {{{limb}: {{jams_at_s: {at_s}}}}}}}", ("event_timeout",)),
+    "weak-joint": InTheWorld(
+        "robot: {{joints: {{{joint}: {{torque_factor: 0.5}}}}}}", ("tracking_error", "ft_implausible")
+    ),
+    "slippery-hold": InTheWorld("holds: {{{hold}: {{friction_factor: 0.2}}}}", ("grasp_failed", "slip")),
+    "hold-breaks": InTheWorld("holds: {{{hold}: {{breaks_at_s: {at_s}}}}}", ("grip_lost", "hold_missing")),
+    "hold-missing": InTheWorld("holds: {{{hold}: {{present: false}}}}", ("hold_missing",)),
+}
+LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime")
+IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
+
+
+class OfTheRuntime(NamedTuple):
+    """A fault of the runtime's process: its entry in a file of faults, what a climb then says, and how it is run."""
+
+    entry: str
+    cause: str
+    options: tuple[str, ...]
+
+
+LATE = "26 cycle_late"
+OF_THE_RUNTIME = {
+    "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", "ended by signal 9", LOCKSTEP),
+    "runtime-stopped": OfTheRuntime("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
+    "cpu-starved": OfTheRuntime(
+        "{{kind: cpu_starved, at_s: {at_s}, for_s: {for_s}, share: {share}}}", LATE, IN_A_GUEST
+    ),
+    "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", LATE, BY_THE_CLOCK),
+    "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", "log incomplete: file too large", LOCKSTEP),
+}
+KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | OF_THE_RUNTIME).items()}
+LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
+FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
+START_S = 2.0  # of the climb: there the plan's time begins
+FOR_S = (0.3, 2.0)
+SHARE = (0.1, 0.8)  # of a core
+FALL_M = 0.100
+FAULTS_FILE = "faults.yaml"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong in one climb. What depends on the plan is drawn as a share: 0..1."""
+
+    kind: str
+    limb: str
+    """empty: on no limb, or on that which grips the hold"""
+    joint: str = "LF.1"
+    when: float = 0.0
+    where: float = 0.0
+    for_s: float = FOR_S[0]
+    share: float = SHARE[0]
+
+    def text(self, plan: Any) -> str:
+        """The world file, or the file of faults, for a climb of `plan`."""
+        at_s = round(FIRST_S + self.when * (min(LAST_S, START_S + plan.knots[-1].time_s) - FIRST_S), 1)
+        holds = gripped(plan, at_s - START_S)
+        places = {"limb": self.limb, "joint": self.joint, "hold": holds[int(self.where * len(holds))]}
+        entry = KINDS[self.kind].format(at_s=at_s, for_s=self.for_s, share=self.share, **places)
+        if self.kind in OF_THE_RUNTIME:
+            return f"version: 1\nfaults: [{entry}]\n"
+        return f"version: 1\nname: {self.kind}\n{entry}\n"
+
+
+def gripped(plan: Any, from_s: float) -> list[int]:
+    """The holds that `plan` grips at `from_s` or later, by their number in it: what happens to them matters."""
+    last_s = plan.knots[-1].time_s
+    knots = [knot for knot in plan.knots if knot.time_s >= min(from_s, last_s)]
+    return sorted({limb.hold for knot in knots for limb in knot.limbs if limb.hold >= 0})
+
+
+def draw_fault(seed: int) -> Fault:
+    """One fault, by turns of every kind; place and time are drawn."""
+    random = np.random.default_rng(seed)
+    kind = list(KINDS)[seed % len(KINDS)]
+    limb = LIMB_NAMES[int(random.integers(len(LIMB_NAMES)))]
+    joint = f"{limb}.{int(random.integers(1, 7))}"
+    when, where = float(random.random()), float(random.random())
+    for_s, share = round(float(random.uniform(*FOR_S)), 2), round(float(random.uniform(*SHARE)), 2)
+    on_a_limb = kind not in LOSES_A_HOLD and kind not in OF_THE_RUNTIME
+    return Fault(kind, limb if on_a_limb else "", joint, when, where, for_s, share)
+
+
+@dataclass(frozen=True)
+class FaultyWorld(WorldFile):
+    """A world in which one thing goes wrong, drawn for the plan that is climbed."""
+
+    def draw(self, seed: int, plan: Any) -> Any:
+        """As of any world file."""
+        return WorldFile(self.name, draw_fault(seed).text(plan)).draw(seed, plan)
+
+
+@dataclass(frozen=True)
+class RuntimeFaultJob(ClimbJob):
+    """A climb with a runtime of its own, to which something happens."""
+
+    def climb_command(self) -> str:
+        """In a kernel with virtual time where the fault needs that."""
+        guest = f"crux {shlex.join(GUEST)} " if self._is_in_a_guest() else ""
+        return f"{guest}crux {shlex.join(self._climb_words(Path(), AGAIN_FILE))}"
+
+    def _is_in_a_guest(self) -> bool:
+        return OF_THE_RUNTIME[self.walls].options == IN_A_GUEST
+
+    def _climb_words(self, folder: Path, log: str) -> list[str]:
+        words = ["climb", str(folder / PLAN_FILE), "-o", str(folder / log), "--seed", str(self.seed)]
+        return [*words, "--faults", str(folder / FAULTS_FILE), *OF_THE_RUNTIME[self.walls].options]
+
+    def _climb(self, plan: Any, _robot: Any, folder: Path) -> dict[str, Any]:
+        (folder / FAULTS_FILE).write_text(draw_fault(self.seed).text(plan), encoding="utf-8")
+        guest = (*GUEST, *CRUX) if self._is_in_a_guest() else ()
+        result, _ = crux_json(*guest, *self._climb_words(folder, LOG_FILE))
+        return {name: value for name, value in result.items() if name != "log"}
+
+
+def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
+    """Shipped scenes and random walls in turn."""
+    job = RuntimeFaultJob if fault.kind in OF_THE_RUNTIME else ClimbJob
+    return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
+
+
+def jobs_of(count: int, first_seed: int) -> list[ClimbJob]:
+    """Climbs with one fault each."""
+    seeds = range(first_seed, first_seed + count)
+    turns = [index + index // len(KINDS) for index in range(count)]  # or a kind would always have the same walls
+    return [job_of(draw_fault(seed), turn, seed) for seed, turn in zip(seeds, turns, strict=True)]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a climb with a fault ended."""
+
+    kind: str
+    climbed: bool
+    fell: bool
+    told: bool
+    """by a fault that names the cause, and the limb it was on where it was on one; of the runtime: that very one, and
+    where it died the nodes held the robot"""
+    body_m: float
+
+
+def ending_of(row: Row, fault: Fault) -> Ending:
+    """A limb that has lost its hold has not fallen where the body stays."""
+    climb: dict[str, Any] = row.get("climb", {})
+    body_m = float((climb.get("tracking") or {}).get("body_m") or 0.0)
+    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
+    climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
+    if fault.kind in OF_THE_RUNTIME:
+        told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
+    else:
+        faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
+        causes = IN_THE_WORLD[fault.kind].causes
+        told = any(name in causes and (not fault.limb or limb == fault.limb) for name, limb in faults)
+    return Ending(fault.kind, climbed, fell, told, body_m)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when nothing fell, and every climb ended at the goal or with its cause told, of the right limb."""
+    from crux_simulation.campaign.engine import run_anew
+
+    rows = run_anew(jobs_of(options.count, options.seed), options.output, options, "climbing with one fault")
+    endings = [ending_of(row, draw_fault(row["seed"])) for row in rows if "climb" in row]
+    ok = all(not end.fell and (end.climbed or end.told) for end in endings)
+    kinds: dict[str, list[Ending]] = defaultdict(list)
+    for end in endings:
+        kinds[end.kind].append(end)
+    table = {
+        kind: {
+            "climbs": len(found),
+            "at_goal": sum(end.climbed for end in found),
+            "told": sum(end.told for end in found),
+            "fell": sum(end.fell for end in found),
+            "most_body_m": max(end.body_m for end in found),
+        }
+        for kind, found in kinds.items()
+    }
+    if options.json:
+        print_json({"ok": ok, "count": options.count, "climbed": len(endings), "kinds": table})
+        return 0 if ok else 1
+    note(f"{'fault':20} {'climbs':>6} {'at goal':>8} {'told':>5} {'fell':>5} {'body at most':>13}")
+    for kind, line in sorted(table.items()):
+        body = f"{1e3 * line['most_body_m']:.1f} mm"
+        note(f"{kind:20} {line['climbs']:6} {line['at_goal']:8} {line['told']:5} {line['fell']:5} {body:>13}")
+    note(f"{len(endings)} of {options.count} planned and climbed; results in {options.output}")
+    return 0 if ok else 1

@@ -1,0 +1,86 @@
+"""`crux bench worlds`: shipped scenes and random walls, climbed in worlds with all ordinary errors at once."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+from crux_contracts.output_file import look_at_folder
+from crux_tools.arguments import whole
+from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS, WORLDS
+from crux_tools.report.results import CLIMBED, FAILED, Row
+from crux_tools.report.statistics import Rate
+
+from crux_simulation.campaign.command import add_cluster_options
+from crux_simulation.campaign.job import ClimbJob, WorldFile
+from crux_simulation.campaign.walls import Wall
+
+WORLD = WORLDS / "ordinary.yaml"
+SCENES = ("climb-four-holds", "climb-one-step", "climb-slippery", "climb-vertical", "climb-overhang", "climb-obstacles")
+AT_GOAL_SHARE = 0.97
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `crux bench worlds`."""
+    parser.add_argument("--count", type=whole(1), default=100, metavar="N", help="climbs (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=1, metavar="N", help="of the first wall and world (default: %(default)s)"
+    )
+    parser.add_argument("--world", type=Path, default=WORLD, metavar="FILE.yaml", help="drawn from (default: ordinary)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("out/bench-worlds"), metavar="DIR", help="for results, and logs of failures"
+    )
+    add_cluster_options(parser)
+
+
+def wall_of(index: int, seed: int) -> Wall:
+    """Shipped scenes and random walls in turn."""
+    if index % 2 == 1:
+        return Wall("wall", seed, (("all_limbs", True), ("slope_deg", 45.0)))
+    return Wall(text=(SCENARIOS / f"{SCENES[index // 2 % len(SCENES)]}.yaml").read_text(encoding="utf-8"))
+
+
+def jobs_of(count: int, first_seed: int, world: WorldFile) -> list[ClimbJob]:
+    """Each wall in a world of its own."""
+    walls = [wall_of(index, first_seed + index) for index in range(count)]
+    return [
+        ClimbJob("random wall" if wall.kind else "shipped scene", wall, first_seed + index, world)
+        for index, wall in enumerate(walls)
+    ]
+
+
+def fell(row: Row) -> bool:
+    """The robot did not only miss its goal."""
+    return bool(row.get("climb", {}).get("fell"))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit status 0 when nothing fell and 97 % of the climbs ended at the goal."""
+    from crux_simulation.campaign.engine import run_anew
+    from crux_simulation.sim.world_file import read_world
+
+    spec = read_world(options.world)
+    look_at_folder("--output", options.output)
+    world = WorldFile(spec.name, options.world.read_text(encoding="utf-8"))
+    rows = run_anew(jobs_of(options.count, options.seed, world), options.output, options, "climbing in drawn worlds")
+    falls = sum(map(fell, rows))
+    at_goal = sum(row["verdict"] == CLIMBED for row in rows)
+    ok = falls == 0 and at_goal >= AT_GOAL_SHARE * options.count
+    reasons = Counter(cause_of(row) for row in rows if row["verdict"] != CLIMBED)
+    if options.json:
+        print_json({"ok": ok, "count": options.count, "climbed": at_goal, "fell": falls, "reasons": dict(reasons)})
+        return 0 if ok else 1
+    note(f"at the goal without slip or fall {Rate(at_goal, options.count)}; {falls} fell")
+    for reason, count in reasons.most_common():
+        note(f"{count:5}  {reason}")
+    note(f"results in {options.output}; crux report {options.output} -o FILE.html shows them")
+    return 0 if ok else 1
+
+
+def cause_of(row: Row) -> str:
+    """Verdict and the first fault told, without its numbers."""
+    reason = str(row["reason"]).split("; ")
+    fault = next((part.split(": ")[1].split(",")[0] for part in reason if " s: " in part), "no fault told")
+    return f"{row['verdict']}{', fell' if fell(row) else ''}: {fault if row['verdict'] == FAILED else reason[0]}"

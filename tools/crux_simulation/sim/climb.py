@@ -1,0 +1,371 @@
+"""One climb in hardware-in-the-loop: runtime process, CAN buses, firmware nodes, physics, verdict."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot import Robot
+from crux_msgs import command_t, plan_t, truth_verdict_t
+from crux_tools.can.native import available
+from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.operator_link import OperatorLink
+from crux_tools.output import note
+from crux_tools.priority import no_garbage_collection, realtime_priority
+from crux_tools.robot3d.robot_model import RobotModel, build_model
+from crux_tools.telemetry.reader import LogError, read_log
+from crux_tools.telemetry.summary import FaultNote, summarise
+from crux_tools.telemetry.wording import fault_line
+from mujoco import MjSpec
+
+from crux_simulation.sim.disturbance import Course, Disturbance, look_back
+from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
+from crux_simulation.sim.fault_file import OF_THE_RUNTIME, Fault
+from crux_simulation.sim.firmware_nodes import FirmwareNodes
+from crux_simulation.sim.guided import Guided
+from crux_simulation.sim.judge import Tracking, Verdict, judge, track
+from crux_simulation.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.ports import run_ports
+from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
+from crux_simulation.sim.recorder import Truth, recorded
+from crux_simulation.sim.runtime_here import RuntimeHere
+from crux_simulation.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
+from crux_simulation.sim.truth_log import log_truth
+from crux_simulation.sim.world_file import World
+from crux_simulation.sim.world_model import change_robot, loosen_holds, plant_world, true_wall
+
+PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
+EXTRA_TIME_S = 30.0  # events may stop the plan's clock
+EXTRA_TIME_SHARE = 1.0  # of the plan's duration
+INTERFACES = [f"can{bus}" for bus in range(4)]
+WATCHED_S = 10.0  # what becomes of a robot that stops in a world that is not the plan
+FAULT_GUARD_S = 0.02  # lockstep with faults: nodes that cannot answer are waited for in every cycle
+
+
+@dataclass(frozen=True)
+class ClimbOptions:
+    """How to run a climb."""
+
+    pace: str = "lockstep"
+    bus: str = "memory"
+    """memory (the runtime in this process), udp or socketcan (a process of its own)"""
+    seed: int = 0
+    faults: tuple[Fault, ...] = ()
+    emulated: tuple[Place, ...] = ()
+    """nodes that run their image on an emulated microcontroller"""
+    commands: str = "each"
+    """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
+    world: World | None = None
+    """what the physics has otherwise than plan and robot description say"""
+    guide: bool = False
+    """plans again where the robot holds for a cause that planning can mend"""
+    calibrate: bool = False
+    """tunes the admittance's gains while it climbs"""
+    note: str = ""
+    """the user's own words, for the log"""
+    log_frames: bool = False
+    """the CAN frames of every cycle into the log, not of the seconds around a fault alone"""
+
+
+@dataclass(frozen=True)
+class ClimbResult:
+    """Everything known after a run."""
+
+    outcome: Outcome
+    verdict: Verdict
+    tracking: Tracking
+    real_time_factor: float
+    missed_cycles: int
+    reason: str
+    log: Path
+    log_complete: bool
+    bus: str = "memory"
+    """as in ClimbOptions"""
+    courses: tuple[Course, ...] = ()
+    worst_interrupts: dict[str, int] | None = None
+    """instructions, of the emulated boards"""
+    guide: dict[str, Any] | None = None
+    """what it did, as `--json` prints it"""
+    truth: Truth | None = None
+    model: RobotModel | None = None
+    """that it ran on"""
+
+    @property
+    def ok(self) -> bool:
+        """The robot reached the goal without a slip or a fall, and the log is complete."""
+        verdict = self.verdict
+        return verdict.reached_goal and not verdict.fell and verdict.slips == 0 and self.log_complete
+
+    def as_json(self) -> dict[str, Any]:
+        """The object `crux climb --json` prints."""
+        verdict, tracking = self.verdict, self.tracking
+        result: dict[str, Any] = {
+            "ok": self.ok,
+            "reached_goal": verdict.reached_goal,
+            "fell": verdict.fell,
+            "slips": verdict.slips,
+            "tracking": {
+                "body_m": tracking.body_max_m,
+                "finger_m": tracking.finger_max_m,
+                "force_N": tracking.force_rms_n,
+                "body_rms_m": tracking.body_rms_m,
+            },
+            "goal_error": {"m": verdict.goal_error_m, "rad": verdict.goal_error_rad},
+            "largest_slip_m": verdict.largest_slip_m,
+            "real_time_factor": self.real_time_factor,
+            "missed_cycles": self.missed_cycles,
+            "cycles": self.outcome.cycles,
+            "bus": self.bus,
+            "log": str(self.log),
+            "log_complete": self.log_complete,
+            "reason": self.reason,
+        }
+        if self.worst_interrupts is not None:
+            result["worst_interrupts"] = self.worst_interrupts
+        if self.guide is not None:
+            result["guide"] = self.guide
+        if self.outcome.robot_on_wall is not None:
+            result["robot_on_wall"] = self.outcome.robot_on_wall
+        if self.courses:
+            result["robot_on_wall"] = not verdict.fell and self.outcome.robot_on_wall is not False
+            result["faults"] = [course.as_json() for course in self.courses]
+        return result
+
+    def as_message(self, world: str = "") -> truth_verdict_t:
+        """What the log says of it on /truth/verdict; `world`: the name of a world file."""
+        message, verdict = truth_verdict_t(), self.verdict
+        message.world = world
+        message.ok, message.log_complete, message.reason = self.ok, self.log_complete, self.reason
+        for name, value in vars(verdict).items():
+            setattr(message, name, value)
+        return message
+
+
+def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
+    parts = []
+    if outcome.ending is Ending.RUNTIME_DIED:
+        parts.append(f"{outcome.ending.value} in cycle {outcome.cycles}")
+        on_wall = "held the robot on the wall" if outcome.robot_on_wall else "did not hold the robot"
+        parts.append(f"the nodes {on_wall} for the next 3 s")
+    elif outcome.ending is not Ending.COMPLETE:
+        parts.append(outcome.ending.value)
+    parts += faults
+    if verdict.fell:
+        parts.append(verdict.fall_reason)
+    if verdict.slips:
+        parts.append(f"{verdict.slips} slips, the largest {verdict.largest_slip_m * 1e3:.1f} mm")
+    if outcome.ending is Ending.COMPLETE and not verdict.reached_goal:
+        parts.append(
+            f"the body ended {verdict.goal_error_m * 1e3:.1f} mm and {np.degrees(verdict.goal_error_rad):.1f} deg "
+            "off the goal"
+        )
+    return "; ".join(parts)
+
+
+def _tags(options: ClimbOptions) -> dict[str, str]:
+    """What the runtime cannot know of the run, for its log."""
+    from crux_commit import COMMIT
+
+    tags = {"seed": str(options.seed), "crux_commit": COMMIT, "crux_command_line": shlex.join(sys.argv)}
+    tags |= {"note": options.note} if options.note else {}
+    world = options.world
+    if world is not None:
+        tags |= {"world": world.name, "world_sha256": world.source_sha256, "world_seed": str(world.seed)}
+    return tags
+
+
+def plant_of(plan: plan_t, robot: Robot, options: ClimbOptions) -> Plant:
+    """The robot on the wall of `plan`, or on what the world has made of it."""
+    world = options.world
+    if world is None:
+        return Plant(build_model(robot, plan), plan, options.seed)
+    wall = true_wall(plan, world)
+
+    def change(spec: MjSpec) -> None:
+        change_robot(spec, robot, world)
+        loosen_holds(spec, plan, world)
+
+    model = build_model(robot, wall, change)
+    return Plant(model, wall, options.seed, plant_world(world, model, [hold.name for hold in plan.holds]))
+
+
+def _shut_down(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, realtime_loop: Loop | None) -> None:
+    """FORCE_SHUTDOWN, for the simulated robot is still on its wall; in real time the nodes answer until the runtime is
+    gone, or it would log a fault."""
+    end_s = time.monotonic() + STOP_TIMEOUT_S
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(link.command, command_t.FORCE_SHUTDOWN)
+        if realtime_loop is not None:
+            realtime_loop.serve(lambda: not runtime.is_alive() or time.monotonic() > end_s)
+        if asked.result() is None:
+            note("crux climb: the runtime does not answer; ending it")
+
+
+def climb(
+    plan: plan_t,
+    robot: Robot,
+    log: Path,
+    options: ClimbOptions,
+    progress: Callable[[float], None] = lambda _time_s: None,
+) -> ClimbResult:
+    """Runs `plan` on the bench and judges it; the runtime writes `log`. Raises UsageError or WorkFailed."""
+    if options.bus == "socketcan" and not available():
+        raise UsageError(
+            "--bus socketcan: this kernel has no CAN; run it under one that has: "
+            f"crux can run --virtual-time -i {','.join(INTERFACES)} -- crux climb …"
+        )
+    check_process_faults(options.faults, options.bus, options.pace)
+    plant = plant_of(plan, robot, options)
+    with ExitStack() as stack:
+        boards = stack.enter_context(EmulatedBoards(options.emulated, robot)) if options.emulated else None
+        if boards is not None:
+            boards.power_on(plant)
+        runtime, link, nodes = _power_on(stack, robot, log, options, plan, boards)
+        plant.drive(
+            [place.joint for place in options.emulated if place.joint is not None],
+            [place.limb for place in options.emulated if place.joint is None],
+        )
+        plan_s = plan.knots[-1].time_s
+        limit_s = plan_s * (1 + EXTRA_TIME_SHARE) + EXTRA_TIME_S
+        disturbance = _disturbance(stack, runtime, nodes, plant, log, options) if options.faults else None
+        watched_s = WATCHED_S if options.world is not None else 0.0
+        clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
+        loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
+        guided = (
+            Guided(link, runtime, loop, plan, robot) if options.guide and isinstance(runtime, RuntimeHere) else None
+        )
+        if guided is not None:
+            loop.guided = guided
+            loop.max_cycles *= 2
+        stack.enter_context(no_garbage_collection())
+        if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
+            note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
+        outcome = loop.run()
+        if disturbance is not None:
+            disturbance.end()
+        interrupts = None
+        if boards is not None:
+            boards.check()
+            interrupts = boards.worst_interrupts()
+        if outcome.ending is not Ending.RUNTIME_DIED:
+            if options.pace != "realtime":
+                nodes.wait_sync(SYNC_TIMEOUT_S)  # the runtime has taken the last answers
+            _shut_down(runtime, link, loop if options.pace == "realtime" else None)
+            runtime.wait()
+        unlogged = runtime.log_trouble()
+        died = outcome.ending is Ending.RUNTIME_DIED or runtime.crashed
+        last_words = runtime.last_words() if died else ""
+    courses = tuple(disturbance.courses) if disturbance is not None else ()
+    further = guided.legs[1:] if guided is not None else []
+    result = _judged([(0, plan), *further], plant, log, outcome, (last_words, unlogged), courses)
+    said = guided.as_json() if guided is not None else None
+    result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said)
+    return _logged(result, plant, _tags(options).get("world", ""))
+
+
+def _power_on(
+    stack: ExitStack,
+    robot: Robot,
+    log: Path,
+    options: ClimbOptions,
+    plan: plan_t,
+    boards: EmulatedBoards | None,
+) -> tuple[RuntimeProcess | RuntimeHere, OperatorLink, FirmwareNodes]:
+    """Runtime and nodes on the buses of `options`; the plan is loaded and START given for START_CYCLE."""
+    switches = {"--log-frames": options.log_frames, "--calibrate": options.calibrate}
+    arguments = runtime_arguments(robot.folder, log, options.commands, _tags(options), switches)
+    runtime: RuntimeProcess | RuntimeHere
+    if options.bus == "memory":
+        nodes = stack.enter_context(FirmwareNodes(["memory:"] * len(LIMB_NAMES), robot, boards, options.world))
+        runtime = stack.enter_context(RuntimeHere(nodes, arguments))
+        link = stack.enter_context(OperatorLink(connection=runtime))
+        _start(runtime, link, plan)
+        return runtime, link, nodes
+    ports = stack.enter_context(run_ports())
+    buses = ports.bus_urls() if options.bus == "udp" else [f"socketcan:{interface}" for interface in INTERFACES]
+    breaks_buses = any(fault.kind not in OF_THE_RUNTIME for fault in options.faults)
+    guard_s = FAULT_GUARD_S if breaks_buses else GUARD_TIME_S
+    runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
+    link = stack.enter_context(OperatorLink(ports.lcm_url))
+    _start(runtime, link, plan)  # before there are nodes: they would make it begin
+    return runtime, link, stack.enter_context(FirmwareNodes(buses, robot, boards, options.world))
+
+
+def _disturbance(
+    stack: ExitStack,
+    runtime: RuntimeProcess | RuntimeHere,
+    nodes: FirmwareNodes,
+    plant: Plant,
+    log: Path,
+    options: ClimbOptions,
+) -> Disturbance:
+    interfaces = INTERFACES if options.bus == "socketcan" else None
+    process = stack.enter_context(ProcessFaults(runtime, log)) if isinstance(runtime, RuntimeProcess) else None
+    return Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed, process)
+
+
+def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan_t) -> None:
+    runtime.await_answer(link)
+    link.upload(plan)
+    link.send(command_t.START, plan.plan_id, START_CYCLE)
+
+
+def _judged(
+    legs: list[tuple[int, plan_t]],
+    plant: Plant,
+    log: Path,
+    outcome: Outcome,
+    complaints: tuple[str, str],
+    courses: tuple[Course, ...],
+) -> ClimbResult:
+    """`legs`: the plans climbed and the cycles they were taken in; `complaints`: how the runtime ended if it should not
+    have, and why its log is incomplete."""
+    robot, dt_s, truth = plant.robot, plant.dt_s, recorded(plant)
+    last_words, unlogged = complaints
+    if not len(truth.cycle):
+        raise WorkFailed(f"the runtime made no control cycle{': ' + last_words if last_words else ''}")
+    verdict = judge(truth, legs[0][1], robot, outcome.ending is Ending.COMPLETE, legs[1:])
+    tracking, reported, missed = Tracking(), list[FaultNote](), 0
+    try:
+        telemetry = read_log(log)
+    except (LogError, OSError) as error:
+        unlogged = unlogged or str(error)
+    else:
+        tracking, reported = track(truth, telemetry, *legs[-1], robot), summarise(telemetry).faults
+        missed = int(telemetry.state["missed_cycles"][-1])
+    look_back(courses, truth, reported, dt_s)
+    said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]
+    return ClimbResult(
+        outcome=outcome,
+        verdict=verdict,
+        tracking=tracking,
+        real_time_factor=outcome.cycles * dt_s / outcome.wall_s if outcome.wall_s > 0 else 0.0,
+        missed_cycles=missed + outcome.missed,
+        reason=_reason(outcome, verdict, [*filter(None, said), *map(fault_line, reported)]),
+        log=log,
+        log_complete=not (unlogged or last_words),
+        courses=courses,
+        truth=truth,
+        model=robot,
+    )
+
+
+def _logged(result: ClimbResult, plant: Plant, world: str) -> ClimbResult:
+    """Adds what happened in physics, and the verdict, to the log. A log that cannot take it is incomplete."""
+    try:
+        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, result.as_message(world))
+    except (OSError, ValueError) as error:
+        if result.log_complete:
+            said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}"
+            return replace(result, log_complete=False, reason="; ".join(filter(None, (said, result.reason))))
+    return result

@@ -1,0 +1,145 @@
+"""The simulated robot on its wall as the firmware sees it: torques in, encoder and force/torque readings out.
+
+The steps themselves are made in tools/sim/plant.cpp, on the model and data that Python shows.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from crux_tools.robot3d.robot_model import RobotModel
+from crux_tools.robot3d.start_pose import take_start_pose
+from crux_tools.telemetry.rotations import rotation_from_rpy
+from numpy.typing import NDArray
+
+from crux_simulation.sim.native import PlantMap, PlantSettings, PlantState, PlantWorld, library
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+
+
+def _fill(target: Any, values: Any) -> None:
+    target[:] = np.ravel(values).tolist()
+
+
+class Plant:
+    """Physics of one climb, stepped once a control cycle. The same seed and inputs give the same bits.
+
+    Sensors are overwritten in place by every step: joint_position_rad, joint_velocity_rad_s, joint_torque_nm (24,),
+    finger_opening_m, finger_speed_m_s, finger_force_n (4,), ft (24,): per limb the force [N] and moment [Nm] of the
+    world on the gripper about its centre, gripper frame, raw: with the hand's weight, bias and noise; ft_true without
+    the last two; pad_force_n, pad_face (8,) of the last look at the contacts.
+    """
+
+    def __init__(self, robot: RobotModel, plan: Any, seed: int, world: PlantWorld | None = None) -> None:
+        """`plan` begins where the robot really stands; `world`: what else is not as described."""
+        self.robot = robot
+        self.model = robot.model
+        self.data = mujoco.MjData(robot.model)
+        self.dt_s = float(self.model.opt.timestep)
+        take_start_pose(robot, self.data, plan)
+        mujoco.mj_forward(self.model, self.data)
+        settings = self._settings(seed, rotation_from_rpy(plan.knots[0].body_rpy_rad))
+        self._native = library()
+        self._state = PlantState()
+        self._world = world  # the plant points into it
+        self.handle = ctypes.c_void_p(
+            self._native.crux_plant_open(
+                self.model._address, self.data._address, self._map(), settings, world, self._state
+            )
+        )
+        self.joint_position_rad = self._view("joint_position_rad")
+        self.joint_velocity_rad_s = self._view("joint_velocity_rad_s")
+        self.joint_torque_nm = self._view("joint_torque_nm")
+        self.finger_opening_m = self._view("finger_opening_m")
+        self.finger_speed_m_s = self._view("finger_speed_m_s")
+        self.finger_force_n = self._view("finger_force_n")
+        self.ft = self._view("ft")
+        self.ft_true = self._view("ft_true")
+        self.pad_force_n = self._view("pad_force_n")
+        self.pad_face = self._view("pad_face")
+
+    def __del__(self) -> None:
+        if hasattr(self, "handle"):
+            self._native.crux_plant_close(self.handle)
+
+    def _settings(self, seed: int, hand_rotation: Floats) -> PlantSettings:
+        robot = self.robot.robot
+        servo, ft, motor = robot.servo, robot.force_torque, robot.gripper_motor
+        settings = PlantSettings(seed=seed, torque_share=1 - np.exp(-self.dt_s / servo.torque_time_constant_s))
+        _fill(settings.ft_noise, np.repeat([ft.noise_N, ft.noise_Nm], 3))
+        _fill(settings.ft_bias, np.repeat([ft.bias_N, ft.bias_Nm], 3))
+        _fill(settings.hand_rotation, hand_rotation)
+        settings.screw_middle = 0.5 * (2 + (motor.screw_release_torque - 1) / motor.screw_efficiency)
+        settings.screw_width = 0.5 * (1 + motor.screw_release_torque) / motor.screw_efficiency
+        return settings
+
+    def _map(self) -> PlantMap:
+        robot = self.robot
+        names = ("joint_qpos", "joint_dof", "joint_actuators", "finger_qpos", "finger_dof", "finger_actuators")
+        places = PlantMap(body=robot.body)
+        for name in (*names, "ft_sensors", "gripper_sites", "pad_geoms"):
+            _fill(getattr(places, name), getattr(robot, name))
+        _fill(places.spine_actuators, robot.spine_actuators if len(robot.spine_actuators) else np.full(8, -1))
+        self._tables = (
+            robot.pad_of_geom.astype(np.int32),
+            robot.face_of_geom.astype(np.int32),
+            robot.adhesion_of_face.astype(np.float64),
+        )  # the map points into them
+        places.pad_of_geom, places.face_of_geom, places.adhesion_of_face = (table.ctypes.data for table in self._tables)
+        return places
+
+    def _view(self, name: str) -> NDArray[Any]:
+        """The plant's own numbers."""
+        return np.ctypeslib.as_array(getattr(self._state, name))
+
+    @property
+    def cycle(self) -> int:
+        """Steps so far."""
+        return int(self._state.cycle)
+
+    @property
+    def link_contact_force_n(self) -> float:
+        """Greatest normal force on anything but a pad at the last look at the contacts."""
+        return float(self._state.link_contact_force_n)
+
+    @property
+    def time_s(self) -> float:
+        """Physics time since the robot was set on the wall."""
+        return self.cycle * self.dt_s
+
+    def drive(self, joints: Sequence[int], limbs: Sequence[int]) -> None:
+        """From now on the torque of these joints (of 24) is that of a motor, without the lag that stands for one, and
+        the finger force of these limbs is that of a motor before its screw's friction."""
+        for joint in joints:
+            self._native.crux_plant_drive_joint(self.handle, joint)
+        for limb in limbs:
+            self._native.crux_plant_drive_gripper(self.handle, limb)
+
+    def carry(self) -> None:
+        """The hand that carries the body at first goes on for 0.5 s from now, and releases it in the second after."""
+        self._native.crux_plant_carry(self.handle)
+
+    def step(self, joint_torque_nm: Floats, finger_force_n: Floats) -> None:
+        """One control cycle: motor torques (24,) in joint direction, squeeze a finger (4,), positive closes."""
+        torque = np.ascontiguousarray(joint_torque_nm, dtype=np.float64)
+        force = np.ascontiguousarray(finger_force_n, dtype=np.float64)
+        self._native.crux_plant_step(self.handle, torque.ctypes.data_as(DOUBLES), force.ctypes.data_as(DOUBLES))
+
+    def record(self, cycle: int, climbing: int) -> None:
+        """Keeps a sample of what really is, when this step looked at the contacts; `cycle` is the runtime's count, the
+        same again while it is silent, `climbing` whether it climbs, as the nodes receive it (-1: in reverse). Read them
+        by recorder.recorded()."""
+        self._native.crux_plant_record(self.handle, cycle, climbing)
+
+    def limbs_on_holds(self) -> NDArray[np.bool_]:
+        """(4,) whether both pads of a limb touch a hold (point feet: one the wall) at the last look."""
+        if self.robot.point_feet:
+            return np.asarray((self.pad_face >= 0).reshape(4, 2).any(axis=1))
+        on_hold = (self.pad_face >= 0) & (self.robot.face_hold[self.pad_face] >= 0)
+        return np.asarray(on_hold.reshape(4, 2).all(axis=1))

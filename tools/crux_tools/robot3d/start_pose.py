@@ -1,0 +1,110 @@
+"""Puts the model into the first knot of a plan: numeric inverse kinematics on MuJoCo's own Jacobians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from crux_tools.errors import UsageError
+from crux_tools.robot3d.robot_model import RobotModel
+from crux_tools.telemetry.rotations import rotation_from_rpy
+
+DAMPING = 1e-4  # of the least-squares step
+ITERATIONS = 100
+TOLERANCE_M = 1e-6  # of gripper position, and of orientation in rad
+STARTS = 20
+
+Floats = NDArray[np.float64]
+
+
+class StartPoseError(UsageError):
+    """The plan's first knot cannot be taken by this robot."""
+
+
+def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float) -> Floats:
+    site = robot.gripper_sites[limb]
+    present = data.site_xmat[site].reshape(3, 3)
+    wanted = rotation_from_rpy([0.0, 0.0, yaw_rad])
+    turn = np.empty(4)
+    mujoco.mju_mat2Quat(turn, (wanted @ present.T).ravel())
+    rotation = np.empty(3)
+    mujoco.mju_quat2Vel(rotation, turn, 1.0)
+    return np.concatenate([position_w_m - data.site_xpos[site], rotation])
+
+
+def solve_limb(
+    robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float, near: bool = False
+) -> bool:
+    """Moves the six joints of `limb` until its gripper stands at the pose; False when it cannot within the limits.
+    `near`: begins with the joints as they are, so that a motion is followed.
+    """
+    model = robot.model
+    qpos, dof = robot.joint_qpos[6 * limb : 6 * limb + 6], robot.joint_dof[6 * limb : 6 * limb + 6]
+    low, high = model.jnt_range[model.dof_jntid[dof]].T
+    jacobian = np.zeros((6, model.nv))
+    generator = np.random.default_rng(0)
+    for attempt in range(-1 if near else 0, STARTS):
+        if attempt >= 0:
+            share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, 6)
+            data.qpos[qpos] = low + share * (high - low)
+        for _ in range(ITERATIONS):
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            error = _gripper_error(robot, data, limb, position_w_m, yaw_rad)
+            if np.abs(error).max() < TOLERANCE_M:
+                return True
+            mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], robot.gripper_sites[limb])
+            j = jacobian[:, dof]
+            step = j.T @ np.linalg.solve(j @ j.T + DAMPING * np.eye(6), error)
+            data.qpos[qpos] = np.clip(data.qpos[qpos] + np.clip(step, -0.3, 0.3), low, high)
+    return False
+
+
+@dataclass(frozen=True)
+class RobotPose:
+    """Where body and grippers are, frame W; limbs LF, RF, LR, RR."""
+
+    body_position_m: Floats  # (3,)
+    body_rpy_rad: Floats  # (3,)
+    gripper_position_m: Floats  # (4, 3)
+    gripper_yaw_rad: Floats  # (4,)
+    finger_opening_m: Floats  # (4,) pad face to gripper centre
+
+    @classmethod
+    def of_knot(cls, knot: Any, robot: RobotModel) -> RobotPose:
+        """Pose of a plan's knot (plan_knot_t). Grippers of a walk stand one pad radius above their foot points."""
+        lift = robot.robot.gripper.pad_radius_m if robot.point_feet else 0.0
+        return cls(
+            np.array(knot.body_position_w_m),
+            np.array(knot.body_rpy_rad),
+            np.array([limb.gripper_position_w_m for limb in knot.limbs]) + np.array([0.0, 0.0, lift]),
+            np.array([limb.gripper_yaw_w_rad for limb in knot.limbs]),
+            np.array([limb.finger_separation_m / 2 for limb in knot.limbs]),
+        )
+
+
+def take_pose(robot: RobotModel, data: mujoco.MjData, pose: RobotPose, near: bool = False) -> list[int]:
+    """Moves body, limbs and fingers of `data` to `pose`, `near` as in solve_limb; returns the limbs that cannot."""
+    data.qpos[:3] = pose.body_position_m
+    mujoco.mju_mat2Quat(data.qpos[3:7], rotation_from_rpy(pose.body_rpy_rad).ravel())
+    data.qpos[robot.finger_qpos] = pose.finger_opening_m[:, None]
+    return [
+        limb
+        for limb in range(len(pose.gripper_yaw_rad))
+        if not solve_limb(robot, data, limb, pose.gripper_position_m[limb], float(pose.gripper_yaw_rad[limb]), near)
+    ]
+
+
+def take_start_pose(robot: RobotModel, data: mujoco.MjData, plan: Any) -> None:
+    """Body and grippers of `data` at knot 0 of `plan`, pads just touching. Raises StartPoseError when out of reach."""
+    pose = RobotPose.of_knot(plan.knots[0], robot)
+    for limb in take_pose(robot, data, pose):
+        raise StartPoseError(
+            f"limb {robot.robot.limbs[limb].name} cannot take its start grasp at "
+            f"{np.round(pose.gripper_position_m[limb], 3).tolist()} m, yaw {pose.gripper_yaw_rad[limb]:.3f} rad, "
+            "within its joint limits: the plan does not fit this robot"
+        )
