@@ -1,6 +1,6 @@
 """The pictures of a robot's links: meshes that its URDF names, where their files are there.
 
-A log carries robot.yaml and the URDF but no meshes: they come from the robot's folder on this machine.
+A log carries them beside robot.yaml and the URDF. Those of older logs come from the robot's folder on this machine.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from crux_contracts import robot as robots
 from scipy.spatial.transform import Rotation
+
+from crux_tools.telemetry.description import inside
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
                 break
             name = mesh.get("filename", "").removeprefix("file://")
             inner = name.removeprefix("package://").partition("/")[2] if name.startswith("package://") else name
-            file = next((f / inner for f in (robot.folder, robots.ROBOTS / robot.name) if (f / inner).is_file()), None)
+            places = (robot.folder / inner, robot.folder / inside(inner), robots.ROBOTS / robot.name / inner)
+            file = next(filter(Path.is_file, places), None)
             if file is None:
                 break
             origin = visual.find("origin")
