@@ -11,8 +11,10 @@
 #include <cstring>
 #include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 
+#include "app/robot_meshes.hpp"
 #include "commit.hpp"
 
 namespace crux {
@@ -22,6 +24,8 @@ constexpr int kMostNames = 100'000;
 constexpr int kClockReadings = 8;
 constexpr const char* kMediaYaml = "application/yaml";
 constexpr const char* kMediaUrdf = "application/xml";
+constexpr const char* kMediaMesh = "application/octet-stream";
+constexpr std::uintmax_t kMostMeshBytes = 64 << 20;  // of all of a robot's; more would make every log as long
 
 /// Creates an empty file; false when there is one already.
 bool create_new(const std::string& path) {
@@ -82,6 +86,24 @@ std::string host() {
   return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
 }
 
+/// Those that pictures of the robot need; what is missing or too much is told, and the log does without.
+void attach_meshes(McapLog& log, const std::string& urdf, const std::filesystem::path& folder) {
+  std::uintmax_t left = kMostMeshBytes;
+  for (const RobotMesh& mesh : meshes_of(urdf, folder)) {
+    std::error_code unknown;
+    const std::uintmax_t size = std::filesystem::file_size(mesh.path, unknown);
+    std::ifstream file(mesh.path, std::ios::binary);
+    std::string bytes(unknown || size > left ? 0 : size, '\0');
+    if (bytes.empty() || !file.read(bytes.data(), static_cast<std::streamsize>(size))) {
+      std::fprintf(stderr, "crux-runtime: the mesh %s is not in the log: %s\n", mesh.path.c_str(),
+                   size > left && !unknown ? "with it there were more than 64 MiB of meshes" : "it cannot be read");
+      continue;
+    }
+    log.attach(mesh.name, kMediaMesh, bytes);
+    left -= size;
+  }
+}
+
 }  // namespace
 
 std::string version() { return std::string(CRUX_VERSION " (commit ") + crux_msgs::kCommit + ")"; }
@@ -106,6 +128,7 @@ std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription
   if (!options.tags.empty()) log->write_metadata("crux_tags", options.tags);
   log->attach(robot.files[0].first, kMediaYaml, robot.files[0].second);
   log->attach(robot.files[1].first, kMediaUrdf, robot.files[1].second);
+  attach_meshes(*log, robot.files[1].second, options.robot);
   log->flush();
   return log;
 }

@@ -22,7 +22,7 @@ import importlib, pathlib, pkgutil
 for name in ("crux_contracts", "crux_planner", "crux_tools", "crux_simulation"):
     for module in pkgutil.walk_packages(importlib.import_module(name).__path__, name + "."):
         importlib.import_module(module.name)
-import casadi, matplotlib.pyplot, mujoco, viser
+import casadi, matplotlib.pyplot, mujoco, trimesh, websockets
 x = casadi.SX.sym("x")
 casadi.nlpsol("s", "ipopt", {"x": x, "f": x * x}, {"ipopt.print_level": 0})(x0=1)
 print(pathlib.Path("/proc/self/maps").read_text())

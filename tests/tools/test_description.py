@@ -139,7 +139,7 @@ def test_a_log_opens_whole_where_its_robot_is_not_known(log_path: Path, robots: 
     assert recording is not None
     viewer = Viewer([still(recording)], "127.0.0.1", 0)
     try:
-        (shown,) = viewer.show_at(1.0)
+        (shown,) = viewer.at(1.0)
         assert shown["time_s"] == pytest.approx(1.0)
     finally:
         viewer.close()

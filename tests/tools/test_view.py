@@ -12,7 +12,6 @@ import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -26,7 +25,8 @@ from crux_tools.telemetry import read_channels, read_log
 from crux_tools.view.browser import Page, open_page
 from crux_tools.view.film import mp4
 from crux_tools.view.long_log import LongLog
-from crux_tools.view.meshes import add_meshes, meshes_of
+from crux_tools.view.meshes import meshes_of
+from crux_tools.view.pictures import READY
 from crux_tools.view.recording import Recording, recording_of, recording_of_log
 from crux_tools.view.server import Viewer, still
 from crux_tools.view.signals import Signal, difference, reduced
@@ -79,15 +79,17 @@ def test_the_time_line_is_that_of_the_made_up_climb(viewer: Viewer) -> None:
 def test_a_moment_is_shown_as_it_was_measured(viewer: Viewer, log_path: Path) -> None:
     log = read_log(log_path)
     row = Story().ready_cycles + 40
-    told = asked(viewer, "/at", time_s=log.time_s[row] + 0.001, span_s=5)
-    assert told[0]["time_s"] == pytest.approx(log.time_s[row])
-    assert told[0]["lines"][0].startswith(f"CLIMBING, cycle {row}, ")
-    drawn = viewer.sides[0].scene.drawn()
-    np.testing.assert_allclose(drawn["body"], log.state["body_position_w_m"][row], atol=1e-6)
-    np.testing.assert_allclose(drawn["plan body"], log.state["body_reference_position_w_m"][row], atol=1e-6)
-    for name, field in (("measured force RF", "force_w_n"), ("planned force RF", "force_reference_w_n")):
-        np.testing.assert_allclose(drawn[name], 0.008 * log.limbs[field][row, 1], atol=1e-5)
-    assert sorted(drawn["holds"]) == [0, 1, 2, 3]  # all four are held
+    told = asked(viewer, "/at", time_s=log.time_s[row] + 0.001, span_s=5)[0]
+    assert told["time_s"] == pytest.approx(log.time_s[row])
+    assert told["lines"][0].startswith(f"CLIMBING, cycle {row}, ")
+    np.testing.assert_allclose(told["body"], log.state["body_position_w_m"][row], atol=1e-6)
+    np.testing.assert_allclose(told["planned_body"], log.state["body_reference_position_w_m"][row], atol=1e-6)
+    for name, field in (("measured force", "force_w_n"), ("planned force", "force_reference_w_n")):
+        np.testing.assert_allclose(told["arrows"][name], 0.008 * log.limbs[field][row].ravel(), atol=1e-5)
+    assert sorted(told["holds"]) == ["0", "1", "2", "3"]  # all four are held
+    moving = {shape["body"] for shape in asked(viewer, "/scene")[0]["shapes"]} - {-1}
+    assert len(told["measured"]) == len(told["planned"]) == 7 * (max(moving) + 1)
+    assert told["body"] in [told["measured"][i : i + 3] for i in range(0, len(told["measured"]), 7)]
 
 
 def test_a_hold_that_a_finger_all_but_slips_on_is_red(tmp_path: Path) -> None:
@@ -95,16 +97,13 @@ def test_a_hold_that_a_finger_all_but_slips_on_is_red(tmp_path: Path) -> None:
     write_log(tmp_path / "slack.mcap", Story(slack=(cycle, 1, 2.0)))
     served = Viewer([still(known(tmp_path / "slack.mcap"))], "127.0.0.1", 0)
     try:
-        served.show_at((cycle - 1) * CYCLE_S)
-        before = served.sides[0].scene.drawn()["holds"]
-        served.show_at(cycle * CYCLE_S)
-        drawn = served.sides[0].scene.drawn()["holds"]
+        (before,), (drawn,) = (served.at((cycle - n) * CYCLE_S) for n in (1, 0))
     finally:
         served.close()
-    red, green, _ = drawn[1]
+    red, green, _ = drawn["holds"][1]
     assert red > green
-    assert before[1][0] < before[1][1]
-    assert drawn[0] == before[0]
+    assert before["holds"][1][0] < before["holds"][1][1]
+    assert drawn["holds"][0] == before["holds"][0]
 
 
 def test_signals_come_as_least_and_largest_of_intervals(viewer: Viewer, log_path: Path) -> None:
@@ -138,7 +137,7 @@ def test_two_logs_meet_where_the_climb_begins(tmp_path: Path, log_path: Path) ->
     served = Viewer([still(known(log_path)), still(known(tmp_path / "late.mcap"))], "127.0.0.1", 0)
     try:
         assert served.sides[1].shift_s == pytest.approx((50 - 80) * CYCLE_S)
-        here, there = served.show_at(1.0)
+        here, there = served.at(1.0)
     finally:
         served.close()
     assert here["time_s"] == pytest.approx(there["time_s"])
@@ -160,11 +159,10 @@ def test_a_plan_is_a_climb_without_errors(tmp_path: Path) -> None:
     assert event.text == "LF from a to e"
     served = Viewer([still(recording)], "127.0.0.1", 0)
     try:
-        served.show_at(2 * DT_S)
-        drawn = served.sides[0].scene.drawn()
+        (drawn,) = served.at(2 * DT_S)
     finally:
         served.close()
-    np.testing.assert_allclose(drawn["body"], drawn["plan body"], atol=1e-9)
+    np.testing.assert_allclose(drawn["body"], drawn["planned_body"], atol=1e-6)
 
 
 def test_a_long_log_has_every_cycle_where_it_is_looked_at(log_path: Path) -> None:
@@ -208,29 +206,32 @@ def test_a_link_is_drawn_by_its_mesh_where_the_file_is(
     files = {name: path.read_bytes() for name, path in described.items()}
     recording = known(log_path)
     changed = replace(recording, log=replace(recording.log, robot_files=files))
-    added: list[tuple[str, Any]] = []
-    monkeypatch.setattr("crux_tools.view.scene.add_meshes", lambda _, name, meshes, *__: added.append((name, meshes)))
-    Viewer([still(changed)], "127.0.0.1", 0).close()
-    assert ["LF_link2" in name for name, _ in added] == [True, True]  # the robot, and the plan's
-    server = SimpleNamespace(add_mesh_trimesh=lambda _, shape, **__: added.append(("drawn", shape.extents)))
-    add_meshes(server, "/x", [mesh], None, 1.0)
-    np.testing.assert_allclose(added[-1][1], [0.01, 0.02, 0.03], atol=1e-6)
+    served = Viewer([still(changed)], "127.0.0.1", 0)
+    try:
+        (drawn,) = (shape for shape in asked(served, "/scene")[0]["shapes"] if shape["kind"] == "mesh")
+        with open_page(served.url, (500, 700)) as page:
+            page.wait_until(READY)
+            assert page.errors == []
+    finally:
+        served.close()
+    corners = np.frombuffer(base64.b64decode(drawn["corners"]), "<f4").reshape(-1, 3)
+    np.testing.assert_allclose(np.ptp(corners, axis=0), [0.01, 0.02, 0.03], atol=1e-6)
+    assert (drawn["position"], drawn["body"] >= 0) == ([1, 2, 3], True)
+    assert np.frombuffer(base64.b64decode(drawn["faces"]), "<u4").max() == len(corners) - 1
 
 
 def test_unknown_paths_and_numbers_that_are_none_are_refused(viewer: Viewer) -> None:
-    for path in ("/nothing", "/at?time_s=soon&span_s=1", "/camera?name=moon", "/signal?name=x"):
+    for path in ("/nothing", "/at?time_s=soon&span_s=1", "/signal?name=x"):
         with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(viewer.url + path, timeout=20)
         assert refused.value.code == 404
 
 
-def test_its_ports_are_free_again(log_path: Path) -> None:
+def test_its_port_is_free_again(log_path: Path) -> None:
     served = Viewer([still(known(log_path))], "127.0.0.1", 0)
-    ports = [served.port, served.sides[0].server.get_port()]
     served.close()
-    for port in ports:
-        with socket.socket() as again:
-            again.bind(("127.0.0.1", port))
+    with socket.socket() as again:
+        again.bind(("127.0.0.1", served.port))
 
 
 def test_a_log_without_a_plan_has_no_wall(
@@ -244,13 +245,13 @@ def test_a_log_without_a_plan_has_no_wall(
 
 def test_the_page_in_a_browser(viewer: Viewer) -> None:
     with open_page(f"{viewer.url}/#t=1.0", (900, 600)) as page:
-        page.wait_until("typeof view !== 'undefined' && view.connected === true && view.shown > 0")
+        page.wait_until(READY)
         assert page.value("view.time") == 1.0
         page.press("ArrowRight")
         assert page.value("view.time") == pytest.approx(1.0 + CYCLE_S)
         page.press("f")
         assert page.value("view.time") == pytest.approx(200 * CYCLE_S)
-        assert "t=2.000" in page.value("location.hash")
+        page.wait_until("location.hash.includes('t=2.000')")
         page.press("p")
         assert page.value("view.time") < 2.0
         _drag(page, "robot_state.plan_time_s")
@@ -261,6 +262,45 @@ def test_the_page_in_a_browser(viewer: Viewer) -> None:
         assert shown.count("body 5.0 mm off") == 2  # both logs
         assert len(page.picture()) > 20_000
         assert page.errors == []
+
+
+PIXEL = """(() => {
+  spaces[0].draw();
+  const pen = spaces[0].pen, rgba = new Uint8Array(4);
+  pen.readPixels(%s, 1, 1, pen.RGBA, pen.UNSIGNED_BYTE, rgba);
+  return [...rgba];
+})()"""
+MIDDLE, BESIDE, ABOVE, CORNER = (
+    f"{x} * pen.drawingBufferWidth, {y} * pen.drawingBufferHeight"
+    for x, y in ((0.5, 0.5), (0.5, 0.1), (0.5, 0.9), (0.01, 0.99))
+)
+
+
+def test_the_3d_view_shows_robot_and_wall_from_where_it_is_looked_at(log_path: Path) -> None:
+    served = Viewer([still(known(log_path))], "127.0.0.1", 0)
+    try:
+        with open_page(served.url, (900, 600)) as page:
+            page.wait_until(READY)
+            page.press("2")  # the wall's camera: from above onto the body
+            red, green, blue, _ = page.value(PIXEL % MIDDLE)
+            assert red < green < blue < 120  # the body is dark blue
+            red, green, blue, _ = page.value(PIXEL % BESIDE)
+            assert max(red, green, blue) - min(red, green, blue) < 30  # the wall is grey
+            assert max(red, green, blue) < 220
+            assert min(page.value(PIXEL % CORNER)[:3]) > 240  # the sky
+            assert max(page.value(PIXEL % ABOVE)[:3]) < 220
+            page.value("camera.orbit(0, 1000)")  # along the wall
+            assert min(page.value(PIXEL % ABOVE)[:3]) > 240
+            without = (
+                "const own = HTMLCanvasElement.prototype.getContext, none = document.createElement('div');"
+                "HTMLCanvasElement.prototype.getContext = () => null;"
+                "new Space(none, scenes[0], camera, () => true).show(view.moments[0]);"
+                "HTMLCanvasElement.prototype.getContext = own; none.textContent"
+            )
+            assert page.value(without).startswith("No 3-D view: this browser has no WebGL 2.")
+            assert page.errors == []
+    finally:
+        served.close()
 
 
 def _drag(page: Page, name: str) -> None:

@@ -78,10 +78,10 @@ def test_a_plan_that_comes_is_the_wall_and_the_view_follows(url: str, log_path: 
     live.wait_for_first()
     viewer = Viewer([live.recording], "127.0.0.1", 0)
     try:
-        before = viewer.show_at(None)[0]["time_s"]
+        before = viewer.at(None)[0]["time_s"]
         play(log_path, url, "0.7", "1.2")
         heard(live, 1.1)
-        assert viewer.show_at(None)[0]["time_s"] > before + 0.4
+        assert viewer.at(None)[0]["time_s"] > before + 0.4
         assert viewer.answer("/story", {})["sides"][0]["what"] == "live"
         play(log_path, url, "0.4", "0.6")  # a runtime that began anew
         assert heard(live, 0.5).log.time_s[-1] < 0.7

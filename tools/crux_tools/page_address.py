@@ -28,7 +28,7 @@ def add_address(parser: argparse.ArgumentParser) -> None:
 
 
 def check_address(host: str, port: int) -> None:
-    """Where nothing can listen, viser would wait for its own server for ever. Raises UsageError."""
+    """Before the work, which may take a while. Raises UsageError where nothing can listen."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:

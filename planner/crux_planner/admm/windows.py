@@ -11,7 +11,7 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move, Schedule, Swinging, stance_after
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
-from crux_planner.search.schedule import grippers_at_knots
+from crux_planner.swing.at_knots import grippers_at_knots
 from crux_planner.swing.swing_cache import SwingCache
 
 STAGE_KNOTS = 5

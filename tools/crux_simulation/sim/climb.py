@@ -270,7 +270,7 @@ def climb(
     result = _judged([(0, plan), *further], plant, log, outcome, (last_words, unlogged), courses)
     said = guided.as_json() if guided is not None else None
     result = replace(result, bus=options.bus, worst_interrupts=interrupts, guide=said)
-    return _logged(result, plant, _tags(options).get("world", ""))
+    return _logged(result, plant, options.world)
 
 
 def _power_on(
@@ -360,10 +360,12 @@ def _judged(
     )
 
 
-def _logged(result: ClimbResult, plant: Plant, world: str) -> ClimbResult:
+def _logged(result: ClimbResult, plant: Plant, world: World | None) -> ClimbResult:
     """Adds what happened in physics, and the verdict, to the log. A log that cannot take it is incomplete."""
     try:
-        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, result.as_message(world))
+        verdict = result.as_message(world.name if world else "")
+        described = world.as_yaml() if world else ""
+        log_truth(result.log, recorded(plant), plant.robot.face_hold, plant.dt_s, verdict, described)
     except (OSError, ValueError) as error:
         if result.log_complete:
             said = f"log incomplete: no ground truth in it: {getattr(error, 'strerror', None) or error}"

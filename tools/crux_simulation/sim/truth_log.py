@@ -10,6 +10,7 @@ from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_msgs import truth_contacts_t, truth_verdict_t
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.cdr_table import LITTLE_ENDIAN_HEADER, fixed_dtype
+from crux_tools.telemetry.reader import WORLD
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -18,8 +19,11 @@ from crux_simulation.sim.recorder import Truth
 BODY, CONTACTS, VERDICT = "/truth/body", "/truth/contacts", "/truth/verdict"
 
 
-def log_truth(log: Path, truth: Truth, face_hold: NDArray[np.int64], dt_s: float, verdict: truth_verdict_t) -> None:
-    """Adds all samples and the verdict to a log whose runtime has ended. `face_hold` (n faces,): RobotModel's.
+def log_truth(
+    log: Path, truth: Truth, face_hold: NDArray[np.int64], dt_s: float, verdict: truth_verdict_t, world: str
+) -> None:
+    """Adds all samples and the verdict to a log whose runtime has ended, and the `world` as its file would have it,
+    where there is one. `face_hold` (n faces,): RobotModel's.
 
     Raises OSError or ValueError as telemetry.append does; the log is then as it was.
     """
@@ -47,6 +51,7 @@ def log_truth(log: Path, truth: Truth, face_hold: NDArray[np.int64], dt_s: float
             Series(CONTACTS, times_ns, _messages(CONTACTS, truth, contacts)),
             Series(VERDICT, times_ns[-1:], [cdr.encode(verdict)]),
         ],
+        {"crux_world": {WORLD: world}} if world else {},
     )
 
 

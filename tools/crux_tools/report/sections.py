@@ -22,6 +22,7 @@ from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import difference, robot_of
 from crux_tools.telemetry.plan_series import PlanSeries, Swing, plan_series
+from crux_tools.telemetry.reader import WORLD
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows
 
@@ -209,4 +210,6 @@ def log_sections(log: Telemetry, summary: Summary, verdict: truth_verdict_t | No
         sections.append(Section("timing", "Control cycle", text, plots=[timing]))
     if log.plan is not None:
         sections.append(_scenario(log.plan))
+    if world := log.metadata.get(WORLD):
+        sections.append(Section("world", "World of the simulation", text=world))
     return sections

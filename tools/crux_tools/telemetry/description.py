@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from crux_contracts.robot import Robot, RobotError, load_robot, robot_names
@@ -12,16 +12,24 @@ from crux_contracts.robot import Robot, RobotError, load_robot, robot_names
 SHOWN = 12  # digits of a hash that tell it from another
 
 
+def inside(name: str) -> str:
+    """A file's name without any step that leads out of a folder, as the runtime names the meshes in a log."""
+    return "/".join(part for part in name.split("/") if part not in {"", ".", ".."})
+
+
 @contextmanager
 def robot_of(name: str, files: dict[str, bytes]) -> Iterator[Robot]:
-    """The robot that `files` (robot.yaml and URDF, as a log has them) describe; its folder is gone with the context.
+    """The robot that `files` (robot.yaml, URDF, meshes, as a log has them) describe; its folder goes with the context.
 
     Where there are none, or none that this crux reads, it is the robot called `name` on this machine. Raises RobotError
     where that cannot be read either.
     """
     with tempfile.TemporaryDirectory(prefix="crux-robot-") as folder:
         for file, content in files.items():
-            (Path(folder) / Path(file).name).write_bytes(content)
+            path = Path(folder) / inside(file)
+            with suppress(OSError, ValueError):  # a name that no file can have
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
         try:
             robot = load_robot(Path(folder))
         except RobotError:

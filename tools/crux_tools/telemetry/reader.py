@@ -29,7 +29,8 @@ from crux_tools.telemetry.description import difference
 from crux_tools.telemetry.log_format import newer_format
 from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_bytes, chunk_records, records
 
-METADATA = ("crux_tags", "crux")  # what was told to the runtime to say, what it says itself
+METADATA = ("crux_tags", "crux", "crux_world")  # what the runtime was told to say, what it says itself; WORLD
+WORLD = "world.yaml"  # that of a simulation, as its file would have it
 NOTE_METADATA = "crux_note"  # of a user, when the log was written already
 END_METADATA = "crux_end"  # the last thing an orderly end writes; a footer the runtime has at any time
 N_LIMBS = 4

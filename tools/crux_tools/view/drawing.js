@@ -1,4 +1,4 @@
-// Draws lanes and plots on canvases that share one range of time and one cursor. Knows nothing of where data come from.
+// Draws lanes and plots on canvases that share one range of time, and cursors over them. Knows nothing of where data come from.
 "use strict";
 
 const GUTTER = 80, RIGHT = 8, ROW = 15, AXIS = 16;
@@ -10,7 +10,7 @@ const SPANS = {
 const WAIT = "#b89ad6", SLIP_WAIT = "#d0407a";
 
 function clock(canvas, range) {
-  const width = canvas.clientWidth - GUTTER - RIGHT;
+  const width = (canvas.span || canvas.clientWidth) - GUTTER - RIGHT; // asking would make the browser lay out the page
   return {
     x: (time) => GUTTER + (time - range.from) / (range.to - range.from) * width,
     time: (x) => range.from + (x - GUTTER) / width * (range.to - range.from),
@@ -18,7 +18,7 @@ function clock(canvas, range) {
 }
 
 function fresh(canvas, height) {
-  const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth;
+  const ratio = window.devicePixelRatio || 1, width = canvas.span = canvas.clientWidth;
   canvas.style.height = height + "px";
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
@@ -42,15 +42,22 @@ function ticks(low, high, count) {
   return found;
 }
 
-function drawCursor(pen, at, height, time, hover) {
-  for (const [when, colour] of [[hover, "#999"], [time, "#d00"]]) {
-    if (when === null || at.x(when) < GUTTER) continue;
-    pen.strokeStyle = colour;
-    pen.beginPath();
-    pen.moveTo(at.x(when), 0);
-    pen.lineTo(at.x(when), height);
-    pen.stroke();
-  }
+// Lines over a canvas, which need not be drawn again when they move. Its parent is what they lie in.
+function addCursors(canvas) {
+  canvas.cursors = ["hover", "cursor"].map((kind) => {
+    const line = document.createElement("i");
+    line.className = kind;
+    canvas.after(line);
+    return line;
+  });
+}
+
+function moveCursors(canvas, view) {
+  const at = clock(canvas, view);
+  [view.hover, view.time].forEach((when, n) => {
+    const x = when === null ? -1 : at.x(when), hidden = x < GUTTER || x > canvas.span;
+    canvas.cursors[n].style.transform = `translateX(${hidden ? -9 : Math.round(x)}px)`;
+  });
 }
 
 function drawSpan(pen, at, lane, span, shift, y) {
@@ -89,7 +96,6 @@ function drawLanes(canvas, sides, view, tag) {
     pen.fillRect(at.x(tick), y, 1, 4);
     pen.fillText(tick + " s", at.x(tick) + 3, y + 8);
   }
-  drawCursor(pen, at, height, view.time, view.hover);
 }
 
 // A curve as the least and largest of each interval, so that a spike of one cycle is seen at any zoom.
@@ -137,5 +143,4 @@ function drawPlot(canvas, curves, view, height) {
   }
   pen.setLineDash([]);
   pen.restore();
-  drawCursor(pen, at, height, view.time, view.hover);
 }

@@ -1,10 +1,11 @@
 """The pictures of a robot's links: meshes that its URDF names, where their files are there.
 
-A log carries robot.yaml and the URDF but no meshes: they come from the robot's folder on this machine.
+A log carries them beside robot.yaml and the URDF. Those of older logs come from the robot's folder on this machine.
 """
 
 from __future__ import annotations
 
+import base64
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import Any
 import numpy as np
 from crux_contracts import robot as robots
 from scipy.spatial.transform import Rotation
+
+from crux_tools.telemetry.description import inside
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
                 break
             name = mesh.get("filename", "").removeprefix("file://")
             inner = name.removeprefix("package://").partition("/")[2] if name.startswith("package://") else name
-            file = next((f / inner for f in (robot.folder, robots.ROBOTS / robot.name) if (f / inner).is_file()), None)
+            places = (robot.folder / inner, robot.folder / inside(inner), robots.ROBOTS / robot.name / inner)
+            file = next(filter(Path.is_file, places), None)
             if file is None:
                 break
             origin = visual.find("origin")
@@ -52,18 +56,23 @@ def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
     return found
 
 
-def add_meshes(
-    scene: Any, name: str, meshes: list[Mesh], ghost_rgb: tuple[int, int, int] | None, opacity: float
-) -> None:
-    """Adds them below the frame called `name`, as a ghost where a colour is given."""
+def drawn_mesh(mesh: Mesh) -> dict[str, Any]:
+    """For the page: corners, their normals and the triangles' corners as little-endian bytes in base64."""
     import trimesh
 
-    for i, mesh in enumerate(meshes):
-        shape: Any = trimesh.load(mesh.file, force="mesh")
-        shape.apply_scale(mesh.scale)
-        place: dict[str, Any] = {"position": mesh.position, "wxyz": mesh.wxyz}
-        if ghost_rgb is None:
-            scene.add_mesh_trimesh(f"{name}/mesh{i}", shape, **place)
-        else:
-            more = {"color": ghost_rgb, "opacity": opacity, "cast_shadow": False}
-            scene.add_mesh_simple(f"{name}/mesh{i}", shape.vertices, shape.faces, **more, **place)
+    shape: Any = trimesh.load(mesh.file, force="mesh")
+    shape.apply_scale(mesh.scale)
+    return {
+        "kind": "mesh",
+        "size": [1.0, 1.0, 1.0],
+        "position": mesh.position.tolist(),
+        "wxyz": mesh.wxyz.tolist(),
+        "rgb": [int(channel) for channel in shape.visual.main_color[:3]],
+        "corners": _packed(shape.vertices, "<f4"),
+        "normals": _packed(shape.vertex_normals, "<f4"),
+        "faces": _packed(shape.faces, "<u4"),
+    }
+
+
+def _packed(table: Any, kind: str) -> str:
+    return base64.b64encode(np.asarray(table, kind).tobytes()).decode()

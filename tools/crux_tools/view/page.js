@@ -1,11 +1,13 @@
 // The page's time, its keys and buttons, and what it asks the server for. One time for lanes, plots and 3-D views.
 "use strict";
 
-const PLOT_HEIGHT = 92, STORY_EVERY_MS = 1000, REACH_PX = 6, MOST_MS = 100;
+const PLOT_HEIGHT = 92, STORY_EVERY_MS = 1000, REACH_PX = 6, MOST_MS = 100, REST_MS = 150;
 const byId = (id) => document.getElementById(id);
 const view = { from: 0, to: 1, time: 0, hover: null, playing: false, shown: 0 };
+const spaces = []; // the 3-D views
+const SHOWN = ["planned", "forces", "moments"];
 const plots = []; // {names, curves: name -> sides, box, canvas, legend}
-let story = null, asking = false, wanted = null, fetching = null;
+let story = null, known = [], camera = null, scenes = null, asking = false, wanted = null, fetching = null, remembering = null;
 
 const ask = async (path) => {
   const answer = await fetch(path);
@@ -16,13 +18,26 @@ const begin = () => Math.min(...story.sides.map((side) => side.begin_s + side.sh
 const end = () => Math.max(...story.sides.map((side) => side.end_s + side.shift_s));
 const follows = () => story.sides[0].what === "live" && byId("follow").checked;
 const tag = (number) => story.sides.length > 1 ? "AB"[number] + " " : "";
-const events = (serious) => story.sides
-  .flatMap((side, n) => side.events.map((event) => ({ ...event, at: event.time_s + side.shift_s, tag: tag(n) })))
-  .filter((event) => event.serious || !serious).sort((a, b) => a.at - b.at);
+const events = (serious) => known.filter((event) => event.serious || !serious);
 
+function takeStory(told) {
+  story = told;
+  known = story.sides
+    .flatMap((side, n) => side.events.map((event) => ({ ...event, at: event.time_s + side.shift_s, tag: tag(n) })))
+    .sort((a, b) => a.at - b.at);
+}
+
+// All of the time line: what is in it or its range has changed.
 function draw() {
   drawLanes(byId("lanes"), story.sides, view, tag);
-  for (const plot of plots) drawPlot(plot.canvas, curvesOf(plot), view, PLOT_HEIGHT), tell(plot);
+  for (const plot of plots) drawPlot(plot.canvas, curvesOf(plot), view, PLOT_HEIGHT);
+  point();
+}
+
+// What moves with the time: cursors and values.
+function point() {
+  for (const canvas of [byId("lanes"), ...plots.map((plot) => plot.canvas)]) moveCursors(canvas, view);
+  plots.forEach(tell);
   if (document.activeElement !== byId("time")) byId("time").value = view.time.toFixed(3);
 }
 
@@ -38,15 +53,18 @@ function curvesOf(plot) {
 
 // The value of a curve at a time: the last point that is not after it.
 function valueAt(curve, time) {
-  let found = null;
-  for (let i = 0; i < curve.time_s.length && curve.time_s[i] + curve.shift_s <= time + 1e-9; i++) found = curve.high[i];
-  return found;
+  let low = 0, high = curve.time_s.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (curve.time_s[middle] + curve.shift_s <= time + 1e-9) low = middle + 1; else high = middle;
+  }
+  return low ? curve.high[low - 1] : null;
 }
 
 function tell(plot) {
-  const time = view.hover === null ? view.time : view.hover;
+  const time = view.hover === null ? view.time : view.hover, curves = curvesOf(plot);
   plot.names.forEach((name, n) => {
-    const values = curvesOf(plot).filter((curve) => curve.name === name).map((curve) => valueAt(curve, time));
+    const values = curves.filter((curve) => curve.name === name).map((curve) => valueAt(curve, time));
     const words = values.map((value) => value === null ? "–" : Number(value.toPrecision(5))).join(" / ");
     plot.legend.children[n].textContent = `${name} ${words} ✕`;
   });
@@ -64,19 +82,33 @@ async function showAt(time) {
       const sides = await ask(path);
       if (path === "/at") view.time = sides[0].time_s, moveRange(sides[0].time_s);
       byId("captions").textContent = sides.map((side) => side.lines.join("\n")).join("\n\n");
-      view.shown += 1;
+      show(sides);
     } catch (error) {
       byId("captions").textContent = "the viewer has ended";
       pause();
     }
   }
   asking = false;
-  draw();
+  point();
+}
+
+function show(sides) {
+  const moved = view.moments && less(sides[0].body, view.moments[0].body);
+  view.moments = sides;
+  if (moved && byId("follows").checked) camera.target = add(camera.target, moved);
+  spaces.forEach((space, n) => space.show(sides[n]));
+  view.shown += 1;
+}
+
+// Looks from one of the scene's places at the body, or at a gripper.
+function look(name) {
+  const side = view.moments[0], gripper = scenes[0].grippers.indexOf(name);
+  camera.look(gripper < 0 ? side.body : side.grippers.slice(3 * gripper, 3 * gripper + 3), scenes[0].cameras[name]);
 }
 
 function moveRange(time) {
   const width = view.to - view.from;
-  if (time > view.to || time < view.from) [view.from, view.to] = [time - width * 0.9, time + width * 0.1], fetchSoon();
+  if (time > view.to || time < view.from) [view.from, view.to] = [time - width * 0.9, time + width * 0.1], fetchSoon(), draw();
 }
 
 function seek(time) {
@@ -85,11 +117,17 @@ function seek(time) {
   moveRange(view.time);
   markEvent();
   showAt(view.time);
-  draw();
+  point();
   if (!view.playing) remember();
 }
 
+// In the address, when the hand has come to rest: browsers refuse to be told hundreds of addresses.
 function remember() {
+  clearTimeout(remembering);
+  remembering = setTimeout(rememberNow, REST_MS);
+}
+
+function rememberNow() {
   const words = plots.map((plot) => plot.names.join(",")).join(";");
   const hash = `t=${view.time.toFixed(3)}&from=${view.from.toFixed(3)}&to=${view.to.toFixed(3)}&plots=${words}`;
   history.replaceState(null, "", "#" + hash);
@@ -151,6 +189,7 @@ function addPlot(names) {
   byId("plots").insertBefore(box, byId("plots").lastElementChild);
   const plot = { names: [], curves: {}, box, canvas, legend };
   plots.push(plot);
+  addCursors(canvas);
   pointAt(canvas);
   takeDrops(box, (name) => addSignal(plot, name));
   names.forEach((name) => addSignal(plot, name));
@@ -200,10 +239,10 @@ function pointAt(canvas) {
     view.hover = event.offsetX > GUTTER ? timeOf(event) : null;
     if (held && held.moves) setRange(view.from + held.time - timeOf(event), view.to + held.time - timeOf(event));
     else if (held) seek(timeOf(event));
-    else draw();
+    else point();
   };
   canvas.onpointerup = () => { held = null; };
-  canvas.onpointerleave = () => { view.hover = null; draw(); };
+  canvas.onpointerleave = () => { view.hover = null; point(); };
   canvas.onwheel = (event) => {
     event.preventDefault();
     const at = timeOf(event), factor = Math.exp(event.deltaY / 400);
@@ -222,7 +261,7 @@ function nearEvent(canvas, event) {
 const whole = () => setRange(begin(), Math.max(end(), begin() + 1));
 
 function listEvents() {
-  const box = byId("events"), known = events(false);
+  const box = byId("events");
   if (box.childElementCount === known.length) return;
   box.replaceChildren(...known.map((event) => {
     const line = document.createElement("div");
@@ -235,10 +274,13 @@ function listEvents() {
 }
 
 function markEvent() {
-  const known = events(false), lines = [...byId("events").children];
-  const now = known.findLastIndex((event) => event.at <= view.time + 1e-4);
-  lines.forEach((line, i) => line.classList.toggle("now", i === now));
-  if (lines[now]) byId("events").scrollTop = lines[now].offsetTop - byId("events").offsetTop - 60;
+  const box = byId("events"), now = known.findLastIndex((event) => event.at <= view.time + 1e-4);
+  if (box.now === box.children[now]) return;
+  if (box.now) box.now.classList.remove("now");
+  box.now = box.children[now];
+  if (!box.now) return;
+  box.now.classList.add("now");
+  box.scrollTop = box.now.offsetTop - box.offsetTop - 60;
 }
 
 function listSignals() {
@@ -254,7 +296,6 @@ function listSignals() {
   }));
 }
 
-const look = (name) => ask("/camera?name=" + name);
 const step = (cycles) => seek(view.time + cycles * story.sides[0].step_s);
 const faster = (way) => { byId("speed").selectedIndex = Math.min(Math.max(byId("speed").selectedIndex + way, 0), 6); };
 const KEYS = {
@@ -272,11 +313,12 @@ function listen() {
   byId("next").onclick = () => jump(1);
   byId("fault").onclick = () => jump(1, true);
   byId("all").onclick = whole;
-  byId("link").onclick = () => { remember(); navigator.clipboard.writeText(location.href); };
+  byId("link").onclick = () => { rememberNow(); navigator.clipboard.writeText(location.href); };
   byId("time").onchange = () => seek(Number(byId("time").value) || 0);
   byId("difference").onchange = draw;
   byId("filter").oninput = listSignals;
-  story.cameras.forEach((name, i) => {
+  for (const name of SHOWN) byId(name).onchange = () => spaces.forEach((space) => space.soon());
+  Object.keys(scenes[0].cameras).forEach((name, i) => {
     const button = document.createElement("button");
     button.textContent = name;
     button.onclick = () => look(name);
@@ -305,12 +347,17 @@ function recall() {
 }
 
 async function main() {
-  story = await ask("/story");
+  takeStory(await ask("/story"));
   byId("names").textContent = story.sides.map((side) => side.name).join(" and ");
   byId("following").hidden = story.sides[0].what !== "live";
   byId("differing").hidden = story.sides.length < 2;
-  const frames = story.sides.map(() => document.createElement("iframe"));
-  byId("views").append(...frames);
+  scenes = await ask("/scene");
+  camera = new Camera(scenes[0].up);
+  scenes.forEach((scene) => {
+    const box = document.createElement("div");
+    byId("views").append(box);
+    spaces.push(new Space(box, scene, camera, (name) => byId(name).checked));
+  });
   const empty = document.createElement("div");
   empty.className = "empty";
   empty.textContent = "drop a signal here for a new plot";
@@ -318,30 +365,20 @@ async function main() {
   takeDrops(empty, (name) => addPlot([name]));
   listen();
   listSignals();
+  addCursors(byId("lanes"));
   pointAt(byId("lanes"));
   recall();
   listEvents();
+  show(await ask(`/at?time_s=${view.time}&span_s=${view.to - view.from}`));
+  look("overview");
   if (story.sides[0].what === "live") live(); else seek(view.time);
-  for (const number of frames.keys()) await connect(frames, number);
-  window.onblur = () => setTimeout(() => window.focus(), 0); // a click in a 3-D view would keep the keys
-  window.focus();
   view.connected = true;
-}
-
-// viser connects only while its frame has the keys' focus; so it has it until the server sees one more.
-async function connect(frames, number) {
-  const before = (await ask("/watchers"))[number];
-  frames[number].src = `http://${location.hostname}:${story.sides[number].view_port}/?hideViserLogo`;
-  while ((await ask("/watchers"))[number] <= before) {
-    frames[number].focus();
-    await new Promise((done) => setTimeout(done, 100));
-  }
 }
 
 async function live() {
   setInterval(() => { if (follows()) showAt("newest"); }, 40);
   setInterval(async () => {
-    story = await ask("/story");
+    takeStory(await ask("/story"));
     listEvents();
     fetchSoon();
   }, STORY_EVERY_MS);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,8 +18,9 @@ from crux_tools.view.server import Source, Viewer, moment
 
 SIZE_PX = (1500, 950)
 FRAMES_A_S = 10
-DRAWN_S = 0.3  # viser does not say when it has drawn what it was told
-_CLOSE_NOTES = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())"
+READY = "typeof view !== 'undefined' && view.connected === true && !asking && wanted === null"
+_SHARP = "spaces.forEach((space) => space.draw(true))"
+_PLOTTED = "plots.every((plot) => plot.names.every((name) => plot.curves[name]))"
 
 
 @contextmanager
@@ -28,10 +28,7 @@ def _page(sources: list[Source], at_s: float) -> Iterator[Page]:
     viewer = Viewer(sources, "127.0.0.1", 0)
     try:
         with open_page(viewer.url + moment(at_s), SIZE_PX) as page:
-            page.wait_until("typeof view !== 'undefined' && view.connected === true && view.shown > 0")
-            time.sleep(2.0)  # viser fades in
-            page.everywhere(_CLOSE_NOTES)  # viser's, that there is no graphics card
-            time.sleep(DRAWN_S)
+            page.wait_until(f"{READY} && {_PLOTTED}")
             yield page
     finally:
         viewer.close()
@@ -40,6 +37,7 @@ def _page(sources: list[Source], at_s: float) -> Iterator[Page]:
 def write_screenshot(path: Path, sources: list[Source], at_s: float) -> None:
     """PNG of the page. Raises WorkFailed without Chromium."""
     with _page(sources, at_s) as page:
+        page.value(_SHARP)
         write_whole(path, page.picture())
 
 
@@ -50,8 +48,8 @@ def write_video(path: Path, sources: list[Source], from_s: float, to_s: float, s
     with _page(sources, from_s) as page, progress("filming", len(times_s)) as bar:
         for i, time_s in enumerate(times_s):
             page.value(f"seek({time_s})")
-            page.wait_until("!asking && wanted === null")
-            time.sleep(DRAWN_S)
+            page.wait_until(READY)
+            page.value(_SHARP)
             pictures.append(page.picture())
             bar.at(i)
     write_whole(path, mp4(pictures, SIZE_PX, FRAMES_A_S) if path.suffix == ".mp4" else _animated(pictures, path.suffix))

@@ -1,15 +1,14 @@
-"""Serves the viewer: a page with time line and plots, and beside it viser's 3-D view of each recording.
+"""Serves the viewer: a page with the robot in 3-D, a time line and plots.
 
-The page keeps the time and asks for what it draws; `/at` moves the 3-D views. All who look at one server see the same
-moment in 3-D.
+The page keeps the time and asks for what it draws; all who look at one server look at moments of their own.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import math
+import sys
 import threading
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -17,10 +16,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-import viser
-
 from crux_tools.view.recording import Recording
-from crux_tools.view.scene import CAMERAS, Scene, caption
+from crux_tools.view.scene import Scene, caption
 from crux_tools.view.signals import Signal, difference, reduced, signals_of
 from crux_tools.view.story import start_s, story_of
 
@@ -30,6 +27,8 @@ FILES = {
     "/page.css": ("page.css", "text/css"),
     "/page.js": ("page.js", "text/javascript"),
     "/drawing.js": ("drawing.js", "text/javascript"),
+    "/shapes.js": ("shapes.js", "text/javascript"),
+    "/space.js": ("space.js", "text/javascript"),
 }
 MOST_POINTS = 4000
 PORTS = 100  # that are tried, from the wished one on
@@ -48,21 +47,13 @@ def still(recording: Recording) -> Source:
     return lambda _from_s, _to_s: recording
 
 
-def _quiet() -> contextlib.redirect_stdout[io.StringIO]:
-    """viser greets and takes leave on standard output, which belongs to the summary."""
-    return contextlib.redirect_stdout(io.StringIO())
-
-
 class Side:
     """One recording: its 3-D view, its signals and how its times are shifted to those of the first."""
 
-    def __init__(self, source: Source, host: str, port: int, shift_s: float) -> None:
+    def __init__(self, source: Source, shift_s: float) -> None:
         self.source, self.shift_s = source, shift_s
-        with _quiet():
-            self.server = viser.ViserServer(host=host, port=port, label="crux", verbose=False)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         recording = source(*ALL)
-        self.scene = Scene(self.server, recording)
+        self.scene = Scene(recording)
         self._known = (recording, signals_of(recording))
 
     def between(self, from_s: float, to_s: float) -> Recording:
@@ -76,27 +67,23 @@ class Side:
             self._known = (recording, signals_of(recording))
         return self._known[1]
 
-    def show_at(self, time_s: float | None, span_s: float) -> dict[str, Any]:
-        """Moves the 3-D view to a time of the page, which shows a span about it, or to the newest row."""
+    def at(self, time_s: float | None, span_s: float) -> dict[str, Any]:
+        """What is to be drawn at a time of the page, which shows a span about it, or of the newest row."""
         recording = self.source(*ALL) if time_s is None else self.between(time_s - span_s / 2, time_s + span_s / 2)
         row = recording.row_at(math.inf if time_s is None else time_s - self.shift_s)
-        with self.server.atomic():
-            self.scene.show(row, recording)
-        return {"time_s": float(recording.log.time_s[row]) + self.shift_s, "lines": caption(recording, row)}
+        told = {"time_s": float(recording.log.time_s[row]) + self.shift_s, "lines": caption(recording, row)}
+        return told | self.scene.at(row, recording)
 
 
 class Viewer:
     """A running server; `close` ends it. A port that is taken gives way to the next free one: see `url`."""
 
     def __init__(self, sources: list[Source], host: str, port: int) -> None:
-        self._drawing = threading.Lock()  # one request a thread
+        self._working = threading.Lock()  # one request a thread
         begins = [start_s(source(*ALL)) for source in sources]
         self._server = _listening(host, port, self)
         self._host, self.port = host, self._server.server_port
-        self.sides = [
-            Side(source, host, self.port + 1, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)
-        ]
-        self.show_at(float(sources[0](*ALL).log.time_s[0]))
+        self.sides = [Side(source, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)]
         self._thread = threading.Thread(target=self._server.serve_forever, name="viewer", daemon=True)
         self._thread.start()
 
@@ -105,38 +92,31 @@ class Viewer:
         """Where a browser finds the page."""
         return f"http://{self._host}:{self.port}"
 
-    def show_at(self, time_s: float | None, span_s: float = math.inf) -> list[dict[str, Any]]:
-        """Moves every 3-D view to a time of the page, which shows so much of it; None: each to its newest row."""
-        with self._drawing:
-            return [side.show_at(time_s, span_s) for side in self.sides]
+    def at(self, time_s: float | None, span_s: float = math.inf) -> list[dict[str, Any]]:
+        """What every side shows at a time of the page, which shows so much of it; None: each its newest row."""
+        with self._working:
+            return [side.at(time_s, span_s) for side in self.sides]
 
     def answer(self, path: str, query: Query) -> Any:
         """What a path of the page's is answered with. Raises KeyError for an unknown one, ValueError for a number."""
         if path == "/story":
             return self._story()
         if path == "/at":
-            return self.show_at(float(query["time_s"]), float(query["span_s"])) if query else self.show_at(None)
+            return self.at(float(query["time_s"]), float(query["span_s"])) if query else self.at(None)
         if path == "/signal":
             return self._signal(query["name"], float(query["from_s"]), float(query["to_s"]), int(query["points"]))
-        if path == "/watchers":
-            return [len(side.server.get_clients()) for side in self.sides]
-        if path == "/camera":
-            with self._drawing:
-                for side in self.sides:
-                    side.scene.look(query["name"])
-            return {}
+        if path == "/scene":
+            return [side.scene.description for side in self.sides]
         raise KeyError(path)
 
     def _story(self) -> dict[str, Any]:
-        stories = [
-            story_of(side.source(*ALL), side.shift_s) | {"view_port": side.server.get_port()} for side in self.sides
-        ]
-        return {"sides": stories, "signals": list(self.sides[0].signals()), "cameras": list(CAMERAS)}
+        stories = [story_of(side.source(*ALL), side.shift_s) for side in self.sides]
+        return {"sides": stories, "signals": list(self.sides[0].signals())}
 
     def _signal(self, name: str, from_s: float, to_s: float, points: int) -> list[dict[str, Any]]:
         """The course on each side, and the difference where there are two."""
         points = min(max(points, 2), MOST_POINTS)
-        with self._drawing:
+        with self._working:
             sides = [(side, side.signals(from_s, to_s).get(name)) for side in self.sides]
         found = [
             {"shift_s": side.shift_s, **reduced(signal, from_s - side.shift_s, to_s - side.shift_s, points)}
@@ -156,17 +136,15 @@ class Viewer:
             self._thread.join(1.0)
 
     def close(self) -> None:
-        """Closes all ports."""
+        """Closes the port."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
-        with _quiet():
-            for side in self.sides:
-                side.server.stop()
 
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True  # head and body are sent apart
     server: _Server
 
     def do_GET(self) -> None:
@@ -182,7 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
         except (KeyError, ValueError) as error:
             self._send(404, "text/plain", f"no {parts.path}: {error}".encode())
             return
-        self._send(200, "application/json", json.dumps(found).encode())
+        self._send(200, "application/json", json.dumps(found, separators=(",", ":")).encode())
 
     def _send(self, status: int, kind: str, body: bytes) -> None:
         self.send_response(status)
@@ -203,6 +181,11 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], viewer: Viewer) -> None:
         super().__init__(address, _Handler)
         self.viewer = viewer
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that was closed while it asked is none."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 def _listening(host: str, port: int, viewer: Viewer) -> _Server:
