@@ -51,6 +51,7 @@ Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noe
   clock_.reset();
   test_.reset();
   retry_.reset();
+  searches_.fill({});
   return_ = Return::kNone;
   const PlanReference before = reference_;
   reference_ = plan_ ? play(*plan_, clock_.now()) : PlanReference();

@@ -17,6 +17,7 @@
 #include "core/fault_monitor.hpp"
 #include "core/grasp_retry.hpp"
 #include "core/grasp_test.hpp"
+#include "core/hold_search.hpp"
 #include "core/limb_controller.hpp"
 #include "core/map_localisation.hpp"
 #include "core/plan_clock.hpp"
@@ -96,6 +97,8 @@ class ControlCore {
   /// Grasp force that each limb's share of the load needs.
   PerLimb<double> needs_N(const PlanReference& reference) const noexcept;
   void begin_test(int limb) noexcept;
+  /// Sends a limb whose finger stands on its hold over to the side where the hold is.
+  void search_hold(int limb, const LimbReference& reference, LimbEvents& events, double dt_s) noexcept;
   void test_grasps(const PlanReference& reference, double dt_s) noexcept;
   void press_holds(const PlanReference& reference, double dt_s) noexcept;
   LoopErrors loop_errors(double late_s) const noexcept;
@@ -120,6 +123,7 @@ class ControlCore {
   LoadSharing sharing_;
   GraspTest test_;
   GraspRetry retry_;
+  PerLimb<HoldSearch> searches_;
   FaultMonitor faults_;
   Supervisor supervisor_;
   StanceFit stance_;

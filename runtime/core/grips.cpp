@@ -1,5 +1,6 @@
 // How the control core presses on holds, pulls new grasps, tries them again and finds a hold again that it left.
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "core/control_core.hpp"
@@ -9,6 +10,10 @@ namespace {
 
 // Of a joint's effort: a pull loads other limbs no further.
 constexpr double kMostTorque = 0.95;
+// A gripper on its way down has stood so long: it does not come down.
+constexpr double kBlocked_s = 0.3;
+// Share of the fingers' opening from which on it is a finger that stands on something, not the hand.
+constexpr double kFinger = 0.6;
 
 }  // namespace
 
@@ -65,7 +70,7 @@ void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexc
     const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
     if (climbs && test_.result(l) == GraspTest::Result::kFailed && retry_.begin(l)) {
       test_.forget(l);
-      limbs_[l].aim_beside(retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
+      limbs_[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
     }
   }
 }
@@ -125,6 +130,31 @@ void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   if (ends || command == crux_msgs::command_t::HOLD) return_ = Return::kOver;
 }
 
+void ControlCore::search_hold(int limb, const LimbReference& reference, LimbEvents& events, double dt_s) noexcept {
+  HoldSearch& search = searches_[limb];
+  if (reference.phase != LimbPhase::kDescend && !reference.closing()) return search.reset();
+  const Vector3 missed_W_m = limbs_[limb].gripper_W_m(body_.body_W()) - limbs_[limb].anchor_W_m(reference);
+  bool aims_anew = false;
+  if (search.searches()) {
+    aims_anew = search.advance(missed_W_m.norm(), dt_s);
+  } else if (clock_.waiting_for() == WaitingFor::kArrive && clock_.waiting_limb() == limb &&
+             clock_.waited_s() > kBlocked_s && limbs_[limb].runs_against() && !faults_.distrusted(limb)) {
+    const Vector3 axis_W = reference.finger_axis_W();
+    const Wrench& wrench_W = limbs_[limb].wrench_W();
+    const double open_m = limbs_[limb].finger_opening_m(), at_m = pressed_along_m(wrench_W, axis_W);
+    const bool finger = wrench_W.force_N.z() > robot_.control.contact_force_N && std::abs(at_m) > kFinger * open_m;
+    const int k = clock_.now().interval;
+    const LimbKnot& grasp = plan_->limbs[clock_.now().back ? std::max(k - 1, 0) : k + 1][limb];
+    const double slack_m = open_m - grasp.finger_opening_m;
+    const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
+    aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, robot_.control.max_contact_offset_m);
+  }
+  if (aims_anew) limbs_[limb].aim_beside(search.beside_W_m(), reference);
+  if (!search.searches() && !aims_anew) return;
+  events.arrived = false;
+  clock_.wait_anew();
+}
+
 void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noexcept {
   PerLimb<LimbEvents> events;
   for (int l = 0; l < kLimbs; ++l) events[l] = limbs_[l].events(reference.limbs[l], body_.body_W(), dt_s);
@@ -138,6 +168,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
   }
   for (int l = 0; l < kLimbs && started_ && !plan_->point_feet; ++l) {
     const LimbReference& limb = reference.limbs[l];
+    search_hold(l, limb, events[l], dt_s);
     if (retry_.limb() == l) {
       if (limb.phase == LimbPhase::kDescend && events[l].arrived) retry_.opened();
       events[l].gripped = false;

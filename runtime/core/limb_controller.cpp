@@ -231,7 +231,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
     return;
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
-  const bool runs_against = !reference.point_foot && borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm;
+  const bool runs_against = !reference.point_foot && this->runs_against();
   const Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
   if (reference.phase != LimbPhase::kOpen) {
     const Vector3 before_m = admittance_.offset_m();

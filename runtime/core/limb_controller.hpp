@@ -114,6 +114,8 @@ class LimbController {
   /// The greatest of it as a share of its joint's effort.
   double torque_share() const noexcept;
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
+  /// Its joints bear what gravity does not explain: in the air it runs against something.
+  bool runs_against() const { return borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm; }
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }

@@ -1,0 +1,108 @@
+// A hold that stands beside its place: a finger comes down on it, and the gripper goes over to that side.
+#include "core/hold_search.hpp"
+
+#include "core/gravity.hpp"
+#include "fixture.hpp"
+
+namespace crux_test {
+namespace {
+
+using crux_msgs::command_t;
+
+constexpr double kFinger_m = 0.052;  // from the gripper's centre to where a finger's tip stands
+constexpr double kPush_N = 20.0;
+
+TEST(HoldSearch, TellsWhereAlongTheFingersItIsPressed) {
+  const Matrix3 turn = rotation_z(0.7);
+  for (const double at_m : {-0.052, 0.0, 0.031}) {
+    const Vector3 force_N(1.0, 4.0, 18.0), place_m = turn * Vector3(at_m, 0.01, 0.0);
+    EXPECT_NEAR(pressed_along_m({force_N, place_m.cross(force_N)}, turn.col(0)), at_m, 1e-12);
+  }
+}
+
+TEST(HoldSearch, GoesUpOverAndDownAndNoFurtherThanItMay) {
+  HoldSearch search;
+  ASSERT_TRUE(search.begin(0.034, {0.018, 0.0, 0.0}, 0.03));
+  EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.0, 0.0, 0.034 + HoldSearch::kClear_m)));
+  EXPECT_FALSE(search.advance(0.02, 0.002));
+  EXPECT_TRUE(search.advance(0.001, 0.002));
+  EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.018, 0.0, 0.034 + HoldSearch::kClear_m)));
+  EXPECT_TRUE(search.advance(0.001, 0.002));
+  EXPECT_FALSE(search.searches());
+  EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.018, 0.0, 0.0)));
+  ASSERT_TRUE(search.begin(0.034, {0.018, 0.0, 0.0}, 0.03));
+  while (search.searches()) search.advance(1.0, 0.002);
+  EXPECT_TRUE(search.beside_W_m().isApprox(Vector3(0.03, 0.0, 0.0)));
+  EXPECT_FALSE(search.begin(0.034, {-0.018, 0.0, 0.0}, 0.03));
+}
+
+/// LF's hold stands to the side `side` of its opening axis: a finger stands on it until the gripper has gone there.
+class MovedHold : public testing::TestWithParam<double> {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(run_.until(SupervisorState::kReady, 20));
+    run_.steps(1000);
+    run_.step(command_t::START);
+  }
+  int phase() const { return run_.result.reference[0].phase; }
+  bool closes() const { return phase() == static_cast<int>(LimbPhase::kClose); }
+
+  void climb(double side, double over_m) {
+    std::array<double, kJoints> stood{};
+    for (int i = 0; i < 12000 && !closes() && !run_.result.has_fault; ++i) {
+      run_.step();
+      crux_msgs::control_input_t& in = run_.plant.input();
+      const crux_msgs::limb_telemetry_t& limb = run_.result.telemetry[0];
+      const Vector3 place_m(limb.gripper_position_w_m), planned_m(run_.result.reference[0].gripper_position_w_m);
+      const Vector3 axis = side * rotation_z(run_.result.reference[0].gripper_yaw_w_rad).col(0);
+      const bool clear = phase() != static_cast<int>(LimbPhase::kDescend) || (place_m - planned_m).dot(axis) > over_m;
+      if (stood_) highest_m_ = std::max(highest_m_, place_m.z());
+      if (clear || place_m.z() > kStands_m) {
+        std::copy_n(in.joint_position_rad, kJoints, stood.begin());
+        continue;
+      }
+      std::copy_n(stood.begin(), kJoints, in.joint_position_rad);
+      stood_ = true;
+      stand_on(kFinger_m * axis, in);
+    }
+  }
+
+  /// What sensor and joints feel of that.
+  void stand_on(const Vector3& at_W_m, crux_msgs::control_input_t& in) const {
+    const double* q = run_.result.telemetry[0].gripper_quaternion_w;
+    const Matrix3 rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+    const Vector3 force_N(0.0, 0.0, kPush_N), moment_Nm = at_W_m.cross(force_N);
+    LimbKinematics kinematics(robot().limbs[0]);
+    LimbState state;
+    kinematics.evaluate(JointVector(in.joint_position_rad), state);
+    const JointVector torque_Nm = contact_torque(state, {force_N, moment_Nm});
+    for (int j = 0; j < kJoints; ++j) in.joint_torque_nm[j] += torque_Nm[j];
+    for (int a = 0; a < 3; ++a) {
+      in.ft_force_g_n[a] += (rotation.transpose() * force_N)[a];
+      in.ft_moment_g_nm[a] += (rotation.transpose() * moment_Nm)[a];
+    }
+  }
+
+  static constexpr double kStands_m = 0.06;
+  Climber run_{sample_plan()};
+  bool stood_ = false;
+  double highest_m_ = 0.0;  ///< since then
+};
+
+TEST_P(MovedHold, IsFoundOnTheSideOfTheFingerThatStandsOnIt) {
+  climb(GetParam(), 0.01);
+  EXPECT_FALSE(run_.result.has_fault) << run_.result.fault.code;
+  EXPECT_TRUE(closes());
+  EXPECT_GT(highest_m_, kStands_m + 0.5 * HoldSearch::kClear_m);
+}
+
+TEST_P(MovedHold, ThatIsTooFarIsTold) {
+  climb(GetParam(), 0.05);
+  EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kEventTimeout));
+  EXPECT_EQ(run_.result.fault.limb, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Sides, MovedHold, testing::Values(1.0, -1.0));
+
+}  // namespace
+}  // namespace crux_test
