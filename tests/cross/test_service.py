@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
+import time
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNTIME = ROOT / "build" / "cmake" / "runtime" / "app" / "crux-runtime"
@@ -38,3 +43,17 @@ def test_wrong_options_end_the_service_and_a_crash_does_not() -> None:
         assert str(refused.returncode) == value("RestartPreventExitStatus")
         assert reason in refused.stderr
     assert value("Restart") == "on-failure"
+
+
+@pytest.mark.skipif(shutil.which("systemd-tmpfiles") is None or os.geteuid() != 0, reason="needs systemd, and root")
+def test_logs_go_after_90_days(tmp_path: Path) -> None:
+    rule = Path("etc/tmpfiles.d/crux-runtime.conf")
+    (tmp_path / rule).parent.mkdir(parents=True)
+    shutil.copy(ROOT / "packaging" / "crux-runtime.tmpfiles", tmp_path / rule)
+    logs = tmp_path / "var" / "log" / value("LogsDirectory")
+    logs.mkdir(parents=True)
+    for days in (1, 89, 91):
+        (logs / f"{days}.mcap").touch()
+        os.utime(logs / f"{days}.mcap", (time.time(), time.time() - days * 86400))
+    subprocess.run(["systemd-tmpfiles", "--clean", f"--root={tmp_path}"], check=True)
+    assert {path.stem for path in logs.iterdir()} == {"1", "89"}
