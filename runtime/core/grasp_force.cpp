@@ -78,7 +78,7 @@ void GraspController::open_to(double opening_m, double dt_s) noexcept {
 }
 
 void GraspController::press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept {
-  double speed_m_s = -control_.closing_speed_m_s;
+  double speed_m_s = -(hurries_ ? gripper_.max_finger_speed_m_s : control_.closing_speed_m_s);
   double most_m = gripper_.max_opening_m;
   if (measured_force_N >= kTouchShare * control_.contact_force_N) {
     // From the force of first touch upwards, so that the grip does not jump.

@@ -44,6 +44,8 @@ class GraspController {
 
   /// On a hold: closes until the fingers touch, then makes them press with `force_N`: opening speed = force error / D.
   void press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept;
+  /// It closes as fast as it can from now on, or no longer.
+  void hurry(bool hurries) noexcept { hurries_ = hurries; }
 
   /// Squeeze [N] that the actuator makes of its command where the fingers stand `opening_m` apart and move.
   double expected_force_N(double opening_m, double speed_m_s) const noexcept;
@@ -56,6 +58,7 @@ class GraspController {
   ControlParameters control_;
   double opening_command_m_ = 0.0;
   double force_reference_N_ = 0.0;
+  bool hurries_ = false;
 };
 
 }  // namespace crux

@@ -23,7 +23,8 @@ class GraspRetry {
   }
   void opened() noexcept { limb_ = -1; }
 
-  int limb() const { return limb_; }  ///< that opens for another try; -1: none
+  bool tried(int limb) const { return tries_[limb] > 0; }  ///< beside its first place already
+  int limb() const { return limb_; }                       ///< that opens for another try; -1: none
   /// From where the limb grips as planned to where it tries next, in W.
   Vector3 shift_W_m(const LimbReference& reference) const noexcept {
     return (tries_[limb_] % 2 == 0 ? -kShift_m : kShift_m) * Vector3::UnitZ().cross(reference.finger_axis_W());

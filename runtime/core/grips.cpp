@@ -68,7 +68,9 @@ void ControlCore::test_grasps(const PlanReference& reference, double dt_s) noexc
     if (!reference.limbs[l].gripping() && !reference.limbs[l].closing()) test_.forget(l);
     if (test_.limb() == l) test_.advance(limbs_[l].gripper_W_m(body_.body_W()), stance_.slid_m(l), needs_N, dt_s);
     const bool climbs = supervisor_.state() == SupervisorState::kClimbing;
-    if (climbs && test_.result(l) == GraspTest::Result::kFailed && retry_.begin(l)) {
+    // Beside a hold's edge there is nothing to grip: then it reaches to the other side.
+    const bool misses = retry_.tried(l) && limbs_[l].finds_no_hold(reference.limbs[l], started_);
+    if (climbs && (misses || test_.result(l) == GraspTest::Result::kFailed) && retry_.begin(l)) {
       test_.forget(l);
       limbs_[l].aim_beside(searches_[l].beside_W_m() + retry_.shift_W_m(reference.limbs[l]), reference.limbs[l]);
     }
@@ -89,6 +91,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
   for (int l = 0; l < kLimbs; ++l) any_lost = any_lost || faults_.lost(l);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
+    limbs_[l].hurry(any_lost);
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
     if (test_.limb() == l) force_N = wanted_grasp_force_N(now, test_.load_W());

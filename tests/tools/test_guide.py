@@ -11,12 +11,13 @@ import yaml
 from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
-from crux_msgs import limb_knot_t, plan_t
+from crux_msgs import limb_knot_t, plan_t, status_t
 from crux_planner import plan as make_plan
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
 from crux_tools.guide.guide import Attended, Guide
+from crux_tools.guide.situation import Situation
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry.reader import Channels, read_channels
 
@@ -99,6 +100,12 @@ def test_without_the_guide_in_mid_plan_the_plan_is_finished(
     result, _ = guided(plan, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
     assert looks[-1] is Attended.STARTED
     assert result.ok, result.reason
+
+
+def test_a_goal_that_asks_for_a_lost_hold_is_named(plan: plan_t, monkeypatch: pytest.MonkeyPatch) -> None:
+    situation = Situation(plan, status_t(), load_robot("scaler"))
+    monkeypatch.setattr(Situation, "useless", lambda _: {"right-rear-high": RR, "right-rear-low": RR})
+    assert situation.wanted_in_vain() == ["RR on right-rear-high"]
 
 
 def test_no_runtime_and_no_terminal_are_told(

@@ -234,6 +234,17 @@ TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
   EXPECT_LT(highest, 26.0);
 }
 
+TEST(GraspController, ClosesAsFastAsItCanWhereItHurries) {
+  GraspController grasp(robot().gripper, robot().control);
+  grasp.reset(0.05, 0.0);
+  grasp.press(20.0, 0.0, 0.05, kDt_s);
+  EXPECT_NEAR(grasp.opening_command_m(), 0.05 - kDt_s * robot().control.closing_speed_m_s, 1e-9);
+  grasp.hurry(true);
+  grasp.reset(0.05, 0.0);
+  grasp.press(20.0, 0.0, 0.05, kDt_s);
+  EXPECT_NEAR(grasp.opening_command_m(), 0.05 - kDt_s * robot().gripper.max_finger_speed_m_s, 1e-9);
+}
+
 TEST(GraspController, WhatDragsTheFingersInTheAirIsNoTouch) {
   GraspController grasp(robot().gripper, robot().control);
   grasp.reset(0.048, 0.0);

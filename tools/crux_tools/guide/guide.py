@@ -135,6 +135,9 @@ class Guide:
         goals = [None] if not self.climbs_down else []
         for goal in [*goals, *situation.safe_goals()[:SAFE_STANCES]]:
             where = "to the goal" if goal is None else "back to a safe stance"
+            if goal is None and (wanted := situation.wanted_in_vain()):
+                self.say(f"no way {where}: it asks for {' and '.join(wanted)}")
+                continue
             try:
                 planner = Planner(situation.scenario(goal), self.robot)
                 result = planner.plan(time_limit_s=PLANNING_S, method=f"guide: {situation.reason}")

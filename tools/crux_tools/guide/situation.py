@@ -70,6 +70,11 @@ class Situation:
             limbs.append(limb)
         return {self.hold(limb): limb for limb in limbs}
 
+    def wanted_in_vain(self) -> list[str]:
+        """What the goal asks for that is no hold any more."""
+        grasps = yaml.safe_load(self.plan.scenario_yaml)["goal"].get("grasps") or {}
+        return [f"{limb} on {grasp['hold']}" for limb, grasp in grasps.items() if grasp["hold"] in self.useless()]
+
     def _phase(self, limb: int) -> int:
         return int(self.status.reference[limb].phase)
 
