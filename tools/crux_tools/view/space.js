@@ -3,7 +3,7 @@
 "use strict";
 
 const TANGENT = 0.4, NEAR_M = 0.02, FAR_M = 60, SHAFT_M = 0.012, HEAD_M = 0.028, HEAD_LONG_M = 0.025;
-const GHOST = [30, 160, 160, 0.32], SKY = [0.965, 0.97, 0.98, 1], SHARP_AFTER_MS = 250;
+const GHOST = [30, 160, 160, 0.32], SKY = [0.965, 0.97, 0.98, 1], SHARP_AFTER_MS = 700;
 const FLOATS = 20, STEEPEST = 0.998; // an instance: a matrix and a colour; of the cosine between line of sight and up
 const SHADE = `#version 300 es
 layout(location = 0) in vec3 corner; layout(location = 1) in vec3 normal;
