@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trimesh
@@ -41,7 +42,7 @@ def with_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return robots
 
 
-def drawn(log: Path) -> list[dict[str, object]]:
+def drawn(log: Path) -> list[dict[str, Any]]:
     recording = recording_of(log)
     assert recording is not None
     return [shape for shape in Scene(recording).description["shapes"] if shape["kind"] == "mesh"]
