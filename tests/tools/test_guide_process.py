@@ -20,16 +20,16 @@ from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import command_t, plan_t, robot_state_t
 from crux_planner import plan as make_plan
+from crux_simulation.sim.climb import ClimbOptions, plant_of
+from crux_simulation.sim.firmware_nodes import FirmwareNodes
+from crux_simulation.sim.loop import START_CYCLE
+from crux_simulation.sim.plant import Plant
+from crux_simulation.sim.ports import run_ports
+from crux_simulation.sim.practice import Practice
+from crux_simulation.sim.runtime_process import GUARD_TIME_S, RuntimeProcess, runtime_arguments
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.operator_link import OperatorLink
 from crux_tools.replay.recompute import recompute
-from crux_tools.sim.climb import ClimbOptions, plant_of
-from crux_tools.sim.firmware_nodes import FirmwareNodes
-from crux_tools.sim.loop import START_CYCLE
-from crux_tools.sim.plant import Plant
-from crux_tools.sim.ports import run_ports
-from crux_tools.sim.practice import Practice
-from crux_tools.sim.runtime_process import GUARD_TIME_S, RuntimeProcess, runtime_arguments
-from crux_tools.sim.world_file import parse_world
 
 SCENE = Path(__file__).parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
 WORLD = b"version: 1\nname: test\nholds: {right-rear-low: {breaks_at_s: 10.0}}\n"

@@ -70,7 +70,7 @@ class Scene:
         mujoco.mj_kinematics(self._robot.model, self._data)
         self._moving = np.flatnonzero(self._robot.model.body_weldid != 0)
         up = -np.array(plan.gravity_w_m_s2)
-        self.description = {
+        self.description: dict[str, Any] = {
             "up": _numbers(up / np.linalg.norm(up)),
             "shapes": self._shapes(meshes),
             "arrows": {name: rgb for name, (_, _, rgb) in ARROWS.items()},
