@@ -11,6 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from crux_contracts.robot import Robot
+    from crux_contracts.scenario import Scenario
+
+    from crux_planner.errors import InfeasibleError
     from crux_planner.pipeline.message import PlanResult
 
 DONE, FAILED, USAGE = 0, 1, 2
@@ -47,6 +51,8 @@ def add_plan_parser(subparsers: Any) -> None:
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
     prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
+    proofs = "write what shows a proof to a file that crux check verifies; not every proof has one"
+    add("--certificate", type=Path, metavar="FILE", help=proofs)
     add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")
     add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
     lost = "with --from: a hold that is lost (repeatable)"
@@ -71,7 +77,8 @@ def run_plan(args: argparse.Namespace) -> int:
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
-        look_at_outputs({"-o": args.output}, (args.scenario, args.running))
+        outputs = {"-o": args.output, "--certificate": args.certificate}
+        look_at_outputs({k: v for k, v in outputs.items() if v}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None or scenario.start.air:
                 from crux_planner.pipeline.replan import Planner
@@ -98,6 +105,8 @@ def run_plan(args: argparse.Namespace) -> int:
         write_plan(args.output, result.plan)
     except InfeasibleError as error:
         message = f"{args.scenario}: {error.verdict} ({error.constraint}): {error}"
+        if args.certificate is not None:
+            message += f"\n{_certify(args.certificate, scenario, robot, error)}"
         return _fail(args, message, FAILED, **error.to_json())
     except (DocumentError, OutputError, PlanFileError) as error:
         return _fail(args, str(error), USAGE)
@@ -107,7 +116,22 @@ def run_plan(args: argparse.Namespace) -> int:
         print(json.dumps({**result.to_json(), "plan": str(args.output), "plan_id": result.plan.plan_id}))
     else:
         _show(result, args.output)
+    if args.certificate is not None:
+        print("crux plan: no certificate for this kind of proof: bounds of the cost have none yet", file=sys.stderr)
     return DONE
+
+
+def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleError) -> str:
+    """Write the certificate of a proof, if it has one; what to say of it."""
+    from crux_planner.pipeline.certificates import certify_no_plan
+
+    if not error.proven:
+        return "no certificate: nothing is proven"
+    document = certify_no_plan(scenario, robot)
+    if document is None:
+        return "no certificate for this kind of proof: the checker's own bounds are wider than it"
+    path.write_text(json.dumps(document) + "\n")
+    return f"{path}: certificate that there is no plan; crux check {path} verifies it"
 
 
 def _seconds(text: str) -> float:
@@ -133,7 +157,8 @@ def _astray(args: argparse.Namespace) -> str:
         given = {"--at": args.at is not None, "--without": bool(args.without)}
         reason = "is about a plan that runs: give it by --from PLAN.mcap"
     else:
-        given = {"--method": args.method is not None, "--prove": args.prove is not None}
+        given = {"--method": args.method, "--prove": args.prove, "--certificate": args.certificate}
+        given = {name: value is not None for name, value in given.items()}
         reason = "does not go with --from, which always keeps to the running plan where it can"
     return "; ".join(f"{name} {reason}" for name, is_given in given.items() if is_given)
 

@@ -17,23 +17,28 @@ SHOWN_TIGHTEST = 8
 EPILOG = """examples:
   crux check out/plan.mcap
   crux check out/plan.mcap --json
+  crux check out/proof.json --scenario msgs/scenarios/climb-four-holds.yaml
 
 what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
 joint speeds and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them
 
-exit status: 0 the plan passes, 1 it violates a constraint, 2 the file cannot be read"""
+of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and robot
+
+exit status: 0 the plan passes, the claim is shown; 1 not; 2 the file cannot be read"""
 
 
 def add_check_parser(subparsers: Any) -> None:
     """Add `check` to the subcommands of crux."""
     parser = subparsers.add_parser(
         "check",
-        help="check a plan independently of the planner",
-        description="Check a plan against every constraint, independently of the planner that made it.",
+        help="check a plan or a certificate independently of the planner",
+        description="Check a plan against every constraint, or a certificate, independently of the planner.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan written by crux plan")
+    parser.add_argument("plan", type=Path, metavar="FILE", help="a plan or certificate written by crux plan")
+    about = "of a certificate: the scenario that it must be about"
+    parser.add_argument("--scenario", type=Path, metavar="SCENARIO", help=about)
     parser.add_argument("--json", action="store_true", help="print the report as one JSON object on standard output")
     parser.set_defaults(func=run_check)
 
@@ -44,9 +49,12 @@ def run_check(args: argparse.Namespace) -> int:
     from crux_contracts.plan_file import PlanFileError, read_plan
     from crux_contracts.robot import load_robot, robot_names
 
+    from crux_planner.checker.certificate import is_certificate
     from crux_planner.checker.check import check_plan
 
     try:
+        if is_certificate(args.plan):
+            return _check_certificate(args)
         plan = read_plan(args.plan)
         if plan.robot_name not in robot_names():
             known = ", ".join(robot_names())
@@ -54,6 +62,8 @@ def run_check(args: argparse.Namespace) -> int:
         robot = load_robot(plan.robot_name)
     except (PlanFileError, DocumentError) as error:
         return _unreadable(args, str(error))
+    except OSError as error:
+        return _unreadable(args, f"{args.plan}: {error.strerror or error}")
     report = check_plan(plan, robot)
     if args.json:
         print(json.dumps(report.to_json()))
@@ -61,6 +71,27 @@ def run_check(args: argparse.Namespace) -> int:
         title = f"{args.plan}: {plan.scenario_name!r} for {plan.robot_name}, {plan.n_knots} knots of {plan.dt_s:g} s"
         show(title, report, on_feet=is_walk(plan))
     return OK if report.ok else VIOLATED
+
+
+def _check_certificate(args: argparse.Namespace) -> int:
+    from crux_contracts.scenario import load_scenario
+
+    from crux_planner.checker.certificate import CertificateError, read, verify
+
+    wanted = None if args.scenario is None else load_scenario(args.scenario)
+    try:
+        document = read(args.plan)
+        if wanted is not None and document.get("scenario_yaml") != wanted.yaml_text:
+            raise CertificateError(f"about another scenario than {args.scenario}")
+        scenario, shown = verify(document)
+    except CertificateError as error:
+        print(f"crux check: {args.plan}: refused: {error}", file=sys.stderr)
+        if args.json:
+            print(json.dumps({"ok": False, "error": str(error)}))
+        return VIOLATED
+    said = {"ok": True, "scenario": scenario.name, "claim": document["claim"], "shown": shown}
+    print(json.dumps(said) if args.json else f"{args.plan}: {scenario.name!r} for {scenario.robot}: shown: {shown}")
+    return OK
 
 
 def _unreadable(args: argparse.Namespace, message: str) -> int:

@@ -201,7 +201,7 @@ class RelaxedBalance:
         if (lows > highs).any():
             return np.inf  # out of reach
         offset = offset_bounds(problem, (lows, highs), abs(yaw) + slack)
-        return self._least_missing(tuple(g for g in stance if g >= 0), low + offset[0], high + offset[1])[0]
+        return self.least_missing(tuple(g for g in stance if g >= 0), low + offset[0], high + offset[1])[0]
 
     def place(self, support: tuple[int, ...], low: Array, high: Array) -> Array | None:
         """A body position in [low, high] with balance on `support`, by all that is shown; None is a proof of none.
@@ -211,17 +211,19 @@ class RelaxedBalance:
         about = low + self.offset[0], high + self.offset[1]
         centre = self.centred.position(support, *about, (about[0] + about[1]) / 2)
         if centre is None:
-            lacking, centre = self._least_missing(support, *about)
+            lacking, centre, _ = self.least_missing(support, *about)
             if lacking > 0.0:
                 return None
         return np.clip(centre - (self.offset[0] + self.offset[1]) / 2, low, high)
 
     def missing_force(self, support: tuple[int, ...], low: Array, high: Array) -> float:
         """Least force [N] that balance lacks beyond what accelerations may explain (moments over `MOMENT_ARM_M`)."""
-        return self._least_missing(support, low + self.offset[0], high + self.offset[1])[0]
+        return self.least_missing(support, low + self.offset[0], high + self.offset[1])[0]
 
-    def _least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array]:
-        """`missing_force` with the centre of mass in [low, high], and where it is least."""
+    def least_missing(self, support: tuple[int, ...], low: Array, high: Array) -> tuple[float, Array, Array]:
+        """`missing_force` with the centre of mass in [low, high], where it is least, and the multipliers of
+        force and moment about the origin that show it.
+        """
         middle = np.mean([self.grips[g].contact.centre_w_m for g in support], axis=0)
         about = np.block([[np.eye(3), np.zeros((3, 3))], [-skews(middle), np.eye(3)]])
         about[3:] /= MOMENT_ARM_M
@@ -250,14 +252,14 @@ class RelaxedBalance:
             mixed, below = (shares, np.ones(len(support))), (rows, None, np.zeros(len(rows)))
             qp = Qp(cost, -weighted.T @ target, mixed, below, lower, upper, eps_abs=1e-6, max_iter=200).solve()
             if not qp.solved:
-                return 0.0, (low + high) / 2  # nothing shown
-            found = qp.x
-            missing = float(np.linalg.norm(weighted @ found - target)) - self.slack_N
+                return 0.0, (low + high) / 2, np.zeros(6)  # nothing shown
+            found, lacking = qp.x, target - weighted @ qp.x
+            missing = float(np.linalg.norm(lacking)) - self.slack_N
             cuts = [] if missing > 0.0 else self._cuts(support, [i for i, _ in places], found)
             if not cuts:
                 break
             rows = np.vstack([rows, *cuts])
-        return missing, np.clip(found[:3], low, high)
+        return missing, np.clip(found[:3], low, high), about.T @ lacking
 
     def _cuts(self, support: tuple[int, ...], which: list[int], found: Array) -> list[Array]:
         """Tangents of (2)+(3), as rows, at wrenches found outside it; `which` has each place's grip in `support`."""

@@ -1,0 +1,119 @@
+"""Certificates: a claim about a scenario with what shows it, as one JSON file, and whether it is shown.
+
+| key | what |
+| --- | --- |
+| crux_certificate | 1 |
+| claim | `no plan`: none exists |
+| scenario_yaml, robot, robot_sha256 | what the claim is about |
+| multipliers | [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...]: of force and moment about W's origin |
+| sha256 | of all the rest, as `digest` writes it |
+
+Nothing in it is trusted: all rows are built anew from scenario and robot, and any multipliers give true statements.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from crux_contracts.robot import Robot, load_robot, robot_names
+from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
+
+from crux_planner.checker.geometry import Array
+from crux_planner.checker.no_way import NotShownError, NoWay
+from crux_planner.checker.outer import OutsideError
+
+NO_PLAN = "no plan"
+_SIDES = {"start": "from the start", "goal": "from the goal back"}
+
+
+class CertificateError(ValueError):
+    """The file is no certificate, or does not show its claim."""
+
+
+def is_certificate(path: Path) -> bool:
+    """Whether a file is meant as one; plans begin with another byte. OSError where it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(1) == b"{"
+
+
+def digest(document: dict[str, Any]) -> str:
+    """SHA-256 of all but itself: keys sorted, no spaces."""
+    rest = {key: value for key, value in document.items() if key != "sha256"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def of_no_plan(search: NoWay, robot: Robot) -> dict[str, Any]:
+    """The certificate of a search that has ended."""
+    names = [list(offer.name) for offer in search.offers]
+    shown = [
+        {"grips": [names[g] for g in grips], "of": [each.tolist() for each in multipliers]}
+        for grips, multipliers in search.shown.items()
+        if multipliers
+    ]
+    return sealed(NO_PLAN, search.scenario, robot, multipliers=shown)
+
+
+def sealed(claim: str, scenario: Scenario, robot: Robot, **more: Any) -> dict[str, Any]:
+    """A claim with its digest."""
+    about = {"scenario_yaml": scenario.yaml_text, "robot": robot.name, "robot_sha256": robot.hash}
+    document = {"crux_certificate": 1, "claim": claim, **about, **more}
+    return {**document, "sha256": digest(document)}
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Raises CertificateError and OSError."""
+    try:
+        document = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise CertificateError(f"no whole JSON file: {error}") from None
+    if not isinstance(document, dict) or document.get("crux_certificate") != 1:
+        raise CertificateError("no certificate of a version that is known here (1)")
+    if digest(document) != document.get("sha256"):
+        raise CertificateError("damaged: its content is not that of its sha256")
+    return document
+
+
+def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
+    """The scenario and what is shown about it. Raises CertificateError."""
+    try:
+        if document["robot"] not in robot_names():
+            raise CertificateError(f"robot {document['robot']!r}: expected one of {', '.join(robot_names())}")
+        robot = load_robot(document["robot"])
+        if robot.hash != document["robot_sha256"]:
+            raise CertificateError(f"about another {robot.name} than is known here")
+        scenario = parse_scenario(document["scenario_yaml"], "the scenario in the certificate")
+        if scenario.contact.model != "patch" or scenario.start.air:
+            raise CertificateError(
+                "about a walk, or a start with limbs in the air: no certificates are known for these"
+            )
+        if document["claim"] != NO_PLAN:
+            raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r}")
+        return scenario, _verify_no_plan(document, scenario, robot)
+    except (KeyError, TypeError, IndexError) as error:
+        raise CertificateError(f"not of the form of a certificate: {error!r}") from None
+    except (ScenarioError, OutsideError) as error:
+        raise CertificateError(str(error)) from None
+    except NotShownError as error:
+        raise CertificateError(f"does not show its claim: {error}") from None
+
+
+def _verify_no_plan(document: dict[str, Any], scenario: Scenario, robot: Robot) -> str:
+    search = NoWay(scenario, robot)
+    number = {offer.name: g for g, offer in enumerate(search.offers)}
+    for entry in document["multipliers"]:
+        grips = [number.get((str(hold), str(faces))) for hold, faces in entry["grips"]]
+        if None in grips:
+            raise CertificateError(f"multipliers for {entry['grips']}: no such grips")
+        search.shown[tuple(sorted(g for g in grips if g is not None))] = [vector(each) for each in entry["of"]]
+    side, count = search.prove()
+    return f"no plan: {_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
+
+
+def vector(numbers: Any) -> Array:
+    """(6,) finite numbers."""
+    found = np.asarray(numbers, dtype=float)
+    if found.shape != (6,) or not np.isfinite(found).all():
+        raise CertificateError(f"multipliers {numbers}: expected six numbers")
+    return found
