@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot, load_robot
-from crux_planner.checker.geometry import Array, body_rate_matrix, rotation_about_z, rotation_from_rpy
+from crux_planner.checker.geometry import Array, Flags, Indices, body_rate_matrix, rotation_about_z, rotation_from_rpy
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import ChainState, load_model
 from crux_planner.model.problem import Weights
@@ -76,12 +76,12 @@ def _poses(random: np.random.Generator, steps: int, robot: Robot) -> Array:
     t = np.clip((np.arange(steps + 1) - 1) / (steps - 2), 0.0, 1.0)
     way = random.uniform(-1.0, 1.0, 6) * DT_S * (steps - 2) / 1.6 * 0.02 * random.random()
     way[3:5] = np.clip(way[3:5], -0.05, 0.05)
-    begin = np.array([0.0, 0.0, random.uniform(0.175, 0.2), *random.uniform(-0.05, 0.05, 2), random.uniform(-3, 3)])
+    begin = np.array([0.0, 0.0, random.uniform(0.175, 0.2), *random.uniform(-0.05, 0.05, 2), random.uniform(-2.5, 2.5)])
     way[2] = np.clip(way[2], robot.body.height_m[0] - begin[2], robot.body.height_m[1] - begin[2])
     return np.round(begin, 4) + (t * t * (3 - 2 * t))[:, None] * np.round(way, 4)
 
 
-def _holds(random: np.random.Generator, poses: Array, swings: Array, first: Array) -> Array | None:
+def _holds(random: np.random.Generator, poses: Array, swings: Flags, first: Indices) -> Array | None:
     """(2, 4, 4): x, y, z, yaw of grippers at the start and at the end, None where limbs hardly reach so far."""
     ends = []
     for pose in (poses[0], poses[-1]):
