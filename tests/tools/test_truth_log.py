@@ -22,6 +22,7 @@ from crux_msgs import truth_body_t, truth_contacts_t, truth_verdict_t
 from crux_simulation.sim import climb as climbing
 from crux_simulation.sim.native import contact_period
 from crux_simulation.sim.recorder import Truth, recorded
+from crux_simulation.sim.world_file import parse_world
 from crux_tools.paths import built
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.telemetry import read_channels, read_log
@@ -66,8 +67,9 @@ def climbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[climbing.ClimbRes
     log = tmp_path_factory.mktemp("climb") / "log.mcap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(climbing, "recorded", spied)
-        patch.setattr(climbing, "_tags", lambda _options: {"world": "windy"})  # as the log is told of a world file
-        result = climbing.climb(climbing_plan(limbs_to_move=(0,)), load_robot("scaler"), log, climbing.ClimbOptions())
+        plan = climbing_plan(limbs_to_move=(0,))
+        windy = parse_world(b"version: 1\nname: windy\n").draw(0, plan)  # that nothing blows in
+        result = climbing.climb(plan, load_robot("scaler"), log, climbing.ClimbOptions(world=windy))
     return result, seen[0]
 
 

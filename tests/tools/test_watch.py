@@ -42,6 +42,7 @@ def heard(live: Live, least_s: float) -> Recording:
     return live.recording()
 
 
+@pytest.mark.alone
 def test_rows_are_those_of_the_log(url: str, log_path: Path) -> None:
     log = read_log(log_path)
     live = Live(url, made_up_plan())
@@ -72,6 +73,7 @@ def test_the_joints_put_the_grippers_where_the_runtime_says(url: str, log_path: 
     np.testing.assert_allclose(at, log.limbs["gripper_position_w_m"][-1], atol=1e-5)
 
 
+@pytest.mark.alone
 def test_a_plan_that_comes_is_the_wall_and_the_view_follows(url: str, log_path: Path) -> None:
     live = Live(url, None)
     play(log_path, url, "0", "0.6")
