@@ -77,8 +77,7 @@ def run_plan(args: argparse.Namespace) -> int:
     try:
         scenario = load_scenario(args.scenario)
         robot = load_robot(scenario.robot)
-        outputs = {"-o": args.output, "--certificate": args.certificate}
-        look_at_outputs({k: v for k, v in outputs.items() if v}, (args.scenario, args.running))
+        look_at_outputs({"-o": args.output, "--certificate": args.certificate}, (args.scenario, args.running))
         with _progress() as (report, log):
             if args.running is not None or scenario.start.air:
                 from crux_planner.pipeline.replan import Planner
@@ -123,14 +122,19 @@ def run_plan(args: argparse.Namespace) -> int:
 
 def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleError) -> str:
     """Write the certificate of a proof, if it has one; what to say of it."""
+    from crux_contracts.output_file import write_whole
+
     from crux_planner.pipeline.certificates import certify_no_plan
 
     if not error.proven:
         return "no certificate: nothing is proven"
     document = certify_no_plan(scenario, robot)
     if document is None:
-        return "no certificate for this kind of proof: the checker's own bounds are wider than it"
-    path.write_text(json.dumps(document) + "\n")
+        return "no certificate for this kind of proof: the checker cannot show it by bounds of its own"
+    try:
+        write_whole(path, f"{json.dumps(document)}\n".encode())
+    except OSError as failed:
+        return f"no certificate: {path}: cannot be written: {failed.strerror}"
     return f"{path}: certificate that there is no plan; crux check {path} verifies it"
 
 

@@ -10,6 +10,7 @@ from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.checker.certificate import of_no_plan
 from crux_planner.checker.no_way import Node, NotShownError, NoWay
 from crux_planner.checker.outer import OutsideError
+from crux_planner.errors import InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
@@ -19,16 +20,17 @@ TIME_LIMIT_S = 60.0  # of computing
 
 
 def certify_no_plan(scenario: Scenario, robot: Robot, limit_s: float = TIME_LIMIT_S) -> dict[str, Any] | None:
-    """A certificate that a climb has no plan; None where the checker's wider relaxation has a way, or time is over.
-
-    Raises InfeasibleError where there is not even a problem, ScenarioError.
+    """A certificate that a climb has no plan; None where the checker's wider relaxation has a way, where there is not
+    even a problem, of walks and starts in the air, or when time is over.
     """
-    proof = Proof(scenario, robot, build_problem(scenario, robot))
+    if scenario.contact.model != "patch" or scenario.start.air:
+        return None
     try:
+        proof = Proof(scenario, robot, build_problem(scenario, robot))
         search = NoWay(scenario, robot)
         search.ask = _Asked(proof, search, clock.now() + limit_s)
         search.prove()
-    except (NotShownError, OutsideError):
+    except (InfeasibleError, NotShownError, OutsideError):
         return None
     return of_no_plan(search, robot)
 

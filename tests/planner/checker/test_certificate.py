@@ -125,6 +125,16 @@ def test_a_proof_is_written_by_the_planner(tmp_path: Path, capsys: pytest.Captur
     assert main(["check", str(proof), "--scenario", str(wall)]) == 0
 
 
+def test_a_proof_without_a_problem_has_no_certificate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wall, proof = tmp_path / "wall.yaml", tmp_path / "proof.json"
+    wall.write_text(text({**two_rows(), "goal": {"body": {"position_m": [0.3, 0.0, 0.9]}}}))
+    assert main(["plan", str(wall), "-o", str(tmp_path / "p.mcap"), "--certificate", str(proof)]) == 1
+    said = capsys.readouterr().err
+    assert "proven infeasible" in said
+    assert "no certificate for this kind of proof" in said
+    assert not proof.exists()
+
+
 def test_every_posture_of_the_robot_is_within_the_outer_bounds() -> None:
     """Grippers upright at random, by numeric inverse kinematics: reach for the sole, and the true centre of mass."""
     random, model, tilt, many = np.random.default_rng(3), load_model(ROBOT), ROBOT.body.max_tilt_rad, 3000
