@@ -22,9 +22,14 @@ const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 let begin = null, shown = 0;
 async function show(picture) {{
   const bitmap = await createImageBitmap(await (await fetch("data:image/png;base64," + picture)).blob());
-  if (begin === null) {{ begin = performance.now(); recorder.start(); }}
-  await wait(Math.max(begin + shown++ * period_ms - performance.now(), 0));
+  if (begin !== null) await wait(Math.max(begin + shown * period_ms - performance.now(), 0));
   pen.drawImage(bitmap, 0, 0);
+  if (begin === null) {{ // not before: a recorder begins with what the canvas shows, which would be black
+    await new Promise(requestAnimationFrame);
+    begin = performance.now();
+    recorder.start();
+  }}
+  shown += 1;
   stream.getVideoTracks()[0].requestFrame();
   await new Promise(requestAnimationFrame);
 }}
