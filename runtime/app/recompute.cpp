@@ -5,6 +5,7 @@
 // Standard input: records of one byte kind, four bytes length (little-endian), a CDR message (plan_t, control_input_t).
 // Standard output, for every control_input_t: a control_output_t and a robot_state_t, length and CDR message.
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstdio>
@@ -87,20 +88,32 @@ void recompute(const RobotDescription& robot) {
 }  // namespace
 
 int main(int count, char** arguments) {
-  const bool calibrates = count == 3 && std::string(arguments[2]) == "--calibrate";
-  if (count != 2 && !calibrates) {
+  const std::vector<std::string> words(arguments + std::min(count, 1), arguments + count);
+  std::string as_sha256;  // of the robot that plans were made for, empty for this one
+  bool calibrates = false, understood = !words.empty();
+  for (std::size_t i = 1; i < words.size() && understood; ++i) {
+    if (words[i] == "--calibrate")
+      calibrates = true;
+    else if (words[i] == "--as" && i + 1 < words.size())
+      as_sha256 = words[++i];
+    else
+      understood = false;
+  }
+  if (!understood) {
     std::fputs(
-        "usage: crux-recompute ROBOT_FOLDER [--calibrate] <records >results; `crux replay LOG --check` starts it\n",
+        "usage: crux-recompute ROBOT_FOLDER [--calibrate] [--as ROBOT_SHA256] <records >results; `crux replay "
+        "LOG --check` starts it\n",
         stderr);
     return kWrongUsage;
   }
   try {
-    Result<RobotDescription> robot = load_robot((std::filesystem::path(arguments[1]) / "robot.yaml").string());
+    Result<RobotDescription> robot = load_robot((std::filesystem::path(words.front()) / "robot.yaml").string());
     if (!robot) {
       std::fprintf(stderr, "crux-recompute: %s\n", robot.reason().c_str());
       return kWrongUsage;
     }
     robot.value().calibrates = calibrates;
+    if (!as_sha256.empty()) robot.value().sha256 = as_sha256;  // plans for that one are taken
     recompute(robot.value());
   } catch (const std::exception& error) {
     std::fprintf(stderr, "crux-recompute: %s\n", error.what());

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -21,6 +22,7 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import command_t, plan_t
 from crux_simulation.sim.lcm_flood import FIRST_REQUEST
+from crux_tools.cli import main
 from crux_tools.errors import WorkFailed
 from crux_tools.output import alone_with
 from crux_tools.replay import recompute
@@ -151,6 +153,22 @@ def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         del told.payloads[topic][gone - 1]
         gap = recompute.recompute(log)
         assert (gap.ok, gap.first_difference, gap.missing_cycle, gap.cycles) == (False, None, gone, gone - 1)
+
+
+def test_a_gain_that_differs_by_one_percent_is_named(
+    one_limb: Climb, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, changed = one_limb[2], tmp_path / "scaler"
+    shutil.copytree(ROBOTS / "scaler", changed)
+    words = ["replay", str(log), "--check", "--robot", str(changed)]
+    assert main(words) == 0
+    description = changed / "robot.yaml"
+    old = description.read_text()
+    description.write_text(old.replace("  damping_Ns_m: 400\n", "  damping_Ns_m: 404\n"))
+    assert description.read_text() != old
+    capsys.readouterr()
+    assert main(words) == 1
+    assert re.match(r"differs: cycle \d+, /control_output \S+: \S+ in the log, \S+ computed", capsys.readouterr().out)
 
 
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crux_tools.arguments import positive, taught
+from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
 from crux_tools.page_address import add_address, check_address
 
@@ -17,11 +18,13 @@ _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits
 shows it in the browser as crux view does. Logs of a runtime that was killed open too, as far as they go. With --check
 it instead computes every cycle again, by the runtime's own control core from the logged inputs, and compares all it
 gave out bit by bit; in a log of --log-frames it also does the end-to-end checks of all CAN frames again, and compares
-with what the runtime counted."""
+with what the runtime counted. With --robot the core computes by another description of the robot, with a gain changed
+for instance: the first number that comes out otherwise is named."""
 _EXAMPLES = (
     "crux replay out/climb.mcap",
     "crux replay out/climb.mcap --no-view --json",
     "crux replay out/climb.mcap --check",
+    "crux replay out/climb.mcap --check --robot stiffer/",
 )
 
 
@@ -42,6 +45,11 @@ def add_parser(subparsers: Any) -> None:
         metavar="X",
         help="with --check: numbers may differ by so much, SI units, states not at all; for logs of another processor",
     )
+    parser.add_argument(
+        "--robot",
+        metavar="NAME|FOLDER",
+        help="with --check: by this robot's description (default: the one in the log)",
+    )
     add_address(parser)
     add_json_option(parser)
     parser.set_defaults(func=run)
@@ -57,6 +65,8 @@ def _print_table(table: list[tuple[str, str]]) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from crux_contracts.robot import load_robot
+
     from crux_tools.replay import recompute
     from crux_tools.telemetry.can_frames import CHECKED, HEALTH
     from crux_tools.telemetry.reader import read_payloads
@@ -68,7 +78,8 @@ def _check(options: argparse.Namespace) -> int:
 
         return checked(log)
 
-    found, bus = recompute.recomputed(log, options.log, frames, options.within)
+    robot = None if options.robot is None else load_robot(options.robot)
+    found, bus = recompute.recomputed(log, options.log, frames, options.within, robot)
     ok = found.ok and (bus is None or bus.first_difference is None)
     if options.json:
         print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})
@@ -92,6 +103,8 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the log could be shown, however the climb went; with --check, when nothing differs."""
     if options.check:
         return _check(options)
+    if options.robot is not None:
+        raise UsageError("--robot needs --check: nothing else computes by a robot's description")
     if not options.no_view:
         check_address(options.host, options.port)
     from crux_tools.telemetry import read_channels, telemetry_of

@@ -20,6 +20,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 from crux_contracts.channels import BY_TOPIC, SCHEMAS
+from crux_contracts.robot import Robot
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import progress
@@ -83,18 +84,23 @@ def recompute(path: Path, within: float = 0.0) -> Comparison:
     return recomputed(read_payloads(path, TOPICS), path, lambda: None, within)[0]
 
 
-def recomputed(log: Payloads, path: Path, beside: Callable[[], T], within: float) -> tuple[Comparison, T]:
+def recomputed(
+    log: Payloads, path: Path, beside: Callable[[], T], within: float, other_robot: Robot | None = None
+) -> tuple[Comparison, T]:
     """`log` has what `path` has of TOPICS; besides what `beside` gives, which is called while the core computes.
 
-    Numbers may differ by no more than `within` there.
+    Numbers may differ by no more than `within` there. With `other_robot` the core computes by that description, in
+    place of the log's own, and takes the log's plans.
     Raises UsageError where there is nothing to compute again, WorkFailed where the core refuses.
     """
     _refuse_others(log, path)
     given, cycles, missing_cycle = _given(log)
     switches = ["--calibrate"] if log.metadata.get("calibrates") == "yes" else []
-    described = robot_of(log.metadata.get("robot", ""), log.attachments)
+    if other_robot is not None:
+        switches += ["--as", log.metadata.get("robot_sha256", "")]
+    logged = robot_of(log.metadata.get("robot", ""), log.attachments)
     with (
-        described as robot,
+        logged if other_robot is None else contextlib.nullcontext(other_robot) as robot,
         tempfile.TemporaryFile() as errors,
         ThreadPoolExecutor(2) as threads,
         subprocess.Popen(
@@ -103,7 +109,7 @@ def recomputed(log: Payloads, path: Path, beside: Callable[[], T], within: float
     ):
         assert core.stdin is not None
         assert core.stdout is not None
-        feeding, other = threads.submit(_feed, core.stdin, given), threads.submit(beside)
+        feeding, found_beside = threads.submit(_feed, core.stdin, given), threads.submit(beside)
         try:
             found = _compare(log, core.stdout, cycles, missing_cycle, within)
         except EOFError as error:
@@ -113,7 +119,7 @@ def recomputed(log: Payloads, path: Path, beside: Callable[[], T], within: float
         finally:
             core.kill()
             feeding.result()
-        return found, other.result()
+        return found, found_beside.result()
 
 
 def _refuse_others(log: Payloads, path: Path) -> None:

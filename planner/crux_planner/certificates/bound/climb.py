@@ -36,7 +36,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
 
 TIME_LIMIT_S = 20.0
-EFFORT = 1.0  # of the default: about seconds of an idle core
+EFFORT = 0.3  # of the default: a second of an idle core, on long walls two
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a evaluated pair, of a QP
 _MANY = 5000  # sets of grasps, beyond which fewer multipliers are asked about all of them
 LARGEST = 100_000  # sets of grasps
@@ -130,7 +130,7 @@ class _Search:
         nodes = nodes.reduced(kept)
         program = DynamicProgram(problem, nodes)
         known = np.zeros(len(nodes.options), dtype=bool)
-        multipliers = Multipliers(problem, about, nodes)
+        multipliers = multipliers.on(nodes)
         alike = Similarity(problem, nodes)
         return _Search(problem, cost, nodes, multipliers, qp, box, program, limits, value[kept], known, alike)
 
@@ -160,7 +160,7 @@ class _Search:
         old = np.flatnonzero(kept)
         place = {int(node): i for i, node in enumerate(old)}
         self.nodes = self.nodes.reduced(kept)
-        self.multipliers = Multipliers(self.problem, self.multipliers.about, self.nodes)
+        self.multipliers = self.multipliers.on(self.nodes)
         self.value, self.known = self.value[kept], self.known[kept]
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}

@@ -9,6 +9,10 @@ first is bound.carrying, the second falls apart by axes over the boxes of bound.
 small convex QP of one knot; it need not be trusted.
 """
 
+from __future__ import annotations
+
+from copy import copy
+
 import numpy as np
 
 from crux_planner.certificates.bound.carrying import Carriers
@@ -32,7 +36,7 @@ class Multipliers:
     """Values of multipliers for the nodes of a problem."""
 
     def __init__(self, problem: Problem, about: Orientations, nodes: Grasps) -> None:
-        self.problem, self.about, self.nodes = problem, about, nodes
+        self.problem, self.about = problem, about
         self.carriers = Carriers.of(problem)
         yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
         spans = gripper_spans(problem)
@@ -40,12 +44,22 @@ class Multipliers:
         self.rest = offset_bounds(problem, spans, yaw, FOLLOW)  # e
         self.hands = [yawed_bounds(low, high, yaw) for low, high in zip(*spans, strict=True)]
         self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
-        self._follow = 1.0 - FOLLOW * (4 - nodes.in_air)  # of c, the body's origin
-        self._ends = np.append(nodes.first, len(nodes.node))
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
         inertia = float(np.linalg.eigvalsh(problem.inertia_b).max())
         self._spin = inertia * (2 * 3**0.5 * rate / dt + 3 * rate**2)  # largest |I alpha + omega x I omega|
+        self._take(nodes)
+
+    def _take(self, nodes: Grasps) -> None:
+        self.nodes = nodes
+        self._follow = 1.0 - FOLLOW * (4 - nodes.in_air)  # of c, the body's origin
+        self._ends = np.append(nodes.first, len(nodes.node))
+
+    def on(self, nodes: Grasps) -> Multipliers:
+        """The same for other nodes of the problem."""
+        other = copy(self)
+        other._take(nodes)
+        return other
 
     def values(self, multipliers: Array, which: Indices, box: tuple[Array, Array] | None = None) -> Array:
         """Lower bounds (len(which),) of a knot's cost on nodes, the body within `box` too; inf if it cannot.

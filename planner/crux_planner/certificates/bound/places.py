@@ -13,7 +13,7 @@ import numpy as np
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
 
-_YAW_STEPS_RAD = ((0.2, 0.01), (0.5, 0.05), (np.inf, 0.15))  # up to a yaw, how wide cells are
+_YAW_STEPS_RAD = ((0.1, 0.05), (0.5, 0.1), (np.inf, 0.15))  # up to a yaw, how wide cells are
 _TILTS = 3  # cells of the tilt about an axis
 
 
