@@ -2,19 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.scenario_reader import MAX_STEPS
 
 from crux_planner.certificates.bound.bound_worker import BoundWorker
 from crux_planner.certificates.bound.walk import lower_bound
 from crux_planner.checker import check_plan
 from crux_planner.checker.report import CheckReport
-from crux_planner.errors import InfeasibleError, unsolved
+from crux_planner.errors import HorizonError, InfeasibleError, unsolved
 from crux_planner.model.walk_problem import BOLD, BOLDEST, USUAL, WalkProblem, build_walk
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, walk_message
 from crux_planner.pipeline.refusals import CUTS, bent
+from crux_planner.pipeline.restart import edited
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers.worker import Worker, spare_cores
@@ -25,6 +28,7 @@ FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk 
 PACE_SHARE = 0.97  # of the pace at which a foot's joints would be just fast enough
 FIRMER_SHARE = 0.02  # of the weight, by which a foot that would pull is to press harder
 GENTLER = 3  # times
+LONGER = (1.5, 2.0)  # times as long a horizon is tried where there is no plan
 ATTEMPTS = 3  # gaits of a search that get an exact solution
 _SPEEDS = ("swing_speed", "swing_yaw_rate", "body_speed", "body_rate")
 _FRICTION = ("limit_surface", "limit_surface_between_knots")
@@ -56,12 +60,37 @@ class RefusedError(InfeasibleError):
 
 def plan(session: Session, worker: Worker) -> PlanResult:
     """A checked walk; `worker` bounds its cost, and helps to search where it is free."""
+    with session.work.part("problem", 0.0):
+        problem = build_walk(session.scenario, session.robot)
+    walk = Walk(**vars(session), problem=problem, asked=problem, worker=worker)
     try:
-        with session.work.part("problem", 0.0):
-            problem = build_walk(session.scenario, session.robot)
-        return _plan(Walk(**vars(session), problem=problem, asked=problem, worker=worker))
+        return _plan(walk)
     except InfeasibleError as none:
-        raise none.out_of_time() if session.late else none from None
+        reason = none if walk.late else _cause(walk, none)
+        raise reason.out_of_time() if walk.late and not isinstance(reason, HorizonError) else reason from None
+
+
+def _cause(walk: Walk, none: InfeasibleError) -> InfeasibleError:
+    """The horizon, where a longer one gives a plan, which is tried; else `none`."""
+    if walk.method != "auto" or none.constraint == "horizon":
+        return none
+    given = walk.asked.steps
+    for steps in (ceil(longer * given) for longer in LONGER):
+        if steps > MAX_STEPS:
+            break
+        try:
+            _plan(_with_horizon(walk, steps))
+        except InfeasibleError:
+            continue
+        text = f"no plan found in {given} steps of {walk.asked.dt_s:g} s, but one in {steps}; allow as many"
+        return HorizonError(text, steps, tried=True)
+    return none
+
+
+def _with_horizon(walk: Walk, steps: int) -> Walk:
+    scenario = edited(walk.scenario, lambda content: content["horizon"].update(steps=steps))
+    problem = build_walk(scenario, walk.robot)
+    return replace(walk, scenario=scenario, problem=problem, asked=problem)
 
 
 def _plan(walk: Walk) -> PlanResult:

@@ -15,7 +15,7 @@ from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.plan_arrays import PlanArrays, read_plan
 from crux_planner.checker.report import Findings
 from crux_planner.checker.sampling import on_pads, sample
-from crux_planner.errors import unsolved
+from crux_planner.errors import HorizonError, unsolved
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import LEAST_AIR, Gait, Step, longest_step
 from crux_planner.model.slots import Strides
@@ -191,6 +191,15 @@ def test_why_not(change: str, to: str, error: type[Exception], text: str | None)
     assert scenario != FLAT
     with pytest.raises(error, match=text):
         walk(scenario)
+
+
+def test_a_horizon_that_is_too_short_is_named_with_one_that_does() -> None:
+    goal = "position_m: [0.1914, 0.0035, 0.185], rpy_deg: [0, 0, 5.71]"
+    far = FLAT.replace("slope_deg: 0", "slope_deg: 10").replace("position_m: [0.1, 0.0, 0.185]", goal)
+    with pytest.raises(HorizonError, match="no plan found in 40 steps of 0.08 s, but one in 60") as refused:
+        walk(far)
+    assert refused.value.relaxed == {"constraint": "horizon", "amount": 60, "unit": "steps", "place": None}
+    assert walk(far.replace("steps: 40", "steps: 60")).ok
 
 
 def test_answers_that_are_held_to_the_one_before_come_to_the_same_walk(monkeypatch: pytest.MonkeyPatch) -> None:
