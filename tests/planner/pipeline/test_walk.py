@@ -196,7 +196,7 @@ def test_why_not(change: str, to: str, error: type[Exception], text: str | None)
 def test_a_horizon_that_is_too_short_is_named_with_one_that_does() -> None:
     goal = "position_m: [0.1914, 0.0035, 0.185], rpy_deg: [0, 0, 5.71]"
     far = FLAT.replace("slope_deg: 0", "slope_deg: 10").replace("position_m: [0.1, 0.0, 0.185]", goal)
-    with pytest.raises(HorizonError, match="no plan found in 40 steps of 0.08 s, but one in 60") as refused:
+    with pytest.raises(HorizonError, match=r"no plan found in 40 steps of 0\.08 s, but one in 60") as refused:
         walk(far)
     assert refused.value.relaxed == {"constraint": "horizon", "amount": 60, "unit": "steps", "place": None}
     assert walk(far.replace("steps: 40", "steps: 60")).ok
