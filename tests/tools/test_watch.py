@@ -51,7 +51,7 @@ def test_rows_are_those_of_the_log(url: str, log_path: Path) -> None:
     recording = heard(live, 2.1)
     assert live.recording() is recording  # nothing new
     cycles = recording.log.state["cycle"]
-    assert len(cycles) > 0.5 * 85  # 50 Hz; the kernel drops some where it is late
+    assert len(cycles) > 0.8 * 85  # 50 Hz; the kernel may drop some
     for name in ("supervisor_state", "plan_time_s", "body_position_w_m", "waiting_for"):
         np.testing.assert_array_equal(recording.log.state[name], log.state[name][cycles])
     np.testing.assert_array_equal(recording.log.limbs["force_w_n"], log.limbs["force_w_n"][cycles])

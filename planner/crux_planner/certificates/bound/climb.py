@@ -36,7 +36,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
 
 TIME_LIMIT_S = 20.0
-EFFORT = 0.3  # of the default: a second of an idle core, on long walls two
+EFFORT = 0.3  # of the default, in the unit of the next line
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a evaluated pair, of a QP
 _MANY = 5000  # sets of grasps, beyond which fewer multipliers are asked about all of them
 LARGEST = 100_000  # sets of grasps
