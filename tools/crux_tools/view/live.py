@@ -37,6 +37,7 @@ from crux_tools.view.recording import Recording, blank, made_telemetry
 
 EVENTS_EVERY_S = 1.0
 FIRST_ROWS = 4096
+QUEUED = 1000  # messages of a channel, 5 s of the limbs; of the usual 30 some are lost in a pause of 0.15 s
 
 
 class Table:
@@ -93,7 +94,7 @@ class Live:
             (channels.CRUX_ACKNOWLEDGEMENT, acknowledgement_t, lambda m: self._tell("/acknowledgement", m)),
         ]
         for channel, kind, take in heard:
-            self._lcm.subscribe(channel, self._handler(kind, take))
+            self._lcm.subscribe(channel, self._handler(kind, take)).set_queue_capacity(QUEUED)
         threading.Thread(target=self._listen, name="lcm", daemon=True).start()
 
     def _handler(self, kind: Any, take: Callable[[Any], None]) -> Callable[[str, bytes], None]:
