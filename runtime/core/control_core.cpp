@@ -334,7 +334,7 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   const Pose body_command_W = correction_.update(reference.body_W, body_.body_W(), started_ ? dt_s : 0.0);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
-    const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W);
+    const bool found = limbs_[l].follow_contact(limb, body_.body_W(), body_command_W, test_.limb() == l);
     if (!found || plan_->point_feet || !limb.gripping()) continue;
     const Vector3 place_W_m = limbs_[l].anchor_W_m(limb);
     localisation_.grasp(body_.body_W().position_m, place_W_m - body_.body_W().position_m, limb.finger_axis_W(),

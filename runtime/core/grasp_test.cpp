@@ -62,6 +62,14 @@ bool GraspTest::others_bear(const PerLimb<double>& needs_N) const noexcept {
   return true;
 }
 
+void GraspTest::load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept {
+  const bool others_bear = this->others_bear(needs_N);
+  if (others_bear) share_ = std::min(share_ + step, 1.0);
+  standing_ = !others_bear || share_ == 1.0;
+  loaded_slid_m_ = slid_m;
+  time_s_ = 0.0;
+}
+
 void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N,
                         double dt_s) noexcept {
   if (limb_ < 0) return;
@@ -74,21 +82,14 @@ void GraspTest::advance(const Vector3& gripper_W_m, double slid_m, const PerLimb
     limb_ = -1;
   } else if (share_ == 0.0 && time_s_ < kPress_s) {
     unloaded_W_m_ = gripper_W_m;
-  } else if (!standing_) {
-    const bool others_bear = this->others_bear(needs_N);
-    if (others_bear) share_ = std::min(share_ + step, 1.0);
-    standing_ = !others_bear || share_ == 1.0;
-    loaded_W_m_ = gripper_W_m;
-    time_s_ = 0.0;
-    const double way_m = (gripper_W_m - unloaded_W_m_).norm();
-    gave_way_m_ = way_m > kMaxWay_m ? way_m : slid_m;
-    limit_m_ = way_m > kMaxWay_m ? kMaxWay_m : kMaxSlide_m;
-    easing_ = failed_ = gave_way_m_ > limit_m_;
   } else {
-    gave_way_m_ = (gripper_W_m - loaded_W_m_).norm();
-    limit_m_ = kMaxCreep_m;
+    if (!standing_) load_more(step, slid_m, needs_N);
+    const double way_m = (gripper_W_m - unloaded_W_m_).norm();
+    const bool comes_off = way_m > kMaxWay_m;
+    gave_way_m_ = comes_off ? way_m : slid_m - (standing_ ? loaded_slid_m_ : 0.0);
+    limit_m_ = comes_off ? kMaxWay_m : (standing_ ? kMaxCreep_m : kMaxSlide_m);
     failed_ = gave_way_m_ > limit_m_;
-    easing_ = failed_ || time_s_ >= kStand_s;
+    easing_ = failed_ || (standing_ && time_s_ >= kStand_s);
   }
 }
 

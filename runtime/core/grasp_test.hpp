@@ -22,8 +22,9 @@ class GraspTest {
  public:
   enum class Result { kNone, kPassed, kFailed };
 
-  // How far a grasp may give way: while the load grows, beyond what play of the joints explains (StanceFit::slid_m), or
-  // in all, where too few limbs hold to tell; and under the standing load, which has taken up the play.
+  // How far a grasp may give way beyond what play of the joints explains (StanceFit::slid_m): while the load grows, and
+  // under the standing load; or in all, where too few limbs hold to tell. A gripper seems to move under a standing load
+  // too, as long as other limbs go through their play.
   static constexpr double kMaxSlide_m = 0.01, kMaxCreep_m = 0.002, kMaxWay_m = 0.025;
 
   void reset() noexcept { *this = GraspTest(); }
@@ -50,6 +51,7 @@ class GraspTest {
 
  private:
   bool others_bear(const PerLimb<double>& needs_N) const noexcept;
+  void load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept;
 
   int limb_ = -1;
   double time_s_ = 0.0;  ///< of pressing, then of standing
@@ -60,7 +62,8 @@ class GraspTest {
   double gave_way_m_ = 0.0, limit_m_ = kMaxSlide_m;
   Wrench load_W_;
   PerLimb<double> bearable_N_{};
-  Vector3 unloaded_W_m_ = Vector3::Zero(), loaded_W_m_ = Vector3::Zero();
+  double loaded_slid_m_ = 0.0;
+  Vector3 unloaded_W_m_ = Vector3::Zero();
   PerLimb<Result> result_{};
 };
 

@@ -152,18 +152,22 @@ Pose LimbController::target_W(const LimbReference& reference) const noexcept {
           anchor_W_m(reference) + admittance_.offset_m()};
 }
 
-/// The limb grips at `place_W_m`, and goes on aiming at `target_W`.
-void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept {
-  contact_offset_W_m_ = clamped_norm(place_W_m - reference.gripper_position_W_m, control_.max_contact_offset_m);
-  beside_W_m_.setZero();
+void LimbController::aim_at(const Pose& target_W, const LimbReference& reference) noexcept {
   admittance_.rebase(target_W.position_m - anchor_W_m(reference),
                      rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
 }
 
+/// The limb grips at `place_W_m`, and goes on aiming at `target_W`.
+void LimbController::grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept {
+  contact_offset_W_m_ = clamped_norm(place_W_m - reference.gripper_position_W_m, control_.max_contact_offset_m);
+  beside_W_m_.setZero();
+  aim_at(target_W, reference);
+}
+
 bool LimbController::follow_contact(const LimbReference& reference, const Pose& body_estimate_W,
-                                    const Pose& body_command_W) noexcept {
+                                    const Pose& body_command_W, bool pulled) noexcept {
   const bool contact = on_hold(reference);
-  const Pose aim_W = contact ? body_command_W : body_estimate_W;
+  const Pose aim_W = contact || pulled ? body_command_W : body_estimate_W;
   Vector3 place_W_m = gripper_W_m(body_estimate_W);
   if (reference.point_foot) place_W_m.z() = reference.gripper_position_W_m.z();  // the surface is where it is
   if (contact != in_contact_ || (!contact && reference.back != back_)) {
@@ -185,7 +189,10 @@ bool LimbController::follow_contact(const LimbReference& reference, const Pose& 
     in_contact_ = contact;
     back_ = reference.back;
     found_ = false;
+  } else if (pulled != pulled_) {
+    aim_at(aim_W * (aim_W_.inverse() * target_W(reference)), reference);
   }
+  pulled_ = pulled;
   aim_W_ = aim_W;
   if (!contact || found_) return false;
   found_ = reference.point_foot || reference.phase != LimbPhase::kLoad;
@@ -201,14 +208,14 @@ void LimbController::aim_beside(const Vector3& beside_W_m, const LimbReference& 
 
 void LimbController::relocate(const Pose& motion, const LimbReference& reference) noexcept {
   for (KnownHold& hold : known_) hold.found_W_m = motion * hold.found_W_m;
-  if (!in_contact_) {
+  if (!in_contact_ && !pulled_) {
     contact_offset_W_m_ = known_[back_ ? 0 : 1].offset_m();
     return;
   }
   const Pose target_W = motion * this->target_W(reference);
-  contact_offset_W_m_ = motion * anchor_W_m(reference) - reference.gripper_position_W_m;
-  admittance_.rebase(target_W.position_m - anchor_W_m(reference),
-                     rotation_log(target_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
+  const Vector3 anchor_W_m = this->anchor_W_m(reference);
+  contact_offset_W_m_ += motion * anchor_W_m - anchor_W_m;
+  aim_at(target_W, reference);
   aim_W_ = motion * aim_W_;
 }
 

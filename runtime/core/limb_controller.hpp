@@ -56,9 +56,12 @@ class LimbController {
   /// seems to move until then.
   bool found() const { return found_; }
 
-  /// Takes note of contact made and of the frame the limb aims from: the commanded body pose on a hold, the estimated
-  /// one in the air. Commands are continuous over both. True in the cycle in which the limb's place is found.
-  bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W) noexcept;
+  /// Takes note of contact made and of the frame the limb aims from: the estimated body pose in the air, the commanded
+  /// one on a hold, and from the beginning of the pull on it, for a limb that bears and aims from an estimate behind
+  /// its own lag drives the body on. Commands are continuous over all. True in the cycle in which the limb's place is
+  /// found.
+  bool follow_contact(const LimbReference& reference, const Pose& body_estimate_W, const Pose& body_command_W,
+                      bool pulled) noexcept;
 
   /// The limb is to grip `beside_W_m` off where it would otherwise.
   void aim_beside(const Vector3& beside_W_m, const LimbReference& reference) noexcept;
@@ -161,6 +164,7 @@ class LimbController {
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
+  void aim_at(const Pose& target_W, const LimbReference& reference) noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
   int limb_;
@@ -203,6 +207,7 @@ class LimbController {
   bool back_ = false;        ///< the swing is played in reverse
   Pose aim_W_;               ///< body pose the limb aims from
   bool in_contact_ = false;  ///< aims from the commanded body pose
+  bool pulled_ = false;      ///< does so too, though the plan does not count it as in contact yet
   bool found_ = false;
   IkResult ik_;  ///< its q is the command before the engagement blend
   JointVector command_q_rad_ = JointVector::Zero();

@@ -160,8 +160,8 @@ TEST(LimbController, CommandsAreTheSameWhereverTheWorldIsCountedFrom) {
   moved.relocate(motion, reference);
   const Wrench error = {{3.0, 1.0, -2.0}, {0.1, 0.0, 0.2}};
   for (int i = 0; i < 2; ++i) {  // soon after; later the admittance's weak spring pulls towards the plan's attitude
-    still.follow_contact(reference, body, body);
-    moved.follow_contact(reference, motion * body, motion * body);
+    still.follow_contact(reference, body, body, false);
+    moved.follow_contact(reference, motion * body, motion * body, false);
     still.comply(reference, error, Matrix3::Identity(), 0.002);
     const Wrench turned = {motion.rotation * error.force_N, motion.rotation * error.moment_Nm};
     moved.comply(reference, turned, motion.rotation, 0.002);
