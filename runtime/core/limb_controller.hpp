@@ -124,6 +124,8 @@ class LimbController {
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
+  /// The fingers are pressed much harder than when they last moved: the motor's force does not reach the hold.
+  bool jammed() const { return jammed_; }
   void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
   void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
   double expected_finger_force_N() const noexcept {
@@ -164,6 +166,7 @@ class LimbController {
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
+  void look_for_jam() noexcept;
   void aim_at(const Pose& target_W, const LimbReference& reference) noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
@@ -190,7 +193,9 @@ class LimbController {
   double finger_force_N_ = 0.0;
   bool trusts_finger_force_ = true;
   bool trusts_force_torque_ = true;
-  double opened_m_ = 0.0;           ///< before the fingers closed
+  double opened_m_ = 0.0;                 ///< before the fingers closed
+  double moved_m_ = 0.0, moved_N_ = 0.0;  ///< opening and force as the fingers last moved
+  bool jammed_ = false;
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is
