@@ -256,7 +256,10 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
   }
   // A gripper that runs against something bears a force, which is no bias; its joints tell.
   const bool runs_against = !reference.point_foot && this->runs_against();
-  const Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
+  Vector3 felt_N = runs_against ? wrench_W().force_N : Vector3::Zero();
+  // What it runs against from the side, in passing over, stands out further than planned, or the gripper is lower than
+  // it seems: it goes over it.
+  if (passes_over(reference)) felt_N.z() += felt_N.head<2>().norm();
   if (reference.phase != LimbPhase::kOpen) {
     const Vector3 before_m = admittance_.offset_m();
     admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
