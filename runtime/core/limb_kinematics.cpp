@@ -1,5 +1,7 @@
 #include "core/limb_kinematics.hpp"
 
+#include <Eigen/Geometry>
+
 namespace crux {
 namespace {
 
@@ -17,16 +19,13 @@ Pose pose(const KDL::Frame& frame) {
 }  // namespace
 
 LimbKinematics::LimbKinematics(const LimbDescription& limb)
-    : chain_(limb.chain),
-      position_solver_(chain_),
-      jacobian_solver_(chain_),
-      joints_(chain_.getNrOfJoints()),
-      jacobian_(chain_.getNrOfJoints()),
-      frames_(chain_.getNrOfSegments()) {
+    : chain_(limb.chain), position_solver_(chain_), joints_(chain_.getNrOfJoints()), frames_(chain_.getNrOfSegments()) {
   int joint = -1;
   for (unsigned int i = 0; i < chain_.getNrOfSegments(); ++i) {
     const KDL::Segment& segment = chain_.getSegment(i);
-    if (segment.getJoint().getType() != KDL::Joint::None) ++joint;
+    if (segment.getJoint().getType() != KDL::Joint::None) {
+      segment_of_joint_[++joint] = i;
+    }
     mass_kg_.push_back(segment.getInertia().getMass());
     com_m_.push_back(segment.getInertia().getCOG());
     last_joint_.push_back(joint);
@@ -36,9 +35,15 @@ LimbKinematics::LimbKinematics(const LimbDescription& limb)
 void LimbKinematics::evaluate(const JointVector& q_rad, Pose& gripper_B, Matrix6& jacobian_B) noexcept {
   joints_.data = q_rad;
   position_solver_.JntToCart(joints_, frames_);
-  jacobian_solver_.JntToJac(joints_, jacobian_);
   gripper_B = pose(frames_.back());
-  jacobian_B = jacobian_.data;
+  // The solver for the Jacobian would go through the chain again, and move every column's point joint by joint.
+  for (int j = 0; j < kJoints; ++j) {
+    const unsigned int i = segment_of_joint_[j];
+    const KDL::Joint& joint = chain_.getSegment(i).getJoint();
+    const KDL::Frame before = i > 0 ? frames_[i - 1] : KDL::Frame::Identity();
+    const Vector3 axis_B = vector(before.M * joint.JointAxis());
+    jacobian_B.col(j) << axis_B.cross(gripper_B.position_m - vector(before * joint.JointOrigin())), axis_B;
+  }
 }
 
 void LimbKinematics::evaluate(const JointVector& q_rad, LimbState& state) noexcept {

@@ -3,8 +3,6 @@
 
 #include <array>
 #include <kdl/chainfksolverpos_recursive.hpp>
-#include <kdl/chainjnttojacsolver.hpp>
-#include <kdl/jacobian.hpp>
 #include <kdl/jntarray.hpp>
 #include <vector>
 
@@ -40,10 +38,9 @@ class LimbKinematics {
  private:
   KDL::Chain chain_;
   KDL::ChainFkSolverPos_recursive position_solver_;
-  KDL::ChainJntToJacSolver jacobian_solver_;
   KDL::JntArray joints_;
-  KDL::Jacobian jacobian_;
   std::vector<KDL::Frame> frames_;  ///< tip of every segment
+  std::array<unsigned int, kJoints> segment_of_joint_{};
   std::vector<double> mass_kg_;     ///< of every segment
   std::vector<KDL::Vector> com_m_;  ///< in its tip frame
   std::vector<int> last_joint_;     ///< index of the last joint that moves the segment

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -17,6 +18,18 @@ constexpr double kPlay = 0.5;
 constexpr double kDoubts = 2.0;  // deviations from where the others have it
 constexpr double kArm_m = 0.25;  // of a joint to its gripper, about: what was seen of play, as an angle
 constexpr int kSweeps = 30;      // over the joints, for their play
+
+/// Inverse of a symmetric, positive definite matrix, by blocks: those of 3 x 3 are closed forms.
+Matrix6 inverse(const Matrix6& matrix) noexcept {
+  const Matrix3 side = matrix.topRightCorner<3, 3>();
+  const Matrix3 first = matrix.topLeftCorner<3, 3>().inverse();
+  const Matrix3 across = first * side;
+  const Matrix3 second = (matrix.bottomRightCorner<3, 3>() - side.transpose() * across).inverse();
+  const Matrix3 corner = across * second;
+  Matrix6 inverse;
+  inverse << first + corner * across.transpose(), -corner, -corner.transpose(), second;
+  return inverse;
+}
 
 }  // namespace
 
@@ -37,7 +50,7 @@ Matrix6 StanceFit::information(const Standing& limb, int cycles) const noexcept 
     covariance += play_rad * play_rad * moved * moved.transpose();
   }
   if (!played) return covariance.diagonal().cwiseInverse().asDiagonal();
-  return covariance.inverse();
+  return inverse(covariance);
 }
 
 /// What the limb says of the body, and of its joints.
@@ -102,30 +115,27 @@ bool StanceFit::lay_body(const PerLimb<FittedLimb>& limbs) noexcept {
   return any;
 }
 
-StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off,
-                                      const PerLimb<Matrix6>& information) const noexcept {
+StanceFit::Word StanceFit::word(const Standing& limb, const Row& off, const Matrix6& information) const noexcept {
+  const Matrix6 weight = limb.map.transpose() * information;
+  return {true, off, weight * limb.map, weight * off, off.dot(information * off)};
+}
+
+StanceFit::Fit StanceFit::fit_without(int limb, const PerLimb<Word>& words) const noexcept {
   Matrix6 normal = Matrix6::Zero();
   Vector6 gradient = Vector6::Zero();
+  double squares = 0.0;
   for (int l = 0; l < kLimbs; ++l) {
-    if (l == limb || !count[l]) continue;
-    const Matrix6 weight = limbs_[l].map.transpose() * information[l];
-    normal += weight * limbs_[l].map;
-    gradient += weight * off[l];
+    if (l == limb || !words[l].counts) continue;
+    normal += words[l].normal;
+    gradient += words[l].gradient;
+    squares += words[l].squares;
   }
-  normal += kRelativeDamping * normal.trace() * Matrix6::Identity();
-  const Matrix6 covariance = normal.inverse();
+  const Matrix6 covariance = inverse(normal + kRelativeDamping * normal.trace() * Matrix6::Identity());
   const Vector6 body = -covariance * gradient;
-  Fit fit;
-  for (int l = 0; l < kLimbs; ++l) {
-    if (l == limb || !count[l]) continue;
-    const Row rest = off[l] + limbs_[l].map * body;
-    fit.rest += rest.dot(information[l] * rest);
-  }
   const Standing& own = limbs_[limb];
-  fit.left = off[limb] + own.map * body;
   const Eigen::Matrix<double, 2, 6> along = (own.rotation_GS * own.map.topRows<3>()).bottomRows<2>();
-  fit.doubt_m = std::sqrt((along * covariance * along.transpose()).trace());
-  return fit;
+  return {words[limb].off + own.map * body, std::max(squares + body.dot(2.0 * gradient + normal * body), 0.0),
+          std::sqrt((along * covariance * along.transpose()).trace())};
 }
 
 Misfit StanceFit::in_gripper(const Standing& limb, const Row& off) const noexcept {
@@ -162,37 +172,34 @@ Misfit StanceFit::beyond_play(const Standing& limb, const Misfit& off, int cycle
 void StanceFit::look_back(int window, double dt_s) noexcept {
   const int cycles = kCycles[window];
   const int then = (now_ + kPast - cycles) % kPast;
-  PerLimb<bool> count{};
-  PerLimb<Row> off;
-  PerLimb<Matrix6> worth;
+  PerLimb<Word> words;
   int counted = 0;
   for (int l = 0; l < kLimbs; ++l) {
-    count[l] = limbs_[l].holds && limbs_[l].cycles > cycles;
-    if (!count[l]) continue;
+    const Standing& limb = limbs_[l];
+    if (!limb.holds || limb.cycles <= cycles) continue;
     ++counted;
-    off[l] = limbs_[l].path - limbs_[l].past[then];
-    worth[l] = information(limbs_[l], cycles);
+    words[l] = word(limb, limb.path - limb.past[then], information(limb, cycles));
   }
-  Moved& moved = moved_[window];
-  moved = {};
   if (counted < kLeastHolds) return;
-  double least = std::numeric_limits<double>::infinity(), explained_m = 0.0;
+  Moved& moved = moved_[window];
+  Fit best{.rest = std::numeric_limits<double>::infinity()};
   for (int l = 0; l < kLimbs; ++l) {
-    if (!count[l]) continue;
-    const Fit fit = fit_without(l, count, off, worth);
-    if (fit.rest >= least) continue;
-    least = fit.rest;
-    const Misfit misfit = in_gripper(limbs_[l], fit.left);
-    const Misfit slid = beyond_play(limbs_[l], misfit, cycles);
-    // What play explains most of is play.
-    const double off_m = misfit.shift_G_m.tail<2>().norm();
-    const double play_m = (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm();
-    explained_m = play_m > kPlay * off_m ? play_m : 0.0;
+    if (!words[l].counts) continue;
+    const Fit fit = fit_without(l, words);
+    if (fit.rest >= best.rest) continue;
+    best = fit;
     moved.limb = l;
-    moved.way_m = slid.shift_G_m.tail<2>();
-    moved.alone =
-        parameters_.shift_sigma_m * std::sqrt(fit.rest) < kAlone * off_m && kDoubts * fit.doubt_m < moved.way_m.norm();
   }
+  if (moved.limb < 0) return;
+  const Misfit misfit = in_gripper(limbs_[moved.limb], best.left);
+  const Misfit slid = beyond_play(limbs_[moved.limb], misfit, cycles);
+  // What play explains most of is play.
+  const double off_m = misfit.shift_G_m.tail<2>().norm();
+  const double play_m = (misfit.shift_G_m - slid.shift_G_m).tail<2>().norm();
+  const double explained_m = play_m > kPlay * off_m ? play_m : 0.0;
+  moved.way_m = slid.shift_G_m.tail<2>();
+  moved.alone =
+      parameters_.shift_sigma_m * std::sqrt(best.rest) < kAlone * off_m && kDoubts * best.doubt_m < moved.way_m.norm();
   if (window == 0) play_m_ = std::max(play_m_ * std::exp(-dt_s / parameters_.play_memory_s), explained_m);
 }
 
@@ -206,16 +213,15 @@ void StanceFit::update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept {
   moved_.fill({});
   if (!lay_body(limbs)) return;
   begun_ = true;
-  PerLimb<bool> count{};
-  PerLimb<Row> off;
-  PerLimb<Matrix6> worth;
+  PerLimb<Word> words;
+  int counted = 0;
   for (int l = 0; l < kLimbs; ++l) {
-    count[l] = limbs_[l].holds;
-    off[l] = limbs_[l].off;
-    worth[l] = information(limbs_[l], 0);
+    if (!limbs_[l].holds) continue;
+    ++counted;
+    words[l] = word(limbs_[l], limbs_[l].off, information(limbs_[l], 0));
   }
-  for (int l = 0; l < kLimbs && std::count(count.begin(), count.end(), true) >= kLeastHolds; ++l) {
-    if (count[l]) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, count, off, worth).left);
+  for (int l = 0; l < kLimbs && counted >= kLeastHolds; ++l) {
+    if (words[l].counts) since_contact_[l] = in_gripper(limbs_[l], fit_without(l, words).left);
   }
   for (int window = 0; window < kWindows; ++window) look_back(window, dt_s);
 }

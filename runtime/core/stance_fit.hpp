@@ -77,6 +77,14 @@ class StanceFit {
     JointVector torque_Nm = JointVector::Zero();  ///< of the last cycle
     std::array<int, kJoints> idle_cycles_ago{};   ///< since the joint's torque was small or changed its sign
   };
+  /// What a limb that counts says of the motion of the body: the normal equations it adds to.
+  struct Word {
+    bool counts = false;
+    Row off = Row::Zero();
+    Matrix6 normal = Matrix6::Zero();
+    Vector6 gradient = Vector6::Zero();
+    double squares = 0.0;  ///< of `off`, by its deviations
+  };
   struct Fit {
     Row left = Row::Zero();  ///< what the limb itself is off the others
     double rest = 0.0;       ///< what the others are off each other, squared, by their deviations
@@ -86,8 +94,8 @@ class StanceFit {
   bool lay_body(const PerLimb<FittedLimb>& limbs) noexcept;
   void look(Standing& limb, const FittedLimb& seen) noexcept;
   Matrix6 information(const Standing& limb, int cycles) const noexcept;
-  Fit fit_without(int limb, const PerLimb<bool>& count, const PerLimb<Row>& off,
-                  const PerLimb<Matrix6>& information) const noexcept;
+  Word word(const Standing& limb, const Row& off, const Matrix6& information) const noexcept;
+  Fit fit_without(int limb, const PerLimb<Word>& words) const noexcept;
   Misfit in_gripper(const Standing& limb, const Row& off) const noexcept;
   Misfit beyond_play(const Standing& limb, const Misfit& off, int cycles) const noexcept;
   void look_back(int window, double dt_s) noexcept;
