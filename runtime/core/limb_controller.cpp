@@ -17,9 +17,9 @@ constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
 constexpr double kNarrower_m = 0.003;  // than planned may half a hold be
 constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
-// The force is felt at the motor. Fingers that it presses so much harder since they last moved so far are jammed; on a
-// hold they give some 4 um/N in simulation.
-constexpr double kJammed_N = 10.0, kMoved_m = 5e-6;
+// The force is felt at the motor. Fingers that it presses so much harder than as they touched, and that have given less
+// than so much a newton, are jammed; sound ones give some 4 um/N in simulation.
+constexpr double kJammed_N = 15.0, kLeastGive_m_N = 1e-6;
 constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
@@ -114,8 +114,8 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   admittance_.reset(off_m - contact_offset_W_m_,
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
   grasp_.reset(finger_opening_m_, finger_force_N_);
-  gripped_opening_m_ = moved_m_ = finger_opening_m_;
-  moved_N_ = finger_force_N();
+  gripped_opening_m_ = touched_m_ = finger_opening_m_;
+  touched_N_ = finger_force_N();
   jammed_ = false;
   aim_W_ = body_W;
   ik_ = {};
@@ -156,12 +156,13 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
 
 void LimbController::look_for_jam() noexcept {
   const double force_N = finger_force_N();
-  if (force_N < control_.contact_force_N || std::abs(finger_opening_m_ - moved_m_) > kMoved_m) {
-    moved_m_ = finger_opening_m_;
-    moved_N_ = force_N;
+  if (force_N < control_.contact_force_N) {
+    touched_m_ = finger_opening_m_;
+    touched_N_ = force_N;
     jammed_ = false;
   }
-  jammed_ = jammed_ || force_N - moved_N_ > kJammed_N;
+  const double harder_N = force_N - touched_N_, given_m = std::abs(finger_opening_m_ - touched_m_);
+  jammed_ = jammed_ || (harder_N > kJammed_N && given_m < kLeastGive_m_N * harder_N);
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {

@@ -244,6 +244,16 @@ TEST_F(Sensors, FingersThatJamOnTheirHoldAreNeitherPulledNorGripHoweverHardTheMo
   EXPECT_EQ(run_.result.reference[0].load, 0.0);
 }
 
+TEST_F(Sensors, FingersThatHaveGivenOnTheirHoldNeedNotGiveFurther) {
+  constexpr double kStands_m = 0.03 - 48e-6;  // from half its force on
+  const auto stop = [&](crux_msgs::control_input_t& in) {
+    if (run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose))
+      in.finger_opening_m[0] = std::max(in.finger_opening_m[0], kStands_m);
+  };
+  EXPECT_GT(until_fault(stop, 12000), 12000);
+  EXPECT_TRUE(run_.result.state.plan_complete);
+}
+
 TEST_F(Sensors, AHoldThatIsNotThereIsMissingAndNoSensorIsBlamed) {
   run_.steps(kIntoSwing);
   const double stop_m = robot().gripper.min_opening_m;
