@@ -62,7 +62,7 @@ def checked(log: Payloads) -> BusCheck | None:
 def _counted_at(frames: CanFrames) -> np.ndarray:
     """(n,) the cycle whose /bus_health counts a frame first: its own when it was read before that cycle's sending."""
     sent = np.cumsum(frames.direction == can_frames_t.SENT)
-    _, first = np.unique(frames.cycle, return_index=True)
+    first = np.flatnonzero(np.diff(frames.cycle, prepend=frames.cycle[0] - 1))  # they stand in the order of cycles
     before = np.repeat(np.where(first > 0, sent[first - 1], 0), np.diff(np.append(first, len(sent))))
     return np.asarray(frames.cycle + (sent > before))
 

@@ -147,18 +147,28 @@ class Telemetry:
     verdict: truth_verdict_t | None  # of the simulation's judge; None in the log of a robot or an earlier crux
 
 
-def _take(raw: Raw, opcode: int, record: bytes, wanted: Callable[[str], bool]) -> None:
-    if opcode == Opcode.MESSAGE:
-        channel_id, _, log_time, _ = _MESSAGE.unpack_from(record)
-        home = raw.home.get(channel_id)
-        if home is not None and wanted(raw.channels[home].topic):
-            raw.payloads[home].append(record[_MESSAGE.size :])
-            raw.times_ns[home].append(log_time)
-    elif opcode == Opcode.SCHEMA:
-        schema = Schema.read(_stream(record))
-        raw.schemas[schema.id] = schema
-    elif opcode == Opcode.CHANNEL:
-        raw.know(Channel.read(_stream(record)))
+def _take_chunk(raw: Raw, data: bytes, wanted: Callable[[str], bool]) -> None:
+    """The records of a chunk. Logs are mostly messages: what of a channel is looked up is looked up once."""
+    taken: dict[int, tuple[Callable[[bytes], None], Callable[[int], None]] | None] = {}
+    for opcode, record in chunk_records(data):
+        if opcode == Opcode.MESSAGE:
+            channel_id, _, log_time, _ = _MESSAGE.unpack_from(record)
+            if channel_id not in taken:
+                home = raw.home.get(channel_id)
+                if home is None or not wanted(raw.channels[home].topic):
+                    taken[channel_id] = None
+                else:
+                    taken[channel_id] = raw.payloads[home].append, raw.times_ns[home].append
+            if (take := taken[channel_id]) is not None:
+                take[0](record[_MESSAGE.size :])
+                take[1](log_time)
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(record))
+            raw.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(record))
+            raw.know(channel)
+            taken.pop(channel.id, None)
 
 
 def _stream(record: bytes) -> ReadDataStream:
@@ -175,8 +185,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
         try:
             for record in records(file, size):
                 if isinstance(record, Chunk):
-                    for opcode, data in chunk_records(chunk_bytes(record, raw.notes)):
-                        _take(raw, opcode, data, wanted)
+                    _take_chunk(raw, chunk_bytes(record, raw.notes), wanted)
                 elif isinstance(record, Schema):
                     raw.schemas[record.id] = record
                 elif isinstance(record, Channel):
