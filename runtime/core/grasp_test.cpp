@@ -1,6 +1,7 @@
 #include "core/grasp_test.hpp"
 
 #include <algorithm>
+#include <limits>
 
 namespace crux {
 namespace {
@@ -55,17 +56,18 @@ void GraspTest::begin(int limb, const Wrench& load_W, const PerLimb<double>& bea
   standing_ = easing_ = failed_ = false;
 }
 
-bool GraspTest::others_bear(const PerLimb<double>& needs_N) const noexcept {
+bool GraspTest::all_bear(const PerLimb<double>& needs_N) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
-    if (l != limb_ && needs_N[l] > bearable_N_[l]) return false;
+    const double most_N = l == limb_ ? std::numeric_limits<double>::max() : bearable_N_[l];
+    if (needs_N[l] > most_N) return false;
   }
   return true;
 }
 
 void GraspTest::load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept {
-  const bool others_bear = this->others_bear(needs_N);
-  if (others_bear) share_ = std::min(share_ + step, 1.0);
-  standing_ = !others_bear || share_ == 1.0;
+  const bool all_bear = this->all_bear(needs_N);
+  if (all_bear) share_ = std::min(share_ + step, 1.0);
+  standing_ = !all_bear || share_ == 1.0;
   loaded_slid_m_ = slid_m;
   time_s_ = 0.0;
 }

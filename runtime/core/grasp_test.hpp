@@ -37,7 +37,7 @@ class GraspTest {
   void begin(int limb, const Wrench& load_W, const PerLimb<double>& bearable_N) noexcept;
 
   /// One period; where the gripper under test is, how far it has slid on its hold beyond play, and the grasp force that
-  /// each limb needs.
+  /// each limb needs: infinite where one of its joints gives all it should, which ends the pull of any limb.
   void advance(const Vector3& gripper_W_m, double slid_m, const PerLimb<double>& needs_N, double dt_s) noexcept;
 
   int limb() const { return limb_; }                                       ///< under test; -1: none
@@ -50,7 +50,7 @@ class GraspTest {
   bool begun(int limb) const { return limb == limb_ || result_[limb] != Result::kNone; }
 
  private:
-  bool others_bear(const PerLimb<double>& needs_N) const noexcept;
+  bool all_bear(const PerLimb<double>& needs_N) const noexcept;
   void load_more(double step, double slid_m, const PerLimb<double>& needs_N) noexcept;
 
   int limb_ = -1;

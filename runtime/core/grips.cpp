@@ -8,7 +8,7 @@
 namespace crux {
 namespace {
 
-// Of a joint's effort: a pull loads other limbs no further.
+// Of a joint's effort: a pull loads no limb further.
 constexpr double kMostTorque = 0.95;
 // A gripper on its way down has stood so long: it does not come down.
 constexpr double kBlocked_s = 0.3;

@@ -2,6 +2,7 @@
 #include "core/grasp_test.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "fixture.hpp"
 
@@ -77,6 +78,20 @@ TEST(GraspTest, IsNotPulledHarderThanTheOtherLimbsBear) {
   };
   EXPECT_EQ(pulled(stands, 0.0, 100.0).result(2), GraspTest::Result::kPassed);
   EXPECT_NEAR(most, kBearable_N[1] / 100.0, 0.02);
+}
+
+TEST(GraspTest, IsPulledNoHarderThanItsOwnJointsGive) {
+  double most = 0.0;
+  GraspTest test;
+  test.begin(2, kLoad, kBearable_N);
+  for (int i = 0; i < 5000 && test.limb() == 2; ++i) {
+    const double share = test.pull_W().force_N.norm() / kLoad.force_N.norm();
+    most = std::max(most, share);
+    const double need_N = share > 0.5 ? std::numeric_limits<double>::infinity() : 99.0;
+    test.advance({0.0, 0.0, 0.0}, 0.0, {0.0, 0.0, need_N, 0.0}, kDt_s);
+  }
+  EXPECT_EQ(test.result(2), GraspTest::Result::kPassed);
+  EXPECT_NEAR(most, 0.5, 0.02);
 }
 
 TEST(GraspTest, AGraspThatComesOffIsNotPulledToTheEnd) {
