@@ -178,9 +178,8 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
       clock_.wait_anew();
     }
     if (!limb.closing()) continue;
-    if (limbs_[l].jammed() && test_.limb() == l) test_.reset();
     if (events[l].gripped && test_.result(l) == GraspTest::Result::kNone) begin_test(l);
-    events[l].gripped = events[l].gripped && test_.result(l) == GraspTest::Result::kPassed;
+    events[l].gripped = test_.result(l) == GraspTest::Result::kPassed;
   }
   if (started_) clock_.advance(*plan_, events, dt_s, supervisor_.speed_scale());
   if (test_.limb() >= 0) clock_.wait_anew();  // a pull takes as long as its load is heavy, and ends by itself

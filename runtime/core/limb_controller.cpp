@@ -17,10 +17,7 @@ constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
 constexpr double kNarrower_m = 0.003;  // than planned may half a hold be
 constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
-// The force is felt at the motor. Fingers that it presses so much harder than as they touched, and that have given less
-// than so much a newton, are jammed; sound ones give some 4 um/N in simulation.
-constexpr double kJammed_N = 15.0, kLeastGive_m_N = 1e-6;
-constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
+constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -114,9 +111,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   admittance_.reset(off_m - contact_offset_W_m_,
                     rotation_log(gripper_W.rotation * rotation_z(reference.gripper_yaw_W_rad).transpose()));
   grasp_.reset(finger_opening_m_, finger_force_N_);
-  gripped_opening_m_ = touched_m_ = finger_opening_m_;
-  touched_N_ = finger_force_N();
-  jammed_ = false;
+  gripped_opening_m_ = finger_opening_m_;
   aim_W_ = body_W;
   ik_ = {};
   ik_.q_rad = q_rad_;
@@ -143,26 +138,13 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
   const double between = (opened_m_ - finger_opening_m_) / (opened_m_ - reference.finger_opening_m);
   const bool far_open = reference.closing() && opened_m_ > reference.finger_opening_m && between < kLeastClosed;
-  look_for_jam();
-  const bool touches = finger_force_N() >= control_.contact_force_N;
-  gripped_time_s_ = touches && !far_open && !jammed_ ? gripped_time_s_ + dt_s : 0.0;
+  gripped_time_s_ = finger_force_N() >= control_.contact_force_N && !far_open ? gripped_time_s_ + dt_s : 0.0;
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   return {.unloaded = unloaded,
           .opened = opened(reference),
           .arrived = opened(reference) && distance_m <= supervisor_.arrive_tolerance_m,
           .gripped = gripped_time_s_ >= supervisor_.persistence_s};
-}
-
-void LimbController::look_for_jam() noexcept {
-  const double force_N = finger_force_N();
-  if (force_N < control_.contact_force_N) {
-    touched_m_ = finger_opening_m_;
-    touched_N_ = force_N;
-    jammed_ = false;
-  }
-  const double harder_N = force_N - touched_N_, given_m = std::abs(finger_opening_m_ - touched_m_);
-  jammed_ = jammed_ || (harder_N > kJammed_N && given_m < kLeastGive_m_N * harder_N);
 }
 
 Pose LimbController::target_W(const LimbReference& reference) const noexcept {

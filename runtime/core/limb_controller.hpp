@@ -124,9 +124,6 @@ class LimbController {
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
-  /// The fingers are pressed much harder than when they touched, and have hardly given: the motor's force does not
-  /// reach the hold. Until they let go.
-  bool jammed() const { return jammed_; }
   void trust_finger_force(bool trusts) noexcept { trusts_finger_force_ = trusts; }
   void trust_force_torque(bool trusts) noexcept { trusts_force_torque_ = trusts; }
   double expected_finger_force_N() const noexcept {
@@ -167,7 +164,6 @@ class LimbController {
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;
-  void look_for_jam() noexcept;
   void aim_at(const Pose& target_W, const LimbReference& reference) noexcept;
   void grip_at(const Vector3& place_W_m, const Pose& target_W, const LimbReference& reference) noexcept;
 
@@ -194,9 +190,7 @@ class LimbController {
   double finger_force_N_ = 0.0;
   bool trusts_finger_force_ = true;
   bool trusts_force_torque_ = true;
-  double opened_m_ = 0.0;                     ///< before the fingers closed
-  double touched_m_ = 0.0, touched_N_ = 0.0;  ///< opening and force as the fingers touched
-  bool jammed_ = false;
+  double opened_m_ = 0.0;           ///< before the fingers closed
   double gripped_opening_m_ = 0.0;  ///< at contact
   Wrench raw_G_;
   JointVector residual_Nm_ = JointVector::Zero();           ///< filtered as the wrench is

@@ -14,7 +14,7 @@ namespace {
 
 using crux_msgs::limb_knot_t;
 
-constexpr double kHalfHold_m = 0.03, kGive_m_N = 4e-6;
+constexpr double kHalfHold_m = 0.03;
 constexpr double kOpen_m = 0.045;
 constexpr double kPad_m = 0.035;
 constexpr double kLift_m = 0.11;
@@ -146,7 +146,6 @@ double setpoint_share(double dt_s) { return 1.0 - std::exp(-dt_s / robot().servo
 
 void loosen(crux_msgs::control_input_t& in, int limb) {
   constexpr double kLeft_N = 0.5;
-  in.finger_opening_m[limb] += kGive_m_N * in.finger_force_n[limb];
   in.finger_opening_m[limb] -= (in.finger_force_n[limb] - kLeft_N) / robot().gripper.stiffness_N_m;
   in.finger_force_n[limb] = kLeft_N;
 }
@@ -194,8 +193,8 @@ void ObedientPlant::obey(const CycleResult& result) {
     if (tracks) {
       const double command_m = result.output.finger_opening_m[l];
       const bool held = on_hold(l, Vector3(limb.gripper_position_w_m)) && command_m < kHalfHold_m;
+      input_.finger_opening_m[l] = held ? kHalfHold_m : command_m;
       input_.finger_force_n[l] = held ? robot().gripper.stiffness_N_m * (kHalfHold_m - command_m) : 0.0;
-      input_.finger_opening_m[l] = held ? kHalfHold_m - kGive_m_N * input_.finger_force_n[l] : command_m;
     }
     const double* q = limb.gripper_quaternion_w;
     const Matrix3 rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();

@@ -228,32 +228,6 @@ TEST_F(Sensors, FingersThatJamInTheAirGripNothingHoweverHardTheyPress) {
   EXPECT_EQ(run_.result.reference[0].load, 0.0);
 }
 
-TEST_F(Sensors, FingersThatJamOnTheirHoldAreNeitherPulledNorGripHoweverHardTheMotorPresses) {
-  run_.steps(kIntoSwing);
-  double jammed_m = 0.0, most_pull_N = 0.0;
-  const auto jam = [&](crux_msgs::control_input_t& in) {
-    if (run_.result.reference[0].phase != static_cast<int>(LimbPhase::kClose)) return;
-    if (jammed_m == 0.0 && in.finger_force_n[0] > 8.0) jammed_m = in.finger_opening_m[0];
-    if (jammed_m != 0.0) in.finger_opening_m[0] = jammed_m;
-    most_pull_N = std::max(most_pull_N, Vector3(run_.result.telemetry[0].force_reference_w_n).norm());
-  };
-  ASSERT_LT(until_fault(jam, 20000), 20000);
-  EXPECT_NE(jammed_m, 0.0);
-  expect_fault(FaultCode::kEventTimeout, 0, 0);
-  EXPECT_LT(most_pull_N, 1.0);
-  EXPECT_EQ(run_.result.reference[0].load, 0.0);
-}
-
-TEST_F(Sensors, FingersThatHaveGivenOnTheirHoldNeedNotGiveFurther) {
-  constexpr double kStands_m = 0.03 - 48e-6;  // from half its force on
-  const auto stop = [&](crux_msgs::control_input_t& in) {
-    if (run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose))
-      in.finger_opening_m[0] = std::max(in.finger_opening_m[0], kStands_m);
-  };
-  EXPECT_GT(until_fault(stop, 12000), 12000);
-  EXPECT_TRUE(run_.result.state.plan_complete);
-}
-
 TEST_F(Sensors, AHoldThatIsNotThereIsMissingAndNoSensorIsBlamed) {
   run_.steps(kIntoSwing);
   const double stop_m = robot().gripper.min_opening_m;
