@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
+from typing import Self
 
 from crux_contracts.robot import load_robot
 from crux_msgs import plan_t
@@ -34,7 +35,7 @@ class RobotOnWall:
         self._thread = threading.Thread(target=self._serve)
         self.cycle = -1
 
-    def __enter__(self) -> RobotOnWall:
+    def __enter__(self) -> Self:
         self._nodes.publish(self._plant)
         self._thread.start()
         return self
