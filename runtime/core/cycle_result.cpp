@@ -75,8 +75,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   state.cycle = in.cycle;
   state.time_s = static_cast<double>(in.cycle) * in.dt_s;
   state.supervisor_state = static_cast<std::int8_t>(supervisor_.state());
-  const bool returns = return_ == Return::kOnItsWay;
-  state.motion = static_cast<std::int8_t>(returns ? Motion::kReverse : supervisor_.motion());
+  const Motion to_hold = clock_.now().back ? Motion::kReverse : Motion::kStep;
+  state.motion = static_cast<std::int8_t>(return_ == Return::kOnItsWay ? to_hold : supervisor_.motion());
   state.plan_complete = plan_ && clock_.complete(*plan_) ? 1 : 0;
   state.waiting_for = static_cast<std::int8_t>(waiting_for);
   state.waiting_limb = static_cast<std::int8_t>(!climbing              ? -1

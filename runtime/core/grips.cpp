@@ -107,7 +107,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
 
 void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   if (supervisor_.state() != SupervisorState::kHolding || return_ == Return::kOver || plan_->point_feet) return;
-  // Fingers that close have their hold before them, or press on it already: they are not opened.
+  // Fingers that close have their hold before them, or press on it already: they go on, and their limb takes up load.
   bool lost = false, in_air = false, closes = false;
   for (int l = 0; l < kLimbs; ++l) {
     lost = lost || faults_.lost(l);
@@ -116,10 +116,12 @@ void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   }
   if (!lost) return;
   if (return_ == Return::kNone) {
-    const bool can = in_air && !closes && retry_.limb() < 0 && clock_.can_reverse(*plan_);
+    const bool on = closes && !clock_.now().back;
+    const bool leads = on ? stance_s(*plan_, clock_.now().interval + 1) > 0.0 : clock_.can_reverse(*plan_);
+    const bool can = in_air && retry_.limb() < 0 && leads;
     return_ = can ? Return::kOnItsWay : Return::kOver;
     if (!can) return;
-    clock_.depart(*plan_, Motion::kReverse);
+    clock_.depart(*plan_, on ? Motion::kStep : Motion::kReverse);
     test_.reset();
     retry_.reset();
   }

@@ -167,13 +167,12 @@ TEST_F(Sensors, ALimbInTheAirGoesBackToItsHoldWhenAnotherHasLostItsOwn) {
   EXPECT_EQ(run_.result.state.plan_time_s, plan_time_s) << "in the stance before the clock stands";
 }
 
-TEST_F(Sensors, AGripperThatHasClosedIsNotOpenedAgainWhenAnotherHasLostItsHold) {
-  const auto presses = [&] {
-    return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose) &&
-           run_.plant.input().finger_force_n[0] > 20.0;
-  };
-  for (int i = 0; i < 12000 && !presses(); ++i) run_.step();
-  ASSERT_TRUE(presses());
+TEST_F(Sensors, AGripperThatHasClosedTakesUpLoadWhenAnotherHasLostItsHold) {
+  const auto closes = [&] { return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kClose); };
+  const auto presses = [&] { return run_.plant.input().finger_force_n[0] > 20.0; };
+  for (int i = 0; i < 12000 && !(closes() && presses()); ++i) run_.step();
+  ASSERT_TRUE(closes() && presses());
+  ASSERT_LT(planned_force_N(0).norm(), 0.1);
   const auto gone = [](crux_msgs::control_input_t& in) { loosen(in, 2); };
   ASSERT_LE(until_fault(gone, 200), 200);
   expect_fault(FaultCode::kGripLost, 2, 7);
@@ -181,7 +180,10 @@ TEST_F(Sensors, AGripperThatHasClosedIsNotOpenedAgainWhenAnotherHasLostItsHold) 
     gone(run_.plant.input());
     run_.step();
     ASSERT_TRUE(presses()) << "cycle " << i;
+    ASSERT_EQ(run_.core.state(), SupervisorState::kHolding);
   }
+  EXPECT_EQ(run_.result.reference[0].phase, static_cast<int>(LimbPhase::kStance));
+  EXPECT_GT(planned_force_N(0).norm(), 5.0);
 }
 
 TEST_F(Sensors, AFingerForceThatReadsZeroIsNamedAndTheGripHoldsOnByItsOpening) {
