@@ -43,9 +43,9 @@ class Computer:
     def __init__(self, root: Path) -> None:
         subprocess.run(["make", "packages", "ARCHITECTURES=amd64"], cwd=ROOT, check=True, capture_output=True)
         (package,) = (ROOT / "build" / "packages").glob(f"{UNIT}_*_amd64.deb")
-        install = f"chroot $1 apt-get install -y --no-install-recommends /root/{package.name}"
+        install = f"chroot $1 apt-get install -y --no-install-recommends /{package.name}"
         words = ["mmdebstrap", "-q", "--variant=minbase", "--include=systemd,systemd-sysv,dbus"]
-        hooks = [f"--customize-hook=copy-in {package} /root", f"--customize-hook={install}"]
+        hooks = [f"--customize-hook=copy-in {package} /", f"--customize-hook={install}"]
         subprocess.run([*words, *hooks, "bookworm", root], check=True, capture_output=True)
         self.root = root
         self._pid = 0
