@@ -61,7 +61,7 @@ class ControlCore {
   SupervisorState state() const { return supervisor_.state(); }
 
  private:
-  /// Of a limb in the air to the hold it left, or closes on, when another has lost its own.
+  /// Of a limb in the air to the hold it left, or comes down on, when another has lost its own.
   enum class Return : std::uint8_t { kNone, kOnItsWay, kOver };
 
   void sense(const crux_msgs::control_input_t& in) noexcept;
@@ -77,7 +77,7 @@ class ControlCore {
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
   /// Lets the clock run back in HOLDING, once, until a limb that is in the air while another has lost its hold grips;
-  /// on, where its fingers close already, until it bears.
+  /// on, where it comes down already or its fingers close, until it bears.
   void find_hold_again(int command, double dt_s) noexcept;
   void localise(const PlanReference& reference, double dt_s) noexcept;
   void control(const crux_msgs::control_input_t& in, const PlanReference& reference) noexcept;

@@ -107,16 +107,17 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
 
 void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   if (supervisor_.state() != SupervisorState::kHolding || return_ == Return::kOver || plan_->point_feet) return;
-  // Fingers that close have their hold before them, or press on it already: they go on, and their limb takes up load.
-  bool lost = false, in_air = false, closes = false;
+  // A gripper that comes down on its hold, closes or presses on it already goes on, and its limb takes up load.
+  bool lost = false, in_air = false, comes = false;
   for (int l = 0; l < kLimbs; ++l) {
     lost = lost || faults_.lost(l);
     in_air = in_air || !(reference_.limbs[l].gripping() || faults_.lost(l));
-    closes = closes || (reference_.limbs[l].closing() && !faults_.lost(l));
+    const bool near = reference_.limbs[l].closing() || reference_.limbs[l].phase == LimbPhase::kDescend;
+    comes = comes || (near && !faults_.lost(l));
   }
   if (!lost) return;
   if (return_ == Return::kNone) {
-    const bool on = closes && !clock_.now().back;
+    const bool on = comes && !clock_.now().back;
     const bool leads = on ? stance_s(*plan_, clock_.now().interval + 1) > 0.0 : clock_.can_reverse(*plan_);
     const bool can = in_air && retry_.limb() < 0 && leads;
     return_ = can ? Return::kOnItsWay : Return::kOver;
@@ -125,10 +126,13 @@ void ControlCore::find_hold_again(int command, double dt_s) noexcept {
     test_.reset();
     retry_.reset();
   }
+  // On two grips the body may hang elsewhere than it seems: fingers that do not arrive close where they are.
+  const bool late = clock_.waiting_for() == WaitingFor::kArrive && clock_.waited_s() > kBlocked_s;
   PerLimb<LimbEvents> events;
   for (int l = 0; l < kLimbs; ++l) {
     events[l] = limbs_[l].events(reference_.limbs[l], body_.body_W(), dt_s);
     events[l].gripped = events[l].gripped || faults_.lost(l);
+    events[l].arrived = events[l].arrived || late;
   }
   clock_.advance(*plan_, events, dt_s, 1.0);
   const bool ends = clock_.arrived(*plan_) || clock_.waited_s() > robot_.supervisor.event_timeout_s;

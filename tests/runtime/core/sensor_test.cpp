@@ -186,6 +186,27 @@ TEST_F(Sensors, AGripperThatHasClosedTakesUpLoadWhenAnotherHasLostItsHold) {
   EXPECT_GT(planned_force_N(0).norm(), 5.0);
 }
 
+TEST_F(Sensors, AGripperThatComesDownGoesOnAndClosesWhereItStandsWhenAnotherHasLostItsHold) {
+  const auto phase = [&] { return static_cast<LimbPhase>(run_.result.reference[0].phase); };
+  for (int i = 0; i < 12000 && phase() != LimbPhase::kDescend; ++i) run_.step();
+  ASSERT_EQ(phase(), LimbPhase::kDescend);
+  const double down_s = run_.result.state.plan_time_s, above_rad = run_.plant.input().joint_position_rad[1];
+  const auto gone = [&](crux_msgs::control_input_t& in) {
+    loosen(in, 2);
+    in.joint_position_rad[1] = above_rad;  // it never comes to where its hold seems to be
+  };
+  ASSERT_LE(until_fault(gone, 200), 200);
+  expect_fault(FaultCode::kGripLost, 2, 7);
+  for (int i = 0; i < 2000; ++i) {
+    gone(run_.plant.input());
+    run_.step();
+    ASSERT_GE(run_.result.state.plan_time_s, down_s);
+    ASSERT_EQ(run_.core.state(), SupervisorState::kHolding);
+  }
+  EXPECT_EQ(phase(), LimbPhase::kClose);
+  EXPECT_LT(run_.result.output.finger_opening_m[0], run_.result.output.finger_opening_m[1]) << "its fingers close";
+}
+
 TEST_F(Sensors, AFingerForceThatReadsZeroIsNamedAndTheGripHoldsOnByItsOpening) {
   const double opening_m = run_.result.output.finger_opening_m[1];
   const auto zero = [](crux_msgs::control_input_t& in) { in.finger_force_n[1] = 0.0; };
