@@ -28,6 +28,7 @@ from crux_simulation.benchmarks.world_faults import (
 from crux_simulation.campaign.job import PLAN_FILE, WorldFile
 from crux_simulation.sim.fault_file import read_faults
 from crux_simulation.sim.world_file import read_world
+from crux_tools.cli import main
 from hand_plan import climbing_plan, standing_plan
 
 
@@ -79,6 +80,14 @@ def test_a_kind_of_fault_has_walls_of_both_kinds() -> None:
     for first, second in zip(jobs[: len(KINDS)], jobs[len(KINDS) :], strict=True):
         assert first.walls == second.walls
         assert {bool(first.wall.kind), bool(second.wall.kind)} == {False, True}
+    some = world_faults.jobs_of(2, 1, ("hold-breaks",))
+    assert some == [job for job in jobs if job.walls == "hold-breaks"], "alone it is climbed as among all"
+
+
+def test_kinds_of_the_world_are_no_faults_of_the_buses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for kind, world, said in (("cut", ["--world"], "a fault of the buses"), ("hold-breaks", [], "only with --world")):
+        assert main(["bench", "faults", "--kinds", kind, *world, "--output", str(tmp_path)]) == 2
+        assert f"--kinds {kind}: {said}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["runtime-killed", "disk-full"])

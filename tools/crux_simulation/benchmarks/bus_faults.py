@@ -15,7 +15,7 @@ from typing import Any
 
 from crux_contracts.output_file import look_at_folder
 from crux_tools.arguments import whole
-from crux_tools.errors import WorkFailed
+from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
 from crux_tools.paths import SCENARIOS
 from crux_tools.report.results import FAILED, HELD, LOG_FILE
@@ -29,6 +29,7 @@ from crux_simulation.sim.fault_file import ON_ANY_BUS, ON_SOCKETCAN
 SCENARIO = SCENARIOS / "climb-one-step.yaml"
 AT_S, FOR_S = 8.0, 1.0  # LF is in the air
 LONGEST_HOLD_S = 0.1
+ON_BUSES = ON_ANY_BUS + ON_SOCKETCAN
 IN_THE_AIR, BEARING = "LF", "RF"
 ALSO_IN_THE_AIR = ("cut", "reset", "controller_off", "interface_down")
 OF_ONE_NODE = ("reset", "controller_off")
@@ -80,7 +81,14 @@ class Found:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `crux bench faults`."""
-    parser.add_argument("--kinds", nargs="+", choices=ON_ANY_BUS + ON_SOCKETCAN, metavar="KIND", help="not all of them")
+    of_the_buses, in_the_world = ", ".join(ON_BUSES), ", ".join(world_faults.KINDS)
+    parser.add_argument(
+        "--kinds",
+        nargs="+",
+        choices=(*ON_BUSES, *world_faults.KINDS),
+        metavar="KIND",
+        help=f"not all of them; of the buses: {of_the_buses}; with --world: {in_the_world}",
+    )
     parser.add_argument(
         "--images", action="store_true", help="the limb's nodes run their images on emulated microcontrollers"
     )
@@ -186,12 +194,17 @@ def run(options: argparse.Namespace) -> int:
     from crux_simulation.campaign.engine import run_anew
 
     look_at_folder("--output", options.output)
+    kinds = tuple(world_faults.KINDS) if options.world else ON_BUSES
+    options.kinds = tuple(options.kinds or kinds)
+    for kind in options.kinds:
+        if kind not in kinds:
+            raise UsageError(f"--kinds {kind}: {'a fault of the buses' if options.world else 'only with --world'}")
     if options.world:
         return world_faults.run(options)
     plan = options.output / "plan.mcap"
     if not crux_json("plan", str(SCENARIO), "-o", str(plan))[0].get("ok"):
         raise WorkFailed(f"{SCENARIO.name} cannot be planned")
-    tried = cases(tuple(options.kinds or ON_ANY_BUS + ON_SOCKETCAN))
+    tried = cases(options.kinds)
     jobs = [FaultJob(case, options.images, plan.read_bytes()) for case in tried]
     rows = [Found(**row["fault"]) for row in run_anew(jobs, options.output, options, "breaking the buses")]
     if options.json:

@@ -8,9 +8,11 @@ Only the flood takes real time: what it costs is what it is about.
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 import shlex
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -169,11 +171,16 @@ def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
     return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
-def jobs_of(count: int, first_seed: int) -> list[ClimbJob]:
-    """Climbs with one fault each."""
-    seeds = range(first_seed, first_seed + count)
-    turns = [index + index // len(KINDS) for index in range(count)]  # or a kind would always have the same walls
-    return [job_of(draw_fault(seed), turn, seed) for seed, turn in zip(seeds, turns, strict=True)]
+def jobs_of(count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS)) -> list[ClimbJob]:
+    """Climbs with one fault each, of the first seeds whose faults are of `kinds`."""
+    jobs = []
+    for turn in itertools.count():
+        if len(jobs) == count:
+            break
+        fault = draw_fault(first_seed + turn)
+        if fault.kind in kinds:  # other walls in every round, or a kind would always have the same
+            jobs.append(job_of(fault, turn + turn // len(KINDS), first_seed + turn))
+    return jobs
 
 
 @dataclass(frozen=True)
@@ -208,7 +215,8 @@ def run(options: argparse.Namespace) -> int:
     """Exit status 0 when nothing fell, and every climb ended at the goal or with its cause told, of the right limb."""
     from crux_simulation.campaign.engine import run_anew
 
-    rows = run_anew(jobs_of(options.count, options.seed), options.output, options, "climbing with one fault")
+    jobs = jobs_of(options.count, options.seed, options.kinds)
+    rows = run_anew(jobs, options.output, options, "climbing with one fault")
     endings = [ending_of(row, draw_fault(row["seed"])) for row in rows if "climb" in row]
     ok = all(not end.fell and (end.climbed or end.told) for end in endings)
     kinds: dict[str, list[Ending]] = defaultdict(list)
