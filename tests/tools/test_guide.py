@@ -23,7 +23,7 @@ from crux_tools.telemetry.reader import Channels, read_channels
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 BREAKS_S = 10.0
-RR, TRACK = 3, 1
+RR, TRACK, CLOSE = 3, 1, 6
 IDLE, READY, CLIMBING, HOLDING = 0, 1, 2, 3
 
 
@@ -63,6 +63,17 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
     assert plans[1].method == "guide: grip_lost of RR"
     assert plans[1].knots[0].limbs[RR].phase == limb_knot_t.AIR
     assert recompute(log).ok
+
+
+def test_fingers_that_close_when_another_hold_breaks_are_waited_for(plan: plan_t, tmp_path: Path) -> None:
+    result, channels = guided(plan, tmp_path / "log.mcap", "{left-rear-low: {breaks_at_s: 27.9}}")
+    state = channels.tables["/robot_state"]
+    broke = state["time_s"][np.argmax((state["supervisor_state"] == HOLDING) & (state["time_s"] > BREAKS_S))]
+    phases = channels.tables["/limb_reference"]["phase"].reshape(-1, 4)
+    assert phases[int(np.searchsorted(state["time_s"], broke) * len(phases) / len(state)), 1] == CLOSE
+    assert result.ok, result.reason
+    assert result.guide is not None
+    assert result.guide["plans"] == 1
 
 
 def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(

@@ -5,13 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner import plan as make_plan
-from crux_simulation.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps
+from crux_simulation.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps, stands_s
+from crux_simulation.campaign.job import WorldFile
+from crux_simulation.sim.climb import ClimbOptions, climb
+from crux_tools.telemetry import read_channels
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 
@@ -21,15 +25,22 @@ def plan() -> Any:
     return make_plan(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
 
 
-def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any) -> None:
+def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any, tmp_path: Path) -> None:
     for seed in range(20):
-        mishap, entry = drawn("hold-breaks", seed, plan)
+        mishap = drawn("hold-breaks", seed, plan)
         assert mishap is not None
         knot = plan.knots[mishap.knot]
         assert min(limb.hold for limb in knot.limbs) >= 0
         assert knot.limbs[mishap.limb].hold == mishap.hold
-        ((hold, broken),) = yaml.safe_load(entry)["holds"].items()
-        assert (int(hold), broken["breaks_at_s"]) == (mishap.hold, pytest.approx(2.0 + knot.time_s))
+        assert mishap.entry("hold-breaks", 9.5) == f"holds: {{{mishap.hold}: {{breaks_at_s: 9.500}}}}"
+    at_s = stands_s(plan, mishap.knot, 3)
+    world = WorldFile("x", f"version: 1\nname: x\n{mishap.entry('hold-breaks', at_s)}\n").draw(3, plan)
+    climb(plan, load_robot("scaler"), tmp_path / "log.mcap", ClimbOptions(seed=3, world=world))
+    contacts = read_channels(tmp_path / "log.mcap").tables["/truth/contacts"]
+    pressed = contacts["pad_normal_force_n"].reshape(-1, 4, 2).min(axis=2) > 0.0
+    before, after = (np.searchsorted(contacts["cycle"], (at_s + late_s) / 0.002) for late_s in (-0.01, 0.05))
+    assert pressed[before].all(), "all limbs gripped"
+    assert pressed[after].tolist() == [limb != mishap.limb for limb in range(4)]
 
 
 def test_holds_that_are_elsewhere_or_smooth_are_not_those_of_the_start(plan: Any) -> None:
@@ -49,10 +60,11 @@ def test_every_kind_is_a_world_of_its_own(plan: Any) -> None:
     jobs = jobs_of(list(KINDS), 2, 7)
     assert [(job.walls, job.seed) for job in jobs] == [(kind, seed) for kind in KINDS for seed in (7, 8)]
     for job in jobs:
-        world = job.world.draw(job.seed, plan)
-        assert bool(world.sensors) == (job.walls == "ft-lost")
+        mishap = drawn(job.walls, job.seed, plan)
+        assert mishap is not None
+        world = WorldFile(job.walls, f"version: 1\nname: x\n{mishap.entry(job.walls, 9.5)}\n").draw(job.seed, plan)
+        assert [sensor.on in LIMB_NAMES for sensor in world.sensors] == [True] * (job.walls == "ft-lost")
         assert job.climb_command().endswith("--guide")
-    assert any(sensor.on in LIMB_NAMES for sensor in jobs[-1].world.draw(7, plan).sensors)
 
 
 def test_ends_are_counted_by_whether_there_was_another_hold() -> None:

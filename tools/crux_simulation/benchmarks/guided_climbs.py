@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.output_file import look_at_folder
+from crux_contracts.robot import load_robot
 from crux_tools.arguments import whole
+from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.report.results import Row
+from crux_tools.report.results import LOG_FILE, Row
 from crux_tools.report.statistics import Rate
+from crux_tools.telemetry import read_channels
 
-from crux_simulation.benchmarks.world_faults import FALL_M, START_S
+from crux_simulation.benchmarks.world_faults import FALL_M
 from crux_simulation.benchmarks.worlds import wall_of
 from crux_simulation.campaign.command import add_cluster_options
 from crux_simulation.campaign.job import ClimbJob, WorldFile
 
 KINDS = {
-    "hold-breaks": "holds: {{{hold}: {{breaks_at_s: {at_s:.1f}}}}}",
+    "hold-breaks": "holds: {{{hold}: {{breaks_at_s: {at_s:.3f}}}}}",
     "hold-shifted": "holds: {{{hold}: {{offset_m: [{x_m:.4f}, {y_m:.4f}, 0.0]}}}}",
     "slippery-hold": "holds: {{{hold}: {{friction_factor: 0.2}}}}",
-    "ft-lost": "sensors: [{{sensor: force_torque, on: {limb}, error: zero, from_s: {at_s:.1f}}}]",
+    "ft-lost": "sensors: [{{sensor: force_torque, on: {limb}, error: zero, from_s: {at_s:.3f}}}]",
 }
 SHIFT_M = 0.030
 NEAR_M = 0.15  # another hold so near is in the limb's reach as well
@@ -57,6 +61,18 @@ class Mishap:
     hold: int
     has_other: bool
     """another hold that nobody grips is near"""
+    turn_rad: float = 0.0
+    """on the wall, of the way that a hold is off"""
+
+    def entry(self, kind: str, at_s: float) -> str:
+        """Its line in a world file."""
+        return KINDS[kind].format(
+            hold=self.hold,
+            limb=LIMB_NAMES[self.limb],
+            at_s=at_s,
+            x_m=SHIFT_M * np.cos(self.turn_rad),
+            y_m=SHIFT_M * np.sin(self.turn_rad),
+        )
 
 
 def mishaps(plan: Any, breaks: bool) -> list[Mishap]:
@@ -86,28 +102,39 @@ class MishapWorld(WorldFile):
 
     def draw(self, seed: int, plan: Any) -> Any:
         """As of any world file; raises WorldError."""
-        mishap, text = drawn(self.name, seed, plan)
-        return WorldFile(self.name, f"version: 1\nname: {self.name}\n{text}\n").draw(seed, plan) if mishap else None
+        mishap = drawn(self.name, seed, plan)
+        if mishap is None:
+            return None
+        at_s = stands_s(plan, mishap.knot, seed) if "{at_s" in KINDS[self.name] else 0.0
+        text = f"version: 1\nname: {self.name}\n{mishap.entry(self.name, at_s)}\n"
+        return WorldFile(self.name, text).draw(seed, plan)
 
 
-def drawn(kind: str, seed: int, plan: Any) -> tuple[Mishap | None, str]:
-    """What happens in the climb of `seed`, and its line in the world file; None where nothing can."""
+def drawn(kind: str, seed: int, plan: Any) -> Mishap | None:
+    """What happens in the climb of `seed`; None where nothing can."""
     random = np.random.default_rng([seed, list(KINDS).index(kind)])
     may = mishaps(plan, kind in ("hold-breaks", "ft-lost"))
     may = [each for each in may if each.has_other] or may
     if not may:
-        return None, ""
-    mishap = may[int(random.integers(len(may)))]
-    turn = random.uniform(0.0, 2.0 * np.pi)
-    at_s = START_S + plan.knots[mishap.knot].time_s
-    entry = KINDS[kind].format(
-        hold=mishap.hold,
-        limb=LIMB_NAMES[mishap.limb],
-        at_s=at_s,
-        x_m=SHIFT_M * np.cos(turn),
-        y_m=SHIFT_M * np.sin(turn),
-    )
-    return mishap, entry
+        return None
+    return replace(may[int(random.integers(len(may)))], turn_rad=random.uniform(0.0, 2.0 * np.pi))
+
+
+def stands_s(plan: Any, knot: int, seed: int) -> float:
+    """When a climb of `plan` without mishap has been seen to stand at `knot` on all limbs: simulated time [s].
+
+    The runtime waits for its grasps, so that is later than planned. Raises WorkFailed.
+    """
+    from crux_simulation.sim.climb import ClimbOptions, climb
+
+    with TemporaryDirectory(prefix="crux-guide-") as folder:
+        log = Path(folder) / LOG_FILE
+        climb(plan, load_robot(plan.robot_name), log, ClimbOptions(seed=seed))
+        state = read_channels(log).tables["/robot_state"]
+    stands = np.flatnonzero(state["verified_time_s"] >= plan.knots[knot].time_s)
+    if not len(stands):
+        raise WorkFailed(f"without mishap the climb does not come to the stance at {plan.knots[knot].time_s:g} s")
+    return float(state["time_s"][stands[0]])
 
 
 @dataclass(frozen=True)
@@ -119,7 +146,7 @@ class GuidedJob(ClimbJob):
         return f"{super().climb_command()} --guide"
 
     def _climb(self, plan: Any, robot: Any, folder: Path) -> dict[str, Any]:
-        mishap, _ = drawn(self.walls, self.seed, plan)
+        mishap = drawn(self.walls, self.seed, plan)
         return {**super()._climb(plan, robot, folder), "has_other": bool(mishap and mishap.has_other)}
 
     def _options(self, world: Any) -> Any:

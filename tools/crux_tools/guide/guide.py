@@ -33,7 +33,7 @@ MENDED = (
 )
 """Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
 SETTLED_S = 0.3  # of standing, before what is measured counts
-RETURNED_S = 7.0  # where a limb may be on its way back to its hold: longer than the runtime waits for it
+RETURNED_S = 7.0  # where a limb may be on its way to a hold: longer than the runtime waits for it
 PLANNING_S = 8.0  # of computing, for the way to one goal
 TRIES = 5
 SAFE_STANCES = 3  # behind the robot, to which a way is looked for
@@ -96,11 +96,11 @@ class Guide:
         return self._lead_on(Situation(self.plan, status, self.robot))
 
     def _stands(self, status: status_t) -> bool:
-        """It has stood for a while; a limb may first go back to its hold by itself."""
+        """It has stood for a while; a limb may first go back to its hold, or on to the next, by itself."""
         state = status.state
         if self._still is None or self._still[0] != state.plan_time_s:
             self._still = (state.plan_time_s, state.time_s)
-        settled_s = RETURNED_S if state.motion == robot_state_t.REVERSE else SETTLED_S
+        settled_s = SETTLED_S if state.motion == robot_state_t.FORWARD else RETURNED_S
         return bool(state.time_s - self._still[1] >= settled_s)
 
     def _lead_on(self, situation: Situation) -> Attended:
