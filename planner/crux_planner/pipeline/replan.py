@@ -28,7 +28,7 @@ from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
 from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, path_to_goal, solve_and_check
-from crux_planner.search.stances import Oracles, search
+from crux_planner.search.stances import Oracles, SearchReport, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.trajectory.solution import Start, start_from_path
@@ -50,6 +50,7 @@ class Planner:
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
         self._refused: InfeasibleError | None = None
+        self._seen = SearchReport()
 
     def replan(
         self,
@@ -120,8 +121,8 @@ class Planner:
         climb.swings.allow_all()
         result = result or self._turning(climb, most)
         if result is None:
-            moves, seen = search(climb, at_once=1, greed=1.0, deadline=climb.deadline)
-            raise failures[0] if moves is not None and failures else explain(climb, seen, 1)
+            failure = failures[0] if failures else explain(climb, self._seen, 1)
+            raise failure.out_of_time() if climb.late else failure
         result.seconds = time.monotonic() - work.began
         return result
 
@@ -137,7 +138,7 @@ class Planner:
         self._refused = None
         with climb.work.part("contacts", 0.1):
             longer = replace(climb, problem=replace(climb.problem, steps=most))
-            moves, _ = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
+            moves, self._seen = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
         for spare in SPARE_KNOTS if moves is not None else ():
             with climb.work.part("body", 0.3):
                 timed, schedule = in_time(climb, moves or [], spare)

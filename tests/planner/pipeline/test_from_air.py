@@ -27,7 +27,8 @@ def hanging(name: str = "climb-four-holds", without: tuple[str, ...] = ("right-f
     """A scene whose RF is in the air, beside where its first hold was."""
     content = yaml.safe_load((SCENES / f"{name}.yaml").read_text())
     content["holds"] = [hold for hold in content["holds"] if hold["name"] not in without]
-    del content["start"]["grasps"]["RF"], content["goal"]["grasps"]["RF"]
+    for end in ("start", "goal"):
+        content[end].get("grasps", {}).pop("RF", None)
     content["start"]["air"] = {"RF": {"position_m": PLACE, "yaw_deg": 3.0, "opening_m": 0.02, **air}}
     return parse_scenario(yaml.safe_dump(content))
 
@@ -90,14 +91,22 @@ def test_the_scenario_in_the_plan_says_where_the_limb_begins() -> None:
 def test_fingers_that_touch_their_hold_at_the_beginning_may_be_measured_within_it_but_not_far() -> None:
     touching, within = (hanging(without=(), position_m=[0.14, -0.36, 0.033], opening_m=m) for m in (0.0285, 0.024))
     assert Planner(touching, load_robot("scaler")).plan().check.ok
-    with pytest.raises(InfeasibleError):
-        Planner(within, load_robot("scaler")).plan()
+    with pytest.raises(InfeasibleError, match=r"fails the check: clearance_finger of RF") as refused:
+        Planner(within, load_robot("scaler")).plan(time_limit_s=10.0)
+    assert not refused.value.proven
 
 
 def test_where_the_limb_in_the_air_has_no_hold_in_reach_that_is_said() -> None:
     lonely = hanging(without=("right-front-low", "right-front-high"))
     with pytest.raises(InfeasibleError, match="RF"):
         Planner(lonely, load_robot("scaler")).plan()
+
+
+def test_where_time_runs_out_what_the_search_has_seen_is_said() -> None:
+    with pytest.raises(InfeasibleError, match="stances looked at, nearest to the goal") as late:
+        Planner(hanging("climb-long"), load_robot("scaler")).plan(time_limit_s=4.0)
+    assert late.value.verdict == "undecided"
+    assert "(1 stances" not in str(late.value)
 
 
 def test_the_planner_with_proofs_refuses_a_start_in_the_air_by_name() -> None:

@@ -34,7 +34,7 @@ MENDED = (
 """Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
 SETTLED_S = 0.3  # of standing, before what is measured counts
 RETURNED_S = 7.0  # where a limb may be on its way to a hold: longer than the runtime waits for it
-PLANNING_S = 8.0  # of computing, for the way to one goal
+PLANNING_S = 20.0  # of computing, for the way to one goal
 TRIES = 5
 SAFE_STANCES = 3  # behind the robot, to which a way is looked for
 
