@@ -178,6 +178,21 @@ def test_a_limb_off_its_hold_has_not_fallen_where_the_body_stays() -> None:
     lost, thrown = row(fell=True, body_m=0.004), row(fell=True, body_m=0.2)
     assert [ending_of(end, Fault("hold-breaks", "")).fell for end in (lost, thrown)] == [False, True]
     assert ending_of(lost, Fault("ft-zero", "RF")).fell
+    ends = []
+    for grips_left in (3, 2):
+        thrown["climb"]["grips_left"] = grips_left
+        ends.append(ending_of(thrown, Fault("hold-breaks", "")))
+    assert [end.fell for end in ends] == [True, False]
+    line = world_faults.line_of([*ends, ending_of(lost, Fault("hold-breaks", ""))])
+    assert (line["climbs"], line["fell"], line["few_grips"]) == (3, 1, {"climbs": 1, "most_body_m": 0.2})
+
+
+def test_grips_are_counted_in_physics_as_a_hold_breaks(plan: plan_t, tmp_path: Path) -> None:
+    """LF is in the air 14 s after power-on."""
+    for at_s, grips_left in ((4.5, 3), (14.5, 2)):
+        text = f"version: 1\nname: x\nholds: {{1: {{breaks_at_s: {at_s}}}}}\n"
+        job = world_faults.WorldFaultJob("hold-breaks", worlds.wall_of(0, 0), 0, WorldFile("x", text))
+        assert job._climb(plan, load_robot("scaler"), tmp_path)["grips_left"] == grips_left
 
 
 def test_causes_are_counted_without_their_numbers() -> None:

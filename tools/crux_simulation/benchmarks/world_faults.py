@@ -87,6 +87,7 @@ START_S = 2.0  # of the climb: there the plan's time begins
 FOR_S = (0.3, 2.0)
 SHARE = (0.1, 0.8)  # of a core
 FALL_M = 0.100
+LEAST_GRIPS = 3  # that are to bear the robot whatever happens
 FAULTS_FILE = "faults.yaml"
 
 
@@ -143,6 +144,23 @@ class FaultyWorld(WorldFile):
 
 
 @dataclass(frozen=True)
+class WorldFaultJob(ClimbJob):
+    """A climb in a world in which one thing goes wrong."""
+
+    def _measured(self, plan: Any, result: Any) -> dict[str, Any]:
+        """Where a hold breaks: how many limbs grip others then, in physics."""
+        breaks = {name: hold.breaks_at_s for name, hold in self.world.draw(self.seed, plan).holds.items()}
+        if self.walls != "hold-breaks" or result.truth is None:
+            return {}
+        ((name, at_s),) = breaks.items()
+        before = np.searchsorted(result.truth.cycle * result.model.model.opt.timestep, at_s) - 1
+        face = result.truth.pad_face[before].reshape(len(LIMB_NAMES), 2)
+        hold = np.where(face >= 0, result.model.face_hold[face], -1)
+        others = hold != [each.name for each in plan.holds].index(name)
+        return {"grips_left": int(((hold >= 0) & others).all(axis=1).sum())}
+
+
+@dataclass(frozen=True)
 class RuntimeFaultJob(ClimbJob):
     """A climb with a runtime of its own, to which something happens."""
 
@@ -167,13 +185,13 @@ class RuntimeFaultJob(ClimbJob):
 
 def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
-    job = RuntimeFaultJob if fault.kind in OF_THE_RUNTIME else ClimbJob
+    job = RuntimeFaultJob if fault.kind in OF_THE_RUNTIME else WorldFaultJob
     return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
 def jobs_of(count: int, first_seed: int, kinds: Collection[str] = tuple(KINDS)) -> list[ClimbJob]:
     """Climbs with one fault each, of the first seeds whose faults are of `kinds`."""
-    jobs = []
+    jobs = list[ClimbJob]()
     for turn in itertools.count():
         if len(jobs) == count:
             break
@@ -194,13 +212,16 @@ class Ending:
     """by a fault that names the cause, and the limb it was on where it was on one; of the runtime: that very one, and
     where it died the nodes held the robot"""
     body_m: float
+    few_grips: bool = False
+    """a hold broke while another limb was on its way: fewer than three grips were left"""
 
 
 def ending_of(row: Row, fault: Fault) -> Ending:
-    """A limb that has lost its hold has not fallen where the body stays."""
+    """A limb off its hold has not fallen where the body stays, nor a body that too few grips were left to bear."""
     climb: dict[str, Any] = row.get("climb", {})
     body_m = float((climb.get("tracking") or {}).get("body_m") or 0.0)
-    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
+    few_grips = climb.get("grips_left", LEAST_GRIPS) < LEAST_GRIPS
+    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M and not few_grips
     climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
     if fault.kind in OF_THE_RUNTIME:
         told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
@@ -208,7 +229,21 @@ def ending_of(row: Row, fault: Fault) -> Ending:
         faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
         causes = IN_THE_WORLD[fault.kind].causes
         told = any(name in causes and (not fault.limb or limb == fault.limb) for name, limb in faults)
-    return Ending(fault.kind, climbed, fell, told, body_m)
+    return Ending(fault.kind, climbed, fell, told, body_m, few_grips)
+
+
+def line_of(found: list[Ending]) -> dict[str, Any]:
+    """How the climbs with one kind of fault ended; any with fewer than three grips left apart."""
+    body_m = {few: [end.body_m for end in found if end.few_grips == few] for few in (False, True)}
+    line = {
+        "climbs": len(found),
+        "at_goal": sum(end.climbed for end in found),
+        "told": sum(end.told for end in found),
+        "fell": sum(end.fell for end in found),
+        "most_body_m": max(body_m[False], default=0.0),
+    }
+    few = {"climbs": len(body_m[True]), "most_body_m": max(body_m[True], default=0.0)}
+    return {**line, "few_grips": few} if body_m[True] else line
 
 
 def run(options: argparse.Namespace) -> int:
@@ -222,16 +257,7 @@ def run(options: argparse.Namespace) -> int:
     kinds: dict[str, list[Ending]] = defaultdict(list)
     for end in endings:
         kinds[end.kind].append(end)
-    table = {
-        kind: {
-            "climbs": len(found),
-            "at_goal": sum(end.climbed for end in found),
-            "told": sum(end.told for end in found),
-            "fell": sum(end.fell for end in found),
-            "most_body_m": max(end.body_m for end in found),
-        }
-        for kind, found in kinds.items()
-    }
+    table = {kind: line_of(found) for kind, found in kinds.items()}
     if options.json:
         print_json({"ok": ok, "count": options.count, "climbed": len(endings), "kinds": table})
         return 0 if ok else 1
@@ -239,5 +265,7 @@ def run(options: argparse.Namespace) -> int:
     for kind, line in sorted(table.items()):
         body = f"{1e3 * line['most_body_m']:.1f} mm"
         note(f"{kind:20} {line['climbs']:6} {line['at_goal']:8} {line['told']:5} {line['fell']:5} {body:>13}")
+        if few := line.get("few_grips"):
+            note(f"  of these with fewer than three grips left: {few['climbs']}, {1e3 * few['most_body_m']:.1f} mm")
     note(f"{len(endings)} of {options.count} planned and climbed; results in {options.output}")
     return 0 if ok else 1
