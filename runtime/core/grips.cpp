@@ -157,6 +157,9 @@ void ControlCore::search_hold(int limb, const LimbReference& reference, LimbEven
     const double slack_m = open_m - grasp.finger_opening_m;
     const Vector3 shift_W_m = std::copysign(slack_m, at_m) * axis_W;
     aims_anew = finger && search.begin(missed_W_m.z(), shift_W_m, robot_.control.max_contact_offset_m);
+    // A hand that stands on its hold comes no lower, whatever its encoders say.
+    const bool hand = wrench_W.force_N.z() > robot_.control.contact_force_N && !finger && events.opened;
+    events.arrived = events.arrived || (hand && missed_W_m.head<2>().norm() <= robot_.supervisor.arrive_tolerance_m);
   }
   if (aims_anew) limbs_[limb].aim_beside(search.beside_W_m(), reference);
   if (!search.searches() && !aims_anew) return;

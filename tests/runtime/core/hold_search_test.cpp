@@ -48,7 +48,8 @@ class MovedHold : public testing::TestWithParam<double> {
   int phase() const { return run_.result.reference[0].phase; }
   bool closes() const { return phase() == static_cast<int>(LimbPhase::kClose); }
 
-  void climb(double side, double over_m) {
+  /// It stands `at_m` from its middle, until it has gone `over_m` to that side.
+  void climb(double side, double over_m, double at_m = kFinger_m) {
     std::array<double, kJoints> stood{};
     for (int i = 0; i < 12000 && !closes() && !run_.result.has_fault; ++i) {
       run_.step();
@@ -64,7 +65,7 @@ class MovedHold : public testing::TestWithParam<double> {
       }
       for (int j = 0; j < kJoints; ++j) in.joint_position_rad[j] = stood[j] + (i % 2) * kCount_rad;
       stood_ = true;
-      stand_on(kFinger_m * axis, in);
+      stand_on(at_m * axis, in);
     }
   }
 
@@ -107,6 +108,13 @@ TEST_P(MovedHold, ThatIsTooFarIsTold) {
   climb(GetParam(), 0.05);
   EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kEventTimeout));
   EXPECT_EQ(run_.result.fault.limb, 0);
+}
+
+TEST_P(MovedHold, AHandThatStandsOnItClosesThereForItComesNoLower) {
+  climb(GetParam(), 0.05, 0.0);
+  EXPECT_TRUE(stood_);
+  EXPECT_FALSE(run_.result.has_fault) << run_.result.fault.code;
+  EXPECT_TRUE(closes());
 }
 
 INSTANTIATE_TEST_SUITE_P(Sides, MovedHold, testing::Values(1.0, -1.0));
