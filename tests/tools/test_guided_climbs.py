@@ -33,6 +33,8 @@ def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any, tmp_path: Pa
         assert min(limb.hold for limb in knot.limbs) >= 0
         assert knot.limbs[mishap.limb].hold == mishap.hold
         assert mishap.entry("hold-breaks", 9.5) == f"holds: {{{mishap.hold}: {{breaks_at_s: 9.500}}}}"
+    mishap = drawn("hold-breaks", 3, plan)
+    assert mishap is not None
     at_s = stands_s(plan, mishap.knot, 3)
     world = WorldFile("x", f"version: 1\nname: x\n{mishap.entry('hold-breaks', at_s)}\n").draw(3, plan)
     climb(plan, load_robot("scaler"), tmp_path / "log.mcap", ClimbOptions(seed=3, world=world))
