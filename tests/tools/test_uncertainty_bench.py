@@ -65,6 +65,11 @@ def test_least_and_median_are_of_the_climbs_that_were_made() -> None:
         line_of([row(None)])
 
 
+def test_nothing_is_a_number_of_times_what_is_not_there() -> None:
+    assert uncertainty.times(0.3, 0.2) == pytest.approx(1.5)
+    assert uncertainty.times(0.03, -0.09) is None
+
+
 @pytest.mark.parametrize(("margin", "slips", "status"), [(0.75, 0, 0), (0.74, 0, 1), (0.9, 1, 1)])
 def test_ok_is_half_as_much_again_without_a_slip(
     margin: float, slips: int, status: int, tmp_path: Any, monkeypatch: pytest.MonkeyPatch

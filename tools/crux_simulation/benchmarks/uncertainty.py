@@ -117,6 +117,11 @@ def line_of(rows: list[Row]) -> dict[str, Any]:
     }
 
 
+def times(margin: float, usual: float) -> float | None:
+    """How many times the usual margin; None where a pad of the usual plan has none left."""
+    return margin / usual if usual > 0.0 else None
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 when the least margin is 1.5 times that of the usual plan, without a slip."""
     from crux_simulation.campaign.engine import run_anew
@@ -132,8 +137,8 @@ def run(options: argparse.Namespace) -> int:
             raise UsageError(f"{options.scenario}: no {row['walls']}: {row['reason']}")
     table = {name: line_of([row for row in rows if row["walls"] == name]) for name in texts}
     usual, sure = table[USUAL], table[SURE]
-    ratios = {which: sure[f"{which}_margin"] / usual[f"{which}_margin"] for which in ("least", "median")}
-    ok = ratios["least"] >= BETTER and sure["slips"] == 0 and sure["fell"] == 0
+    ratios = {which: times(sure[f"{which}_margin"], usual[f"{which}_margin"]) for which in ("least", "median")}
+    ok = (ratios["least"] or 0.0) >= BETTER and sure["slips"] == 0 and sure["fell"] == 0
     if options.json:
         print_json({"ok": ok, "plans": table, "ratios": ratios})
         return 0 if ok else 1
@@ -143,6 +148,7 @@ def run(options: argparse.Namespace) -> int:
             f"{line['slips']} slips, {line['fell']} fell"
         )
         note(f"{'':22} margin {line['least_margin']:.3f} at least, {line['median_margin']:.3f} in the median")
-    note(f"margin {ratios['least']:.2f} times the usual plan's, {ratios['median']:.2f} times in the median")
+    least, median = ("no number of" if ratio is None else f"{ratio:.2f}" for ratio in ratios.values())
+    note(f"margin {least} times the usual plan's, {median} times in the median")
     note(f"results in {options.output}; crux report {options.output} -o FILE.html shows them")
     return 0 if ok else 1
