@@ -13,7 +13,7 @@ import re
 import shlex
 from collections import defaultdict
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +87,7 @@ START_S = 2.0  # of the climb: there the plan's time begins
 FOR_S = (0.3, 2.0)
 SHARE = (0.1, 0.8)  # of a core
 FALL_M = 0.100
-LEAST_GRIPS = 3  # that are to bear the robot whatever happens
+LEAST_GRIPS = 3  # left as a hold breaks; with fewer another limb was on its way
 FAULTS_FILE = "faults.yaml"
 
 
@@ -149,11 +149,11 @@ class WorldFaultJob(ClimbJob):
 
     def _measured(self, plan: Any, result: Any) -> dict[str, Any]:
         """Where a hold breaks: how many limbs grip others then, in physics."""
-        breaks = {name: hold.breaks_at_s for name, hold in self.world.draw(self.seed, plan).holds.items()}
         if self.walls != "hold-breaks" or result.truth is None:
             return {}
-        ((name, at_s),) = breaks.items()
-        before = np.searchsorted(result.truth.cycle * result.model.model.opt.timestep, at_s) - 1
+        ((name, hold_breaks),) = self.world.draw(self.seed, plan).holds.items()
+        time_s = result.truth.cycle * result.model.model.opt.timestep
+        before = np.searchsorted(time_s, hold_breaks.breaks_at_s) - 1
         face = result.truth.pad_face[before].reshape(len(LIMB_NAMES), 2)
         hold = np.where(face >= 0, result.model.face_hold[face], -1)
         others = hold != [each.name for each in plan.holds].index(name)
@@ -217,11 +217,11 @@ class Ending:
 
 
 def ending_of(row: Row, fault: Fault) -> Ending:
-    """A limb off its hold has not fallen where the body stays, nor a body that too few grips were left to bear."""
+    """A limb that has lost its hold has not fallen where the body stays."""
     climb: dict[str, Any] = row.get("climb", {})
     body_m = float((climb.get("tracking") or {}).get("body_m") or 0.0)
     few_grips = climb.get("grips_left", LEAST_GRIPS) < LEAST_GRIPS
-    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M and not few_grips
+    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
     climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
     if fault.kind in OF_THE_RUNTIME:
         told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
@@ -233,17 +233,16 @@ def ending_of(row: Row, fault: Fault) -> Ending:
 
 
 def line_of(found: list[Ending]) -> dict[str, Any]:
-    """How the climbs with one kind of fault ended; any with fewer than three grips left apart."""
-    body_m = {few: [end.body_m for end in found if end.few_grips == few] for few in (False, True)}
+    """How the climbs with one kind of fault ended; those of them with fewer than three grips left once more."""
+    few = [end for end in found if end.few_grips]
     line = {
         "climbs": len(found),
         "at_goal": sum(end.climbed for end in found),
         "told": sum(end.told for end in found),
         "fell": sum(end.fell for end in found),
-        "most_body_m": max(body_m[False], default=0.0),
+        "most_body_m": max(end.body_m for end in found),
     }
-    few = {"climbs": len(body_m[True]), "most_body_m": max(body_m[True], default=0.0)}
-    return {**line, "few_grips": few} if body_m[True] else line
+    return {**line, "few_grips": line_of([replace(end, few_grips=False) for end in few])} if few else line
 
 
 def run(options: argparse.Namespace) -> int:
@@ -266,6 +265,7 @@ def run(options: argparse.Namespace) -> int:
         body = f"{1e3 * line['most_body_m']:.1f} mm"
         note(f"{kind:20} {line['climbs']:6} {line['at_goal']:8} {line['told']:5} {line['fell']:5} {body:>13}")
         if few := line.get("few_grips"):
-            note(f"  of these with fewer than three grips left: {few['climbs']}, {1e3 * few['most_body_m']:.1f} mm")
+            body = f"{1e3 * few['most_body_m']:.1f} mm"
+            note(f"  of these with fewer than three grips left: {few['climbs']}, {few['fell']} fell, {body}")
     note(f"{len(endings)} of {options.count} planned and climbed; results in {options.output}")
     return 0 if ok else 1
