@@ -310,7 +310,7 @@ void ControlCore::localise(const PlanReference& reference, double dt_s) noexcept
   for (int l = 0; l < kLimbs; ++l) {
     if (!limbs_[l].in_contact() && !reference.limbs[l].closing()) continue;
     force_W_N += limbs_[l].wrench_W().force_N;
-    known = known && limbs_[l].force_torque_tared();
+    known = known && limbs_[l].force_torque_tared() && !faults_.distrusted(l);
   }
   localisation_.feel(force_W_N, robot_.total_mass_kg * plan_->gravity_W_m_s2, known, dt_s);
   const Pose motion = localisation_.correction(body_.body_W().position_m, dt_s);
