@@ -10,9 +10,11 @@ import pytest
 import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import load_scenario
+from crux_contracts.scenario import load_scenario, parse_scenario
 from crux_planner import plan as make_plan
 from crux_simulation.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps, stands_s
+from crux_simulation.benchmarks.random_walls import random_ladder
+from crux_simulation.benchmarks.worlds import SCENES as SHIPPED
 from crux_simulation.campaign.job import WorldFile
 from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.telemetry import read_channels
@@ -60,7 +62,8 @@ def test_a_hold_that_the_goal_asks_for_has_no_other(plan: Any) -> None:
 
 def test_every_kind_is_a_world_of_its_own(plan: Any) -> None:
     jobs = jobs_of(list(KINDS), 2, 7)
-    assert [(job.walls, job.seed) for job in jobs] == [(kind, seed) for kind in KINDS for seed in (7, 8)]
+    seeds = range(7, 7 + 2 + len(SHIPPED))
+    assert [(job.walls, job.seed) for job in jobs] == [(kind, seed) for kind in KINDS for seed in seeds]
     for job in jobs:
         mishap = drawn(job.walls, job.seed, plan)
         assert mishap is not None
@@ -70,12 +73,44 @@ def test_every_kind_is_a_world_of_its_own(plan: Any) -> None:
 
 
 def test_ends_are_counted_by_whether_there_was_another_hold() -> None:
-    def row(ok: bool, has_other: bool, body_m: float = 0.01, stood_s: tuple[float, ...] = ()) -> dict[str, Any]:
+    def row(
+        ok: bool, has_other: bool, body_m: float = 0.01, stood_s: tuple[float, ...] = (), slips: int = 0
+    ) -> dict[str, Any]:
+        climb = {"ok": ok and not slips, "reached_goal": ok, "slips": slips, "has_other": has_other}
         guide = {"plans": len(stood_s), "stood_s": list(stood_s)}
-        return {"climb": {"ok": ok, "has_other": has_other, "tracking": {"body_m": body_m}, "guide": guide}}
+        return {"climb": {**climb, "tracking": {"body_m": body_m}, "guide": guide}}
 
-    line = line_of([row(True, True, stood_s=(1.0, 4.0)), row(False, True, body_m=0.3), row(False, False)])
-    assert line == {
-        "climbs": 3, "at_goal": 1, "with_another_hold": 2, "of_these_at_goal": 1, "replanned": 1, "fell": 1,
-        "stood_s": {"median": 2.5, "most": 4.0},
+    rows = [row(True, True, stood_s=(1.0, 4.0)), row(False, True, body_m=0.3), row(True, False, slips=6)]
+    assert line_of(rows) == {
+        "climbs": 3, "at_goal": 2, "with_another_hold": 2, "of_these_at_goal": 1, "slipped": 1, "replanned": 1,
+        "fell": 1, "stood_s": {"median": 2.5, "most": 4.0},
     }  # fmt: skip
+
+
+def test_every_hold_of_a_drawn_ladder_has_another_beside_it_that_the_goal_does_not_ask_for() -> None:
+    jobs = jobs_of(["hold-breaks"], 8, 7)
+    assert [yaml.safe_load(job.wall.text)["name"] for job in jobs[8:]] == list(SHIPPED)
+    for job in jobs[:8]:
+        content = yaml.safe_load(job.wall.scenario())
+        places = {hold["name"]: np.array(hold["position_m"]) for hold in content["holds"]}
+        assert "grasps" not in content["goal"]
+        for name, place in places.items():
+            others = [float(np.linalg.norm(place - other)) for key, other in places.items() if key != name]
+            assert 0.12 - 1e-4 <= min(others) <= 0.15 + 1e-4
+            if not name.startswith("spare-"):
+                assert 0.125 - 1e-4 <= np.linalg.norm(place - places[f"spare-{name}"]) <= 0.15 + 1e-4
+    plain, spared = yaml.safe_load(random_ladder(7, 5)), yaml.safe_load(random_ladder(7, 5, spares=True))
+    assert spared["holds"][: len(plain["holds"])] == plain["holds"]
+
+
+def test_the_map_is_not_turned_by_the_forces_of_a_limb_whose_sensor_is_dead(tmp_path: Path) -> None:
+    wall = random_ladder(7105, rungs=5, spares=True)
+    plan = make_plan(parse_scenario(wall), load_robot("scaler")).plan
+    dead = "sensors: [{sensor: force_torque, on: LR, error: zero, from_s: 39.262}]"
+    world = WorldFile("x", f"version: 1\nname: x\n{dead}\n").draw(7105, plan)
+    log = tmp_path / "log.mcap"
+    climbed = climb(plan, load_robot("scaler"), log, ClimbOptions(seed=7105, world=world, guide=True))
+    assert climbed.as_json()["guide"]["plans"] == 1
+    state, truth = (read_channels(log).tables[topic] for topic in ("/robot_state", "/truth/body"))
+    true_m = truth["position_w_m"][np.searchsorted(truth["cycle"], state["cycle"][-1]) - 1]
+    assert np.linalg.norm(state["body_position_w_m"][-1] - true_m) < 0.003

@@ -28,13 +28,14 @@ from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
 from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, path_to_goal, solve_and_check
-from crux_planner.search.stances import Oracles, SearchReport, search
+from crux_planner.search.stances import ANY, Oracles, SearchReport, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
 from crux_planner.trajectory.solution import Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 
 TIME_LIMIT_S = 10.0
+FIRST_LOOK = (20.0, 1.0)  # stances, and more a knot: ways of a level body that are not found so soon are searched last
 TURNING_LOOKS = 6400  # at moves, for the searches that choose headings
 _SLACK_M = 1e-3
 SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
@@ -110,16 +111,18 @@ class Planner:
         shortest = replace(self.oracles, problem=replace(self.problem, steps=1))
         climb = Climb(**vars(session), **vars(shortest))
         most, failures = self.scenario.horizon.steps, list[InfeasibleError]()
-        result, _ = attempts(
-            climb,
-            lambda climb: self._anew(climb, most, None) or self._refused,
-            (without_blamed,),
-            failures,
-            most=ATTEMPTS,
-            until=climb.deadline,
-        )
-        climb.swings.allow_all()
+
+        def level(stances: tuple[float, float]) -> PlanResult | None:
+            attempt = lambda climb: self._anew(climb, most, None, stances) or self._refused  # noqa: E731
+            found, _ = attempts(climb, attempt, (without_blamed,), failures, most=ATTEMPTS, until=climb.deadline)
+            climb.swings.allow_all()
+            return found
+
+        result = level(FIRST_LOOK)
+        cut_short = self._seen.timed_out
         result = result or self._turning(climb, most)
+        if result is None and cut_short and not climb.late:
+            result = level(ANY)
         if result is None:
             failure = failures[0] if failures else explain(climb, self._seen, 1)
             raise failure.out_of_time() if climb.late else failure
@@ -129,16 +132,26 @@ class Planner:
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:
         """With other headings and grasps, in up to `most` steps."""
         turning = replace(climb, scenario=rewritten(climb.scenario, steps=most), problem=self.problem)
-        found = plan_turning(turning, TURNING_LOOKS, self._solve_and_check)
+        least = climb.problem.steps
+
+        def solve(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
+            return self._solve_and_check(climb, moves, least)
+
+        found = plan_turning(turning, TURNING_LOOKS, solve)
         return None if found is None else found[0]
 
-    def _anew(self, climb: Climb, most: int, remaining: RemainingPlan | None) -> PlanResult | None:
-        """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps."""
+    def _anew(
+        self, climb: Climb, most: int, remaining: RemainingPlan | None, stances: tuple[float, float] = ANY
+    ) -> PlanResult | None:
+        """The quickest moves to where the running plan's are known to lead on, or to the goal; up to `most` steps.
+
+        The search gives up after so many `stances`, as search's `most`.
+        """
         known = None if remaining is None else remaining.known(climb.problem)
         self._refused = None
         with climb.work.part("contacts", 0.1):
             longer = replace(climb, problem=replace(climb.problem, steps=most))
-            moves, self._seen = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, known=known)
+            moves, self._seen = search(longer, at_once=1, greed=1.0, deadline=climb.deadline, most=stances, known=known)
         for spare in SPARE_KNOTS if moves is not None else ():
             with climb.work.part("body", 0.3):
                 timed, schedule = in_time(climb, moves or [], spare)
@@ -150,10 +163,16 @@ class Planner:
                     return result
         return None
 
-    def _solve_and_check(self, climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
-        """A checked plan for moves of a problem of its own, with the steps they need."""
-        climb, _ = in_time(climb, moves)
-        return solve_and_check(replace(climb, scenario=rewritten(climb.scenario, steps=climb.problem.steps)), moves)
+    def _solve_and_check(self, climb: Climb, moves: list[Move], least: int) -> PlanResult | InfeasibleError:
+        """A checked plan for moves of a problem of its own, with the steps they need, and at `least` so many."""
+        shortest = replace(climb, problem=replace(climb.problem, steps=least))
+        for spare in SPARE_KNOTS:
+            timed, _ = in_time(shortest, moves, spare)
+            scenario = rewritten(climb.scenario, steps=timed.problem.steps)
+            found = solve_and_check(replace(timed, scenario=scenario), moves)
+            if isinstance(found, PlanResult):
+                break
+        return found
 
     def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
         scenario = rewritten(climb.scenario, steps=climb.problem.steps)

@@ -17,6 +17,7 @@ from crux_planner.checker import check_plan
 from crux_planner.errors import InfeasibleError
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.replan import Planner
+from crux_simulation.benchmarks.random_walls import random_ladder
 
 SCENES = Path(__file__).parents[3] / "msgs" / "scenarios"
 RF, AIR, STANCE = 1, 1, 0
@@ -133,3 +134,21 @@ def test_a_limb_without_a_grasp_is_missed() -> None:
     del content["start"]["grasps"]["RF"]
     with pytest.raises(ScenarioError, match="RF"):
         parse_scenario(yaml.safe_dump(content))
+
+
+def test_a_way_that_needs_another_heading_is_found_soon_and_waits_for_nothing() -> None:
+    content = yaml.safe_load(random_ladder(7112, rungs=5, slope_deg=90.0, spares=True))
+    content["holds"] = [hold for hold in content["holds"] if hold["name"] != "right-4"]
+    content["start"] = {
+        "body": {"position_m": [0.176, 0.002, 0.167], "rpy_deg": [-0.1, 1.1, 2.6]},
+        "grasps": {
+            limb: {"hold": hold, "faces": face[1], "finger1": face}
+            for limb, hold, face in (("LF", "left-4", "-y"), ("LR", "left-1", "+x"), ("RR", "right-2", "-y"))
+        },
+        "air": {"RF": {"position_m": [0.323, -0.366, 0.036], "yaw_deg": -91.35, "opening_m": 0.03}},
+    }
+    wall = parse_scenario(yaml.safe_dump(content))
+    result = Planner(wall, load_robot("scaler")).plan(time_limit_s=8.0)  # a level body's ways alone take twice as long
+    assert result.check.ok
+    assert [limb for limb in result.gait if limb != "-"] == ["RF", "LR"]
+    assert result.steps <= 2 * 10  # of two moves, not of the horizon's 120
