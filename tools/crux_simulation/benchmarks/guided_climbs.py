@@ -17,14 +17,16 @@ from crux_contracts.robot import load_robot
 from crux_tools.arguments import whole
 from crux_tools.errors import WorkFailed
 from crux_tools.output import note, print_json
+from crux_tools.paths import SCENARIOS
 from crux_tools.report.results import LOG_FILE, Row
 from crux_tools.report.statistics import Rate
 from crux_tools.telemetry import read_channels
 
 from crux_simulation.benchmarks.world_faults import FALL_M
-from crux_simulation.benchmarks.worlds import wall_of
+from crux_simulation.benchmarks.worlds import SCENES
 from crux_simulation.campaign.command import add_cluster_options
 from crux_simulation.campaign.job import ClimbJob, WorldFile
+from crux_simulation.campaign.walls import Wall
 
 KINDS = {
     "hold-breaks": "holds: {{{hold}: {{breaks_at_s: {at_s:.3f}}}}}",
@@ -32,6 +34,7 @@ KINDS = {
     "slippery-hold": "holds: {{{hold}: {{friction_factor: 0.2}}}}",
     "ft-lost": "sensors: [{{sensor: force_torque, on: {limb}, error: zero, from_s: {at_s:.3f}}}]",
 }
+SLOPES_DEG = (45.0, 60.0, 75.0, 90.0)  # of the ladders that are drawn, in turn
 SHIFT_M = 0.030
 NEAR_M = 0.15  # another hold so near is in the limb's reach as well
 AT_GOAL_SHARE = 0.9  # of the climbs that had another hold
@@ -43,7 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--kinds", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND", help="not all of them"
     )
     parser.add_argument(
-        "--count", type=whole(1), default=50, metavar="N", help="climbs of each kind (default: %(default)s)"
+        "--count",
+        type=whole(1),
+        default=50,
+        metavar="N",
+        help="drawn ladders of each kind, beside the shipped scenes (default: %(default)s)",
     )
     parser.add_argument("--seed", type=whole(0), default=1, metavar="N", help="of the first (default: %(default)s)")
     parser.add_argument(
@@ -156,12 +163,18 @@ class GuidedJob(ClimbJob):
 
 
 def jobs_of(kinds: list[str], count: int, first_seed: int) -> list[ClimbJob]:
-    """Shipped scenes and random walls in turn."""
+    """Ladders with a spare hold beside each, whose goal asks for none of them; then the shipped scenes."""
+    ladders = [_ladder(first_seed + index, SLOPES_DEG[index % len(SLOPES_DEG)]) for index in range(count)]
+    scenes = [Wall(text=(SCENARIOS / f"{name}.yaml").read_text(encoding="utf-8")) for name in SCENES]
     return [
-        GuidedJob(kind, wall_of(index, first_seed + index), first_seed + index, MishapWorld(kind, "drawn for its plan"))
+        GuidedJob(kind, wall, first_seed + index, MishapWorld(kind, "drawn for its plan"))
         for kind in kinds
-        for index in range(count)
+        for index, wall in enumerate(ladders + scenes)
     ]
+
+
+def _ladder(seed: int, slope_deg: float) -> Wall:
+    return Wall("ladder", seed, (("rungs", 5), ("slope_deg", slope_deg), ("spares", True)))
 
 
 def line_of(rows: list[Row]) -> dict[str, Any]:
@@ -172,9 +185,10 @@ def line_of(rows: list[Row]) -> dict[str, Any]:
     body_m = [float((climb.get("tracking") or {}).get("body_m") or 0.0) for climb in climbs]
     return {
         "climbs": len(climbs),
-        "at_goal": sum(bool(climb["ok"]) for climb in climbs),
+        "at_goal": sum(bool(climb["reached_goal"]) for climb in climbs),
         "with_another_hold": len(others),
-        "of_these_at_goal": sum(bool(climb["ok"]) for climb in others),
+        "of_these_at_goal": sum(bool(climb["reached_goal"]) for climb in others),
+        "slipped": sum(climb["slips"] > 0 for climb in climbs),
         "replanned": sum(climb.get("guide", {}).get("plans", 0) > 0 for climb in climbs),
         "fell": sum(moved_m > FALL_M for moved_m in body_m),
         "stood_s": {"median": float(np.median(stood_s)), "most": max(stood_s)} if stood_s else None,
@@ -202,7 +216,7 @@ def run(options: argparse.Namespace) -> int:
     for kind, line in table.items():
         stood = line["stood_s"]
         waits = f"stood {stood['median']:.1f} s, {stood['most']:.1f} s at most; " if stood else ""
-        waits += f"{line['fell']} fell"
+        waits += f"a grip slid in {line['slipped']}; {line['fell']} fell"
         note(
             f"{kind:14} at the goal {Rate(line['of_these_at_goal'], line['with_another_hold'])} with another hold near,"
         )

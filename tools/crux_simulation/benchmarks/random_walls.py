@@ -30,6 +30,7 @@ CONTACT = {  # micro-spines and sandpaper, as on the paper's walls
     "spine_shear_N": 5,
     "spine_twist_Nm": 0.05,
 }
+SPARE_AWAY_M = (0.125, 0.15)  # of a spare hold from the one that it stands in for
 ROUNDING = 4  # digits, so that the file is what was drawn
 
 
@@ -61,12 +62,18 @@ def random_wall(seed: int, slope_deg: float = 45.0, *, all_limbs: bool = False) 
 
 
 def random_ladder(
-    seed: int, rungs: int = RUNGS, slope_deg: float = 45.0, steps: int = 120, *, obstacles: int = 0
+    seed: int,
+    rungs: int = RUNGS,
+    slope_deg: float = 45.0,
+    steps: int = 120,
+    *,
+    obstacles: int = 0,
+    spares: bool = False,
 ) -> str:
     """A scenario as YAML text: two columns of holds, scattered and turned; the body goes up to the last rungs.
 
     So many `obstacles`, at most `most_obstacles`, stand in gaps above the start's rungs, by turns in one column and in
-    the other: sills that limbs step over and posts that they go round.
+    the other: sills that limbs step over and posts that they go round. `spares`: beside each hold there is another.
     """
     random = np.random.default_rng(seed)
     names = [f"{side}-{rung}" for side in ("left", "right") for rung in range(1, rungs + 1)]
@@ -75,6 +82,9 @@ def random_ladder(
     yaw_deg = np.round(random.uniform(-YAW_DEG, YAW_DEG, len(xy)), 2)
     start = {"LF": "left-3", "RF": "right-3", "LR": "left-1", "RR": "right-1"}
     parts = _obstacles(random, xy.reshape(2, rungs, 2), obstacles)
+    if spares:
+        xy, names = _with_spares(random, xy), [*names, *(f"spare-{name}" for name in names)]
+        yaw_deg = np.append(yaw_deg, np.round(random.uniform(-YAW_DEG, YAW_DEG, len(yaw_deg)), 2))
     goal_m = (rungs - START_RUNGS) * RUNG_M + obstacles // 2 * OBSTACLE_GAP_M
     holds = _holds(names, np.round(xy, ROUNDING), yaw_deg)
     scenario = _scenario(f"random-ladder-{seed}", slope_deg, holds, start, steps)
@@ -82,6 +92,19 @@ def random_ladder(
     if parts:
         scenario["obstacles"] = parts
     return yaml.safe_dump(scenario, sort_keys=False)
+
+
+def _with_spares(random: np.random.Generator, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centres of `xy_m` (n, 2), and of one more hold beside each (n, 2) [m]."""
+    xy = xy_m
+    for hold in xy_m:
+        while True:
+            turn_rad = random.uniform(0.0, 2.0 * np.pi)
+            spare = hold + random.uniform(*SPARE_AWAY_M) * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+            if np.linalg.norm(xy - spare, axis=1).min() >= SPACING_M:
+                xy = np.vstack([xy, spare])
+                break
+    return xy
 
 
 def most_obstacles(rungs: int) -> int:
