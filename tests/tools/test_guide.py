@@ -119,6 +119,22 @@ def test_a_goal_that_asks_for_a_lost_hold_is_named(plan: plan_t, monkeypatch: py
     assert situation.wanted_in_vain() == ["RR on right-rear-high"]
 
 
+def test_a_body_turned_to_where_a_gripper_may_just_turn_under_it_is_a_start_of_a_plan(plan: plan_t) -> None:
+    robot, status = load_robot("scaler"), status_t()
+    status.fault.code = 20  # ft_implausible
+    yaws = [limb.gripper_yaw_w_rad for limb in plan.knots[0].limbs]
+    for reference, telemetry, grips in zip(status.reference, status.telemetry, plan.knots[0].limbs, strict=True):
+        yaw = reference.gripper_yaw_w_rad = grips.gripper_yaw_w_rad
+        telemetry.gripper_quaternion_w = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+        telemetry.gripper_position_w_m = grips.gripper_position_w_m
+    for beyond_rad in (max(yaws) - robot.grasp.gripper_yaw_rad[1], min(yaws) - robot.grasp.gripper_yaw_rad[0]):
+        turned = beyond_rad * 1.0001  # a fiftieth of a degree further than the gripper may turn
+        status.state.body_quaternion_w = [np.cos(turned / 2), 0.0, 0.0, np.sin(turned / 2)]
+        body_yaw = Situation(plan, status, robot).scenario().start.body.rpy_rad[2]
+        assert body_yaw == pytest.approx(turned, abs=0.011)
+        assert all(robot.grasp.gripper_yaw_rad[0] < yaw - body_yaw < robot.grasp.gripper_yaw_rad[1] for yaw in yaws)
+
+
 def test_no_runtime_and_no_terminal_are_told(
     plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -103,25 +103,26 @@ class Situation:
         return goals
 
     def _start(self) -> dict[str, Any]:
-        state, bounds = self.status.state, self.robot.body
-        rpy = _rpy(state.body_quaternion_w)
-        tilt = bounds.max_tilt_rad - INSIDE_RAD
-        low, high = bounds.height_m
-        height = min(max(state.body_position_w_m[2], low + INSIDE_M), high - INSIDE_M)
-        start: dict[str, Any] = {
-            "body": {
-                "position_m": [*state.body_position_w_m[:2], height],
-                "rpy_deg": np.degrees([*np.clip(rpy[:2], -tilt, tilt), rpy[2]]).tolist(),
-            },
-            "grasps": {},
-            "air": {},
-        }
+        start: dict[str, Any] = {"body": self._body(), "grasps": {}, "air": {}}
         for limb, name in enumerate(LIMB_NAMES):
             if self.grips(limb):
                 start["grasps"][name] = _grasp(self.plan, self.grasp(limb))
             else:
                 start["air"][name] = _in_air(self.status.reference[limb], self.status.telemetry[limb])
         return start
+
+    def _body(self) -> dict[str, Any]:
+        """Where the body is, within the bounds (7) of any plan: height, tilt, and how far a gripper turns under it."""
+        state, bounds = self.status.state, self.robot.body
+        low, high = bounds.height_m
+        height = min(max(state.body_position_w_m[2], low + INSIDE_M), high - INSIDE_M)
+        roll, pitch, yaw = _rpy(state.body_quaternion_w)
+        tilt = bounds.max_tilt_rad - INSIDE_RAD
+        yaws = [self.status.reference[limb].gripper_yaw_w_rad for limb in range(len(LIMB_NAMES)) if self.grips(limb)]
+        back, forth = self.robot.grasp.gripper_yaw_rad
+        turned = np.clip(yaw, max(yaws) - forth + INSIDE_RAD, min(yaws) - back - INSIDE_RAD) if yaws else yaw
+        rpy_rad = [*np.clip([roll, pitch], -tilt, tilt), turned]
+        return {"position_m": [*state.body_position_w_m[:2], height], "rpy_deg": np.degrees(rpy_rad).tolist()}
 
     def _measure(self, content: dict[str, Any]) -> None:
         """Holds to where they are gripped, with the friction they slipped at; what is no hold becomes an obstacle."""
