@@ -14,6 +14,10 @@ from crux_tools.paths import ROOT
 
 FRAMES = int(os.environ.get("CRUX_FUZZ_FRAMES", "1000000"))  # of the sweep
 SEED = 20260101
+SETARCH = ["setarch", "-R"]  # refused in some containers
+FIXED_ADDRESSES = (
+    SETARCH if subprocess.run([*SETARCH, "true"], capture_output=True, check=False).returncode == 0 else []
+)
 SANITIZERS = "-fsanitize=fuzzer,address,undefined"
 WRITES = int(os.environ.get("CRUX_FUZZ_WRITES", "50000"))
 SHARES = (0.2, pytest.param(1.0, marks=pytest.mark.sweep))  # of all these
@@ -41,11 +45,19 @@ def build(name: str, harness: Path, *broken: Path) -> Path:
 def fuzz(
     program: Path, frames: int = FRAMES, writes: int = WRITES, seed: int = SEED
 ) -> subprocess.CompletedProcess[str]:
-    """Runs it from an empty corpus; where its memory lies makes two runs of one seed differ."""
+    """Runs it from an empty corpus; what it tries depends on where its memory lies, which the kernel else draws."""
     corpus = program.parent / "corpus"
     shutil.rmtree(corpus, ignore_errors=True)
     corpus.mkdir()
-    command = [str(program), str(corpus), f"-seed={seed}", "-max_len=4096", "-len_control=0", "-print_final_stats=0"]
+    command = [
+        *FIXED_ADDRESSES,
+        str(program),
+        str(corpus),
+        f"-seed={seed}",
+        "-max_len=4096",
+        "-len_control=0",
+        "-print_final_stats=0",
+    ]
     environment = os.environ | {"CRUX_FUZZ_FRAMES": str(frames), "CRUX_FUZZ_WRITES": str(writes)}
     return subprocess.run(command, cwd=program.parent, env=environment, capture_output=True, text=True, check=False)
 
