@@ -113,7 +113,9 @@ class Planner:
         most, failures = self.scenario.horizon.steps, list[InfeasibleError]()
 
         def level(stances: tuple[float, float]) -> PlanResult | None:
-            attempt = lambda climb: self._anew(climb, most, None, stances) or self._refused  # noqa: E731
+            def attempt(climb: Climb) -> PlanResult | InfeasibleError | None:
+                return self._anew(climb, most, None, stances) or self._refused
+
             found, _ = attempts(climb, attempt, (without_blamed,), failures, most=ATTEMPTS, until=climb.deadline)
             climb.swings.allow_all()
             return found
