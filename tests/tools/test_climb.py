@@ -13,11 +13,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts import can_codec
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import command_t, plan_t
@@ -34,7 +36,6 @@ from hand_plan import Wall, climbing_plan, finish, standing_plan
 from mcap.reader import make_reader
 
 KEYS = {"ok", "reached_goal", "fell", "slips", "tracking", "real_time_factor", "missed_cycles", "log"}
-SYNC = 0x10  # its identifier
 WALL_TIME = ("/cycle_timing", "/can_frames")
 TIMEOUT_S = 300
 PERIOD_S, STALL_S = 0.002, 0.005
@@ -68,15 +69,22 @@ def messages(log: Path) -> dict[str, list[tuple[int, bytes]]]:
     return found
 
 
+@cache
+def counted(identifier: int) -> bool:
+    """Its payload begins with a counter and a checksum over it."""
+    return any(signal.name == "Counter" for signal in can_codec.database().get_message_by_frame_id(identifier).signals)
+
+
 def frames(log: Path) -> dict[int, list[tuple[int, int, int, bytes]]]:
     """The CAN frames of each bus but for their stamps: cycle, direction, identifier and payload. Between buses their
-    order is that of reading; the counter and checksum of Sync tell for how long the runtime waited for its nodes."""
+    order is that of reading; counters, and checksums over them, tell as well how often the runtime had to ask until all
+    nodes were there."""
     found = read_can_frames(log)
     columns = (found.bus.tolist(), found.cycle.tolist(), found.direction.tolist(), found.identifier.tolist())
     on: dict[int, list[tuple[int, int, int, bytes]]] = {}
     for row, (bus, *frame) in enumerate(zip(*columns, strict=True)):
         payload = found.payload(row)
-        on.setdefault(bus, []).append((*frame, payload[3:] if frame[-1] == SYNC else payload))
+        on.setdefault(bus, []).append((*frame, payload[3:] if counted(frame[-1]) else payload))
     return on
 
 
