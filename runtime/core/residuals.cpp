@@ -18,10 +18,11 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   unsigned holding = 0;  // a bit a limb
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    // Before the plan has begun somebody may carry the robot.
-    const bool grips = limb.gripping() && limbs_[l].in_contact();
+    // Before the plan has begun somebody may put the robot on: a limb holds where its fingers press.
+    const bool presses = limbs_[l].finger_force_N() >= robot_.control.min_grasp_force_N;
+    const bool grips = limb.gripping() && limbs_[l].in_contact() && (started_ || presses);
     const bool seen = !faults_.lost(l) && !limbs_[l].blind();
-    const bool holds = engaged_ && started_ && !limb.point_foot && (grips || test_.begun(l)) && seen;
+    const bool holds = engaged_ && !limb.point_foot && (grips || test_.begun(l)) && seen;
     fitted[l] = {&limbs_[l].state(), limbs_[l].torque_Nm(), holds};
     if (holds) holding |= 1U << static_cast<unsigned>(l);
   }
@@ -38,7 +39,8 @@ void ControlCore::watch_stance(double dt_s) noexcept {
     const LimbReference& limb = reference_.limbs[l];
     const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb),
                                                   limbs_[l].finger_force_N());
-    slips_[l].update(l, stance_, fitted[l].holds && limb.gripping(), used, dt_s);
+    // While control takes over, the fingers' force and the load change too quickly to be set against each other.
+    slips_[l].update(l, stance_, fitted[l].holds && limb.gripping(), started_ ? used : 0.0, dt_s);
     const Matrix3 rotation_GW = (body_.body_W().rotation * limbs_[l].state().gripper_B.rotation).transpose();
     compliances_[l].update(fitted[l].holds ? holding : 0, rotation_GW * limbs_[l].wrench_W().force_N,
                            stance_.since_contact(l).shift_G_m, dt_s);

@@ -16,7 +16,7 @@ constexpr std::array<Threshold, StanceFit::kWindows> kThresholds = {
     {{0.3, 1.0, 1.0}, {0.4, 1.5, 2.0}, {0.2, 1.5, 4.0}}};
 
 constexpr double kAsEver = 0.9;         // of the most its friction was used before: the grip may be used up
-constexpr double kBarely = 0.1;         // used less than that no grip slips
+constexpr double kBarely = 0.1;         // used less than that no grip slips that has not slipped before
 constexpr int kBlockCycles = 50;        // in which what is used is no past yet
 constexpr double kWitnessed_s = 0.004;  // longer than a reading that is wrong once
 constexpr double kStill_m = 0.0003;     // moves less than that: it stands
@@ -26,7 +26,7 @@ constexpr double kUnload_s = 0.1, kReload_s = 0.5;
 
 /// The second witness: friction is used as much as ever since contact, which did not slip.
 void SlipWatch::look_at_grip(double used) noexcept {
-  const bool used_up = used > kBarely && used >= kAsEver * most_used_;
+  const bool used_up = used > (slipped_at_ > 0.0 ? 0.0 : kBarely) && used >= kAsEver * most_used_;
   used_up_cycles_ago_ = used_up ? 0 : std::min(used_up_cycles_ago_ + 1, 2 * StanceFit::kCycles.back());
   lately_used_ = std::max(lately_used_, used);
   if (++block_cycles_ < kBlockCycles) return;
@@ -35,14 +35,16 @@ void SlipWatch::look_at_grip(double used) noexcept {
   lately_used_ = 0.0;
 }
 
-/// The window in which the gripper moves further than play explains, `witnessed`: and its grip was used up; -1: none.
+/// The window in which the gripper moves further than play explains, `witnessed`: and its grip was used up, or it moves
+/// as far as no slip may; -1: none.
 int SlipWatch::window_of_motion(int limb, const StanceFit& stance, bool witnessed) const noexcept {
   for (int window = 0; window < StanceFit::kWindows; ++window) {
     const StanceFit::Moved& moved = stance.moved(window);
     const auto& [floor, gain, most] = kThresholds[window];
     const double least_m = std::min(floor * parameters_.slip_m + gain * stance.play_m(), most * parameters_.slip_m);
-    const bool in_time = !witnessed || used_up_cycles_ago_ < StanceFit::kCycles[window];
-    if (moved.limb == limb && moved.alone && moved.way_m.norm() > least_m && in_time) return window;
+    const double way_m = moved.way_m.norm();
+    const bool far = way_m > parameters_.max_slip_m, used_up = used_up_cycles_ago_ < StanceFit::kCycles[window];
+    if (moved.limb == limb && moved.alone && way_m > least_m && (!witnessed || used_up || far)) return window;
   }
   return -1;
 }
@@ -59,8 +61,9 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
   const Eigen::Vector2d place_m = stance.since_contact(limb).shift_G_m.tail<2>();
   if (!slips_ && witnessed_s_ > kWitnessed_s) {
     slips_ = true;
+    if (slid_m_ == 0.0) from_m_ = place_m - stance.moved(window).way_m;
     slipped_at_ = used;
-    from_m_ = place_m - stance.moved(window).way_m;
+    most_used_ = block_used_ = lately_used_ = std::min(most_used_, used);  // it began before it was seen
     still_s_ = 0.0;
   }
   const bool moved = (place_m - rest_m_).norm() > kStill_m;
@@ -71,7 +74,7 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
     slips_ = still_s_ < parameters_.still_time_s || window >= 0;
     out_of_hand_ = out_of_hand_ || slid_m_ > parameters_.max_slip_m;
   }
-  const double wanted = slips_ ? parameters_.relief_load : 1.0;
+  const double wanted = slips_ || out_of_hand_ ? parameters_.relief_load : 1.0;
   relief_ = std::clamp(wanted, relief_ - dt_s / kUnload_s, relief_ + dt_s / kReload_s);
 }
 

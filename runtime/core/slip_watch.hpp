@@ -21,7 +21,7 @@ class SlipWatch {
   bool slips() const { return slips_; }
   /// It has slid too far in spite of that.
   bool out_of_hand() const { return out_of_hand_; }
-  /// Slid in this slip [m].
+  /// Slid since contact, from where its first slip began [m].
   double slid_m() const { return slid_m_; }
   /// Share of its load that it is to bear.
   double relief() const { return relief_; }

@@ -16,7 +16,7 @@ from hand_plan import climbing_plan
 
 SLIP = 6  # robot_state_t.waiting_for
 CLOSE = 6  # LimbPhase
-GRASP_FAILED = 21  # msgs/faults.yaml
+GRASP_FAILED, SLID = 21, 22  # msgs/faults.yaml
 RF = 1
 SMOOTH = "holds: {h1: {friction_factor: 0.11}}\n"  # the hold that RF begins on: no pull has tested its grasp
 ORDINARY = """
@@ -75,6 +75,15 @@ def test_a_grasp_that_has_slipped_is_loaded_no_more_than_its_friction_bears_and_
     assert result.ok, result.reason
     waits = log.tables["/robot_state"]["waiting_for"] == SLIP
     assert np.count_nonzero(np.diff(waits.astype(int)) == 1) == 1  # it does not slip again
+
+
+@pytest.mark.parametrize("friction_factor", [0.03, 0.07])
+def test_a_grip_that_the_plan_begins_with_and_that_slides_too_far_is_told(friction_factor: float) -> None:
+    """Before the plan's clock starts, or little by little after it."""
+    result, log = climbed(SMOOTH.replace("0.11", str(friction_factor)))
+    (fault,) = log.tables["/fault"]
+    assert (fault["code"], fault["limb"]) == (SLID, RF), result.reason
+    assert not result.verdict.fell, result.reason
 
 
 @pytest.mark.parametrize("seed", [1, 2])
