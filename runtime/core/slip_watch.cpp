@@ -55,8 +55,8 @@ void SlipWatch::update(int limb, const StanceFit& stance, bool holds, double use
     return;
   }
   look_at_grip(used);
-  squeezes_ = squeezes_ || window_of_motion(limb, stance, false) >= 0;
   const int window = window_of_motion(limb, stance, true);
+  squeezes_ = squeezes_ || window >= 0 || (used > 0.0 && window_of_motion(limb, stance, false) >= 0);
   witnessed_s_ = window >= 0 ? witnessed_s_ + dt_s : 0.0;
   const Eigen::Vector2d place_m = stance.since_contact(limb).shift_G_m.tail<2>();
   if (!slips_ && witnessed_s_ > kWitnessed_s) {

@@ -41,6 +41,9 @@ class StanceFit {
     for (Standing& limb : limbs_) limb.holds = false;
   }
 
+  /// What was seen of play counts no longer: more of it is possible again.
+  void forget_play() noexcept { begun_ = false; }
+
   /// Once a cycle.
   void update(const PerLimb<FittedLimb>& limbs, double dt_s) noexcept;
 
