@@ -13,8 +13,8 @@ class SlipWatch {
  public:
   explicit SlipWatch(const StanceParameters& parameters) : parameters_(parameters) {}
 
-  /// Once a cycle. `used`: limit_surface_utilisation as felt; 0: not known yet, then only a gripper that moves as far
-  /// as no slip may is one that slips, or moves.
+  /// Once a cycle. `used`: limit_surface_utilisation as felt; 0: not known yet; then only a way of max_slip_m
+  /// counts.
   void update(int limb, const StanceFit& stance, bool holds, double used, double dt_s) noexcept;
 
   /// Squeeze with all there is, until the gripper opens.
