@@ -143,6 +143,12 @@ FaultEvent FaultMonitor::bus_fault(const crux_msgs::control_input_t& in) const n
 
 FaultEvent FaultMonitor::silent_node() const noexcept {
   const double limit = limits_.silent_cycles;
+  const int longest = std::max(std::ranges::max(joint_silence_), std::ranges::max(gripper_silence_));
+  const int shortest = std::min(std::ranges::min(joint_silence_), std::ranges::min(gripper_silence_));
+  // Some may have got a last word in: nobody has been heard for half of the limit.
+  if (longest > limits_.silent_cycles && 2 * shortest > limits_.silent_cycles) {
+    return {FaultCode::kAllNodesSilent, -1, 0, static_cast<double>(longest), limit};
+  }
   for (int l = 0; l < kLimbs; ++l) {
     for (int j = 0; j < kJoints; ++j) {
       const int silence = joint_silence_[l * kJoints + j];

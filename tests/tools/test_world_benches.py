@@ -119,16 +119,21 @@ def test_what_stops_the_runtime_is_climbed_in_a_kernel_with_virtual_time() -> No
 
 
 def test_another_end_of_the_runtime_than_its_fault_is_not_told() -> None:
-    fault = Fault("runtime-stopped", "")
     late = "9.0 s: 26 cycle_late: a control cycle began 0.9 s late (limit: 0.01 s)"
-    for reason, on_wall, told in (
-        (late, True, True),
-        (late, False, False),
-        ("9.0 s: 3 node_stopped, limb LF, node 1: it holds", True, False),
+    nodes_starved = "9.0 s: 30 all_nodes_silent: no valid status from any node, for 11 cycles (limit: 10)"
+    one_silent = "9.0 s: 1 node_silent, limb LF, node 1: no valid status from the node for 11 cycles (limit: 10)"
+    for kind, reason, on_wall, told in (
+        ("runtime-stopped", late, True, True),
+        ("runtime-stopped", late, False, False),
+        ("runtime-stopped", "9.0 s: 3 node_stopped, limb LF, node 1: it holds", True, False),
+        ("runtime-stopped", nodes_starved, True, False),
+        ("lcm-flooded", late, True, True),
+        ("lcm-flooded", nodes_starved, True, True),
+        ("lcm-flooded", one_silent, True, False),
     ):
         end = row(reason=reason)
         end["climb"]["robot_on_wall"] = on_wall
-        assert ending_of(end, fault).told == told
+        assert ending_of(end, Fault(kind, "")).told == told
 
 
 def test_walls_of_both_kinds_each_in_a_world_of_its_own() -> None:

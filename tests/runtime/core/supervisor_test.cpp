@@ -284,6 +284,7 @@ class Faults : public testing::Test {
   }
   crux_msgs::control_input_t& input() { return run_->plant.input(); }
   std::unique_ptr<Climber> run_;
+  int spoiled_ = 0;
   std::function<void(crux_msgs::control_input_t&)> spoil_ = [](crux_msgs::control_input_t&) {};
 };
 
@@ -292,6 +293,24 @@ TEST_F(Faults, ASilentNodeStopsControlAndTheNodesHold) {
   expect_fault(FaultCode::kNodeSilent, SupervisorState::kFault, 1, 3);
   expect_all_joint_modes(NodeMode::kHold);
   EXPECT_GT(run_->result.state.missed_cycles, robot().supervisor.silent_cycles);
+}
+
+TEST_F(Faults, SilenceOfAllNodesIsNotToldAsOneNodes) {
+  spoil_ = [this](crux_msgs::control_input_t& in) {
+    std::ranges::fill(in.joint_fresh, 0);
+    std::ranges::fill(in.gripper_fresh, 0);
+    if (spoiled_++ < 3) in.joint_fresh[0] = 1;  // one gets some last words in
+  };
+  expect_fault(FaultCode::kAllNodesSilent, SupervisorState::kFault, -1, 0);
+  EXPECT_EQ(run_->result.fault.value, robot().supervisor.silent_cycles + 1);
+}
+
+TEST_F(Faults, SilenceOfAWholeBusIsToldAsItsNodes) {
+  spoil_ = [](crux_msgs::control_input_t& in) {
+    for (int j = 0; j < kJoints; ++j) in.joint_fresh[kJoints + j] = 0;
+    in.gripper_fresh[1] = 0;
+  };
+  expect_fault(FaultCode::kNodeSilent, SupervisorState::kFault, 1, 1);
 }
 
 TEST_F(Faults, TheStateOfABusIsAFaultAtOnceAndTheGravestIsTold) {

@@ -63,22 +63,23 @@ IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
 
 
 class OfTheRuntime(NamedTuple):
-    """A fault of the runtime's process: its entry in a file of faults, what a climb then says, and how it is run."""
+    """A fault of the runtime's process: its entry in a file of faults, what a climb may then say, and how it is run."""
 
     entry: str
-    cause: str
+    causes: tuple[str, ...]
     options: tuple[str, ...]
 
 
-LATE = "26 cycle_late"
+LATE = ("26 cycle_late",)
+STARVED = (*LATE, "30 all_nodes_silent")  # a flood starves the runtime or the nodes' simulation
 OF_THE_RUNTIME = {
-    "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", "ended by signal 9", LOCKSTEP),
+    "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", ("ended by signal 9",), LOCKSTEP),
     "runtime-stopped": OfTheRuntime("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
     "cpu-starved": OfTheRuntime(
         "{{kind: cpu_starved, at_s: {at_s}, for_s: {for_s}, share: {share}}}", LATE, IN_A_GUEST
     ),
-    "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", LATE, BY_THE_CLOCK),
-    "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", "log incomplete: file too large", LOCKSTEP),
+    "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", STARVED, BY_THE_CLOCK),
+    "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", ("log incomplete: file too large",), LOCKSTEP),
 }
 KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | OF_THE_RUNTIME).items()}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
@@ -224,7 +225,8 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
     climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
     if fault.kind in OF_THE_RUNTIME:
-        told = OF_THE_RUNTIME[fault.kind].cause in row["reason"] and climb.get("robot_on_wall") is True
+        told = any(cause in row["reason"] for cause in OF_THE_RUNTIME[fault.kind].causes)
+        told = told and climb.get("robot_on_wall") is True
     else:
         faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
         causes = IN_THE_WORLD[fault.kind].causes
