@@ -95,7 +95,9 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
-  return faults_.lost(limb) ? 0.0 : reference.load * relief(limb);
+  if (faults_.lost(limb)) return 0.0;
+  // With a hold gone each grip is needed whole, also one that takes load up just now, or gives it off.
+  return (faults_.any_lost() && reference.gripping() ? 1.0 : reference.load) * relief(limb);
 }
 
 void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {

@@ -79,6 +79,7 @@ class FaultMonitor {
 
   /// The limb has lost its hold; it bears nothing from then on.
   bool lost(int limb) const noexcept { return lost_[limb]; }
+  bool any_lost() const noexcept { return std::ranges::any_of(lost_, std::identity()); }
   /// The limb's F/T sensor does not fit its joints' torques; nothing is done on its word.
   bool distrusted(int limb) const noexcept { return distrusted_[limb]; }
   bool any_distrusted() const noexcept { return std::ranges::any_of(distrusted_, std::identity()); }

@@ -87,8 +87,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
   // feels beyond the plan. A sensor that fails leaves what it felt last.
   const PlanReference ahead = play(*plan_, later(*plan_, clock_.now(), robot_.control.grasp_force_lead_s));
   const PerLimb<Wrench> wrenches_ahead_W = balanced(bearers(ahead));
-  bool any_lost = false;
-  for (int l = 0; l < kLimbs; ++l) any_lost = any_lost || faults_.lost(l);
+  const bool any_lost = faults_.any_lost();
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& now = reference.limbs[l];
     limbs_[l].hurry(any_lost);
@@ -107,15 +106,14 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
 
 void ControlCore::find_hold_again(int command, double dt_s) noexcept {
   if (supervisor_.state() != SupervisorState::kHolding || return_ == Return::kOver || plan_->point_feet) return;
+  if (!faults_.any_lost()) return;
   // A gripper that comes down on its hold, closes or presses on it already goes on, and its limb takes up load.
-  bool lost = false, in_air = false, comes = false;
+  bool in_air = false, comes = false;
   for (int l = 0; l < kLimbs; ++l) {
-    lost = lost || faults_.lost(l);
     in_air = in_air || !(reference_.limbs[l].gripping() || faults_.lost(l));
     const bool near = reference_.limbs[l].closing() || reference_.limbs[l].phase == LimbPhase::kDescend;
     comes = comes || (near && !faults_.lost(l));
   }
-  if (!lost) return;
   if (return_ == Return::kNone) {
     const bool on = comes && !clock_.now().back;
     const bool leads = on ? stance_s(*plan_, clock_.now().interval + 1) > 0.0 : clock_.can_reverse(*plan_);

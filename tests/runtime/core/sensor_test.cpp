@@ -181,9 +181,30 @@ TEST_F(Sensors, AGripperThatHasClosedTakesUpLoadWhenAnotherHasLostItsHold) {
     run_.step();
     ASSERT_TRUE(presses()) << "cycle " << i;
     ASSERT_EQ(run_.core.state(), SupervisorState::kHolding);
+    if (i == 5) {
+      EXPECT_GT(planned_force_N(0).norm(), 5.0) << "at once";
+    }
   }
   EXPECT_EQ(run_.result.reference[0].phase, static_cast<int>(LimbPhase::kStance));
   EXPECT_GT(planned_force_N(0).norm(), 5.0);
+}
+
+TEST_F(Sensors, AGripAboutToOpenTakesItsLoadBackWhenAnotherHasLostItsHold) {
+  const auto gives_off = [&] { return run_.result.reference[0].phase == static_cast<int>(LimbPhase::kUnload); };
+  for (int i = 0; i < 6000 && !(gives_off() && run_.result.reference[0].load == 0.0); ++i) run_.step();
+  ASSERT_TRUE(gives_off());
+  ASSERT_LT(planned_force_N(0).norm(), 1.0);
+  const auto gone = [](crux_msgs::control_input_t& in) { loosen(in, 2); };
+  ASSERT_LE(until_fault(gone, 200), 200);
+  expect_fault(FaultCode::kGripLost, 2, 7);
+  for (int i = 0; i < 500; ++i) {
+    gone(run_.plant.input());
+    run_.step();
+    ASSERT_TRUE(gives_off());
+    if (i >= 5) {
+      ASSERT_GT(planned_force_N(0).norm(), 5.0) << "cycle " << i;
+    }
+  }
 }
 
 TEST_F(Sensors, AGripperThatComesDownGoesOnAndClosesWhereItStandsWhenAnotherHasLostItsHold) {
