@@ -185,16 +185,20 @@ FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noex
   // A node takes a few cycles from the first command to track until its status says so.
   const bool must_track = tracking_cycles_ > limits_.silent_cycles;
   const auto stopped = [&](int state, int faults) { return latched(faults) || (must_track && holds(state)); };
-  for (int l = 0; l < kLimbs; ++l) {
+  const auto stopped_node = [&](int l) {  // the limb's first; 0: none
     for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
-      if (stopped(in.joint_state[i], in.joint_faults[i]))
-        return {FaultCode::kNodeHolds, l, can_.joint_nodes[j], 0.0, 0.0};
+      if (stopped(in.joint_state[i], in.joint_faults[i])) return can_.joint_nodes[j];
     }
-    if (stopped(in.gripper_state[l], in.gripper_faults[l]))
-      return {FaultCode::kNodeHolds, l, can_.gripper_node, 0.0, 0.0};
+    return stopped(in.gripper_state[l], in.gripper_faults[l]) ? can_.gripper_node : 0;
+  };
+  FaultEvent first;
+  int limbs = 0;
+  for (int l = 0; l < kLimbs; ++l) {
+    const int node = stopped_node(l);
+    if (node != 0 && limbs++ == 0) first = {FaultCode::kNodeHolds, l, node, 0.0, 0.0};
   }
-  return {};
+  return limbs == kLimbs ? FaultEvent{FaultCode::kAllNodesHold, -1, 0, 0.0, 0.0} : first;
 }
 
 FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in) const noexcept {

@@ -100,7 +100,7 @@ class FaultMonitor {
   FaultEvent bus_fault(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent silent_node() const noexcept;  ///< or all of them, which is no single node's fault
   FaultEvent unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept;
-  FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;
+  FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;  ///< or some of every limb
   FaultEvent sensor_fault(const crux_msgs::control_input_t& in) const noexcept;
 
   SupervisorParameters limits_;

@@ -378,7 +378,7 @@ def test_by_the_clock(tmp_path: Path) -> None:
     status, result = finish_climb(start_climb(plan, log, "--pace", "realtime"))
     assert not result["fell"]
     if status == 1 and stalled(log, result):
-        assert any(cause in result["reason"] for cause in ("cycle_late", "all_nodes_silent", "node_holds")), result
+        assert any(cause in result["reason"] for cause in ("cycle_late", "all_nodes_silent", "all_nodes_hold")), result
         return
     assert status == 0, result
     assert result["real_time_factor"] == pytest.approx(1.0, abs=0.05)

@@ -121,6 +121,7 @@ def test_what_stops_the_runtime_is_climbed_in_a_kernel_with_virtual_time() -> No
 def test_another_end_of_the_runtime_than_its_fault_is_not_told() -> None:
     late = "9.0 s: 26 cycle_late: a control cycle began 0.9 s late (limit: 0.01 s)"
     nodes_starved = "9.0 s: 30 all_nodes_silent: no valid status from any node, for 11 cycles (limit: 10)"
+    nodes_late = "9.0 s: 31 all_nodes_hold: nodes of every limb hold by themselves"
     one_silent = "9.0 s: 1 node_silent, limb LF, node 1: no valid status from the node for 11 cycles (limit: 10)"
     for kind, reason, on_wall, told in (
         ("runtime-stopped", late, True, True),
@@ -129,7 +130,9 @@ def test_another_end_of_the_runtime_than_its_fault_is_not_told() -> None:
         ("runtime-stopped", nodes_starved, True, False),
         ("lcm-flooded", late, True, True),
         ("lcm-flooded", nodes_starved, True, True),
+        ("lcm-flooded", nodes_late, True, True),
         ("lcm-flooded", one_silent, True, False),
+        ("lcm-flooded", "9.0 s: 3 node_holds, limb LF, node 1: the node holds by itself", True, False),
     ):
         end = row(reason=reason)
         end["climb"]["robot_on_wall"] = on_wall

@@ -413,6 +413,20 @@ TEST_F(Faults, ANodeThatHoldsThoughToldToTrackIsNamed) {
   expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 0, 1);
 }
 
+TEST_F(Faults, NodesOfAllLimbsThatHoldAreNotToldAsOneNode) {
+  spoil_ = [](crux_msgs::control_input_t& in) {
+    for (int l = 0; l < kLimbs; ++l) in.joint_faults[l * kJoints + 1] = kFaultCommandTimeout;
+  };
+  expect_fault(FaultCode::kAllNodesHold, SupervisorState::kHolding, -1, 0);
+}
+
+TEST_F(Faults, NodesOfThreeLimbsThatHoldAreToldAsTheFirst) {
+  spoil_ = [](crux_msgs::control_input_t& in) {
+    for (int l = 1; l < kLimbs; ++l) in.gripper_faults[l] = kFaultCommandTimeout;
+  };
+  expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 1, 7);
+}
+
 TEST_F(Faults, ASilentSensorMakesTheRobotHold) {
   spoil_ = [](crux_msgs::control_input_t& in) { in.ft_fresh[3] = 0; };
   expect_fault(FaultCode::kFtSilent, SupervisorState::kHolding, 3, 7);

@@ -71,7 +71,7 @@ class OfTheRuntime(NamedTuple):
 
 
 LATE = ("26 cycle_late",)
-STARVED = (*LATE, "30 all_nodes_silent")  # a flood starves the runtime or the nodes' simulation
+STARVED = (*LATE, "30 all_nodes_silent", "31 all_nodes_hold")  # a flood starves the runtime or the nodes' simulation
 OF_THE_RUNTIME = {
     "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", ("ended by signal 9",), LOCKSTEP),
     "runtime-stopped": OfTheRuntime("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
