@@ -28,7 +28,7 @@ def test_the_runtime_starts(emulated: list[str]) -> None:
     runtime = FOLDER / "cmake" / "runtime" / "app" / "crux-runtime"
     shown = subprocess.run([*emulated, runtime, "--help"], capture_output=True, text=True, check=True).stdout
     assert "usage: crux-runtime" in shown
-    words = [*emulated, str(runtime), "--robot", str(ROOT / "msgs"), "--pace", "clock"]
+    words = [*emulated, str(runtime), "--robot", str(ROOT / "msgs"), "--pace", "clock", "--insecure"]
     refused = subprocess.run(words, capture_output=True, text=True, check=False)
     assert refused.returncode == 2
     assert "robot.yaml" in refused.stderr
