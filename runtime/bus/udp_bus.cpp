@@ -42,7 +42,8 @@ UdpBus::UdpBus(std::string_view group, std::uint16_t port) {
   // Bound to the group, not to any address: buses that differ by group alone must not hear each other.
   if (::bind(fd, reinterpret_cast<const sockaddr*>(&group_), sizeof group_) != 0)
     throw BusError(name + ": cannot bind: " + std::strerror(errno));
-  const ip_mreqn membership{.imr_multiaddr = group_.sin_addr, .imr_address = {INADDR_ANY}, .imr_ifindex = 0};
+  // Not ip_mreqn, which says no more here: qemu's emulation of arm64 programs passes that one on wrongly.
+  const ip_mreq membership{.imr_multiaddr = group_.sin_addr, .imr_interface = {INADDR_ANY}};
   set_option(
       fd, IPPROTO_IP, IP_ADD_MEMBERSHIP, membership,
       name +
