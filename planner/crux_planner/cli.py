@@ -187,6 +187,8 @@ def _show(result: PlanResult, output: Path) -> None:
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
     took = f"planned and checked in {result.seconds:.2f} s ({parts})"
     print(f"{took}, {result.iterations} iterations, cost {result.cost:.3f}")
+    if result.others is not None:
+        print(result.others)
     if result.gap is not None:
         proven = f"proven {result.scope}: no plan of {result.steps} steps costs less than"
         print(f"{proven} {100 * (1 - result.gap):.0f} % of that")

@@ -18,6 +18,7 @@ from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
     from crux_planner.admm.admm import Decided
+    from crux_planner.certificates.other_sequences import OtherSequences
     from crux_planner.checker import CheckReport
     from crux_planner.model.problem import CentroidalProblem, Problem
     from crux_planner.model.schedule import Schedule
@@ -41,6 +42,7 @@ class PlanResult:
     method: str = "auto"
     seconds: float = 0.0
     gap: float | None = None
+    others: OtherSequences | None = None  # what a MIP says of other contacts and orders
     nominal_cost: float | None = None  # J of the same contacts where nothing is uncertain
     history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
     method_report: dict[str, Any] | None = None  # what a method reached before the exact NLP
@@ -98,6 +100,7 @@ class PlanResult:
             "nominal_cost": self.nominal_cost,
             "gap": self.gap,
             "scope": None if self.gap is None else self.scope,
+            "sequence": None if self.others is None else self.others.to_json(),
             "steps": self.steps,
             "dt_s": self.plan.dt_s,
             "iterations": self.iterations,

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
+from crux_planner.certificates.other_sequences import look_at_others
 from crux_planner.checker import CheckReport, check_plan
 from crux_planner.errors import HorizonError, InfeasibleError, unsolved
 from crux_planner.model.problem import Problem
@@ -38,10 +39,11 @@ class Climb(Session, Oracles):
 
 @dataclass(frozen=True)
 class _Choice:
-    """A climb's problem, and where the times of its moves are chosen already, these."""
+    """A climb's problem, and where the times of its moves are chosen already, these; whether a MIP chose its moves."""
 
     problem: Problem
     timed: Timed | None
+    by_mip: bool = False
 
 
 def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
@@ -51,6 +53,9 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         costs = EventCost(climb)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
         timed = improve(costs, moves, climb.deadline) if level else None
+    with work.part("mip", 0.35):
+        waited_for = work.bound is None  # by a robot, which has no time for it
+        others = None if timed is None or waited_for else look_at_others(costs, timed, climb.deadline)
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})
@@ -68,18 +73,28 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
             return None
         return _Choice(replace(choice.problem, speed_limits=failure.speed_limits), None)
 
+    def as_searched(choice: _Choice, _failure: InfeasibleError) -> _Choice | None:
+        if not choice.by_mip:
+            return None
+        failures.clear()
+        return _Choice(problem, timed)
+
     def untimed(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
         return None if choice.timed is None or isinstance(failure, HorizonError) else replace(choice, timed=None)
 
-    result, _ = attempts(
-        _Choice(problem, timed),
+    first = _Choice(problem, timed)
+    if others is not None and others.found:
+        first = _Choice(problem, others.timed, by_mip=True)
+    result, made_of = attempts(
+        first,
         lambda choice: _schedule_and_finish(replace(climb, problem=choice.problem), choice.timed, moves),
-        (as_unforeseen, slower, untimed),
+        (as_searched, as_unforeseen, slower, untimed),
         failures,
-        most=SLOWINGS + (timed is not None),
+        most=SLOWINGS + (timed is not None) + first.by_mip,
         until=climb.deadline,
     )
     if result is not None:
+        result.others = None if others is None else replace(others, found=made_of.by_mip)
         return result
     short = [failure for failure in failures if isinstance(failure, HorizonError)]
     work.refused.append(RefusedWay((short or failures)[0], partial(_in_steps, climb, moves)))
@@ -94,7 +109,7 @@ def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> P
     if any(climb.swings.swing(*swing) is None for swing in swings):
         return InfeasibleError("passage", "a swing of these moves was found wrong, and there is no other")
     scenario, problem = rewritten(climb.scenario, steps=steps), replace(climb.problem, steps=steps)
-    silent = replace(climb.work, log=lambda _line: None)
+    silent = replace(climb.work, log=lambda _line: None, bound=None)
     return solve_and_check(replace(climb, scenario=scenario, problem=problem, work=silent, deadline=deadline), moves)
 
 

@@ -265,10 +265,11 @@ class EventCost:
     def _swing_costs(self, move: Move, air: int) -> tuple[float, float]:
         """What J says of a move's swings whatever the body does, in the air `air` knots and one more."""
         swings = [(move.before[limb], move.after[limb]) for limb in move.limbs]
-        now, later = (sum(self._swing_cost(*swing, knots) for swing in swings) for knots in (air, air + 1))
+        now, later = (sum(self.swing_price(*swing, knots) for swing in swings) for knots in (air, air + 1))
         return now, later
 
-    def _swing_cost(self, start: int, end: int, air: int) -> float:
+    def swing_price(self, start: int, end: int, air: int) -> float:
+        """What J says of a swing in the air for so many knots, whatever the body does."""
         key = (start, end, air)
         if key not in self._in_air:
             self._in_air[key] = swing_cost(self.problem.weights, self.swings.way(start, end).poses(air)[:-1])

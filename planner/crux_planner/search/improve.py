@@ -44,6 +44,13 @@ def improve(costs: EventCost, moves: list[Move], deadline: float, work: int = WO
     return _Improvement(costs, deadline, work).run(moves)
 
 
+def retimed(costs: EventCost, steps: Steps, before: Timed) -> Timed | None:
+    """Other steps, with the stances of others as far as they fit; None where a way, a reach, time or the goal lacks."""
+    among = _Improvement(costs, np.inf, 0)
+    moves = among.moves(steps)
+    return None if moves is None else among.as_before(moves, before)
+
+
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 
 
@@ -89,7 +96,7 @@ class _Improvement:
 
         On a long way a stance far from the goal costs most, so few of them are worth an estimate.
         """
-        moves = self._moves(steps)
+        moves = self.moves(steps)
         if moves is None:
             return None
         found: list[_Best] = []
@@ -126,15 +133,15 @@ class _Improvement:
 
     def _other_steps(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
         for steps in self._rearranged(best.steps):
-            moves = self._moves(steps)
-            timed = None if moves is None else self._as_before(moves, best.timed)
+            moves = self.moves(steps)
+            timed = None if moves is None else self.as_before(moves, best.timed)
             if timed is not None:
                 yield steps, timed
 
     def _others_anew(self, best: _Best) -> Iterator[tuple[Steps, Timed]]:
         """Other steps, which may be worth it with the spare time at the start or at the end."""
         for steps in self._rearranged(best.steps):
-            moves = self._moves(steps)
+            moves = self.moves(steps)
             for where in (len(steps), 0) if moves is not None else ():
                 timed = self._quick(moves or [], where)
                 if timed is not None:
@@ -168,7 +175,7 @@ class _Improvement:
         found = [int(c) for c in self.reach.neighbours(limb, contact) if int(c) in usable and c != contact]
         return sorted(found, key=lambda c: float(np.abs(contacts[c].centre_w_m - place).sum()))[:_OTHERS]
 
-    def _moves(self, steps: Steps) -> list[Move] | None:
+    def moves(self, steps: Steps) -> list[Move] | None:
         """The steps as moves, None where a way, a reach or the goal is missing."""
         stance: Stance = self.problem.start_contacts
         moves, nowhere = [], np.zeros(3)
@@ -199,7 +206,7 @@ class _Improvement:
         stances[where] += spare
         return Timed(moves, stances, swings)
 
-    def _as_before(self, moves: list[Move], before: Timed) -> Timed | None:
+    def as_before(self, moves: list[Move], before: Timed) -> Timed | None:
         """Moves with the stances of others as far as they fit."""
         longest = int(np.argmax(before.stances))
         stances, swings, spare = self._least(moves)

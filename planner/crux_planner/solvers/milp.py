@@ -14,19 +14,27 @@ from crux_planner.solvers import clock
 
 @dataclass(frozen=True)
 class MilpResult:
-    """`values` is None where none was found; `bound` is a proven lower bound of the objective (-inf where none is)."""
+    """`values` is None where none was found; `bound` is a proven lower bound of the objective (-inf where none is).
+
+    `work` counts the rows that the simplex method looked at.
+    """
 
     values: Array | None
     objective: float
     bound: float
     infeasible: bool
+    work: int
 
 
 class Milp:
-    """Bounds, integrality and rows low <= a x <= high; the cost is given to `solve`, so that rows can be re-used."""
+    """Bounds, integrality and rows low <= a x <= high; the cost is given to `solve`, so that rows can be re-used.
 
-    def __init__(self) -> None:
+    `options` are those of HiGHS that are not as usual.
+    """
+
+    def __init__(self, **options: bool) -> None:
         self.size = 0
+        self._options = {"output_flag": False, "threads": 1, "random_seed": 0, **options}
         self._low: list[Array] = []
         self._high: list[Array] = []
         self._integer: list[Flags] = []
@@ -92,14 +100,17 @@ class Milp:
         start: Array | None = None,
         gap: float,
         time_limit_s: float,
+        nodes: int = 2**31 - 1,
         relaxed: bool = False,
     ) -> MilpResult:
         """Minimise cost . x + constant to a `gap` relative to it; rows added since the last call are taken up.
 
-        `start` may be NaN where nothing is known; with `relaxed`, integrality is left out; the limit is of clock.now.
+        `start` may be NaN where nothing is known; with `relaxed`, integrality is left out; limits are of clock.now and
+        of the nodes of the tree.
         """
         solver = self._fresh()
         solver.setOptionValue("mip_rel_gap", gap)
+        solver.setOptionValue("mip_max_nodes", nodes)
         self._until = clock.now() + time_limit_s
         solver.setOptionValue("solve_relaxation", relaxed)
         solver.changeColsCost(self.size, np.arange(self.size, dtype=np.int32), cost)
@@ -114,13 +125,14 @@ class Milp:
         optimal = status == highspy.HighsModelStatus.kOptimal
         bound = (info.objective_function_value if optimal else -np.inf) if relaxed else info.mip_dual_bound
         objective = float(info.objective_function_value) if found else np.inf
-        return MilpResult(values, objective, float(bound), status == highspy.HighsModelStatus.kInfeasible)
+        infeasible, work = status == highspy.HighsModelStatus.kInfeasible, info.simplex_iteration_count * self.rows
+        return MilpResult(values, objective, float(bound), infeasible, work)
 
     def _fresh(self) -> highspy.Highs:
         """The solver with all rows."""
         if self._solver is None:
             self._solver = highspy.Highs()  # type: ignore[no-untyped-call]
-            for option, value in (("output_flag", False), ("threads", 1), ("random_seed", 0)):
+            for option, value in self._options.items():
                 self._solver.setOptionValue(option, value)
             for interrupt in (self._solver.cbMipInterrupt, self._solver.cbSimplexInterrupt):
                 interrupt.subscribe(self._look_at_the_clock)

@@ -1,0 +1,173 @@
+"""Whether another sequence of as many moves is cheaper than the search's: asked of a mixed-integer program.
+
+The program (certificates.stance_mip) proposes what is cheapest from below, the search's estimate of J judges it, and it
+is left out, until what is left costs no less than the search's sequence does by the same program, or the work is done.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from crux_planner.certificates.stance_mip import Loads, Sequence, StanceMip, Swing
+from crux_planner.model.arrays import Array
+from crux_planner.physics.reachable_set import goal_contacts
+from crux_planner.search.event_cost import EventCost, Timed
+from crux_planner.search.improve import Steps, improve, retimed
+from crux_planner.solvers import clock
+
+MOST_MOVES = 8  # of a sequence that is looked at: the program grows with their square
+GAP = 0.03  # of the cost: no sequence that is cheaper by less is looked for
+_NEAR = 4  # contacts a limb may go to beside each that the search's sequence has
+_ROUNDS = 4  # of cuts before the first proposal
+_WORK = 1_500_000  # of the simplex method (solvers.milp), after which there is no further proposal
+_NODES = 200  # of the tree of one proposal
+_CONVERGED = 1e-4  # of the cost, what a round of cuts may still add
+_RETIMING = 20_000  # work of EventCost on a better sequence's times
+
+
+@dataclass(frozen=True)
+class OtherSequences:
+    """What the program says of a sequence: the cheapest known, whether the program found it, and what it proved."""
+
+    timed: Timed
+    moves: int  # of the search's sequence and of those compared with it
+    found: bool
+    least: float  # share of the cost of the search's sequence below which no other is that was not judged, see `scope`
+    judged: int
+
+    @property
+    def scope(self) -> str:
+        """What `least` is about."""
+        return f"{self.moves} moves over contacts near the search's"
+
+    def __str__(self) -> str:
+        by = "the MIP, cheaper than the search's" if self.found else "the search"
+        none = f"by the MIP none of {self.scope} cost less than {100 * self.least:.0f} % of the search's"
+        return f"contacts found by {by}; {none}, but for {self.judged} estimated one by one"
+
+    def to_json(self) -> dict[str, object]:
+        """Of `crux plan --json`."""
+        by = "mip" if self.found else "search"
+        return {"found_by": by, "others_at_least": self.least, "estimated": self.judged, "scope": self.scope}
+
+
+def look_at_others(costs: EventCost, timed: Timed, deadline: float) -> OtherSequences | None:
+    """None where the moves are too many or not single, or where the program has no place for them."""
+    moves = timed.moves
+    if not 0 < len(moves) <= MOST_MOVES or any(len(move.limbs) > 1 for move in moves):
+        return None
+    own = tuple((move.limbs[0], (move.before[move.limbs[0]], move.after[move.limbs[0]])) for move in moves)
+    loads = Loads(costs)
+    alone = StanceMip(costs, loads, len(moves), [sorted({s for at, s in own if at == limb}) for limb in range(4)])
+    alone.fix(own)
+    value, multipliers = _converged(alone)
+    if value <= 0.0 or not np.isfinite(value):
+        return None
+    program = StanceMip(costs, loads, len(moves), _swings(costs, own))
+    program.leave_out(own)
+    for several in multipliers:
+        program.carry(several)
+    return _Judge(costs, timed, value, deadline).run(program)
+
+
+def _converged(program: StanceMip) -> tuple[float, list[Array]]:
+    """The cost of a program without integers, and the multipliers that its last rounds of cuts are of."""
+    value, multipliers = -np.inf, []
+    for _ in range(3 * _ROUNDS):
+        relaxed = program.solve(relaxed=True)
+        if relaxed.values is None:
+            return np.inf, []
+        if relaxed.objective - value < _CONVERGED * abs(value):
+            break
+        value = relaxed.objective
+        multipliers = program.cut(relaxed.values, _CONVERGED * abs(value))
+    return value, multipliers
+
+
+class _Judge:
+    def __init__(self, costs: EventCost, timed: Timed, value: float, deadline: float) -> None:
+        self.costs, self.best, self.value, self.deadline = costs, timed, value, deadline
+        estimate = costs.estimate(timed)
+        self.cost = np.inf if estimate is None else estimate.cost
+        self.moves, self.found, self.judged = len(timed.moves), False, 0
+
+    def run(self, program: StanceMip) -> OtherSequences:
+        """Proposals until none is worth it."""
+        worth = _CONVERGED * self.value
+        for _ in range(_ROUNDS):
+            relaxed = program.solve(relaxed=True)
+            if relaxed.values is None:
+                return self._verdict(np.inf)  # there is no other
+            program.cut(relaxed.values, worth)
+        bound = relaxed.objective
+        work = 0
+        while work < _WORK:
+            proposed = program.solve(gap=GAP / 2, nodes=_NODES)
+            work += proposed.work
+            bound = np.inf if proposed.infeasible else max(bound, proposed.bound)
+            if proposed.values is None or bound >= (1.0 - GAP) * self.value or clock.now() > self.deadline:
+                break
+            program.cut(proposed.values, worth)
+            self._judge(program, program.sequence(proposed.values))
+        return self._verdict(bound)
+
+    def _judge(self, program: StanceMip, sequence: Sequence) -> None:
+        """Keeps a sequence that is better by the search's estimate; it does not come again."""
+        self.judged += 1
+        program.leave_out(sequence)
+        stance = list(self.costs.problem.start_contacts)
+        for limb, swing in sequence:
+            for other, contact in enumerate(stance):
+                if other != limb and not self.costs.swings.free([swing], (contact,)):
+                    program.keep_apart(limb, swing, other, contact)
+            stance[limb] = swing[1]
+        steps: Steps = tuple(((limb,), (swing[1],)) for limb, swing in sequence)
+        timed = retimed(self.costs, steps, self.best)
+        estimate = None if timed is None else self.costs.estimate(timed)
+        if timed is not None and estimate is not None and estimate.cost < (1.0 - GAP) * self.cost:
+            self.best, self.cost, self.found = timed, estimate.cost, True
+
+    def _verdict(self, bound: float) -> OtherSequences:
+        timed = self.best
+        if self.found:
+            timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING) or timed
+        return OtherSequences(timed, self.moves, self.found, min(bound / self.value, 1.0), self.judged)
+
+
+def _swings(costs: EventCost, sequence: Sequence) -> list[list[Swing]]:
+    """The swings of each limb among contacts near its own that leave the others' limbs moves enough."""
+    every = [_among(costs, limb, [s for at, s in sequence if at == limb]) for limb in range(4)]
+    starts, ends = [{c} for c in costs.problem.start_contacts], goal_contacts(costs.problem, costs.reach)
+    since = [_moves_from(set(start), own) for start, own in zip(starts, every, strict=True)]
+    ahead = [_moves_from(set(end), [(b, a) for a, b in own]) for end, own in zip(ends, every, strict=True)]
+    least = [to_go[c] for to_go, c in zip(ahead, costs.problem.start_contacts, strict=True)]
+    spare = len(sequence) - sum(least)
+    return [
+        [(a, b) for a, b in own if a in begun and b in to_go and begun[a] + 1 + to_go[b] <= few + spare]
+        for own, begun, to_go, few in zip(every, since, ahead, least, strict=True)
+    ]
+
+
+def _among(costs: EventCost, limb: int, own: list[Swing]) -> list[Swing]:
+    problem, reach = costs.problem, costs.reach
+    usable = set(problem.limb_contacts[limb])
+    near = {problem.start_contacts[limb], *(end for _, end in own)}
+    for contact in sorted(near):
+        place = problem.contacts[contact].centre_w_m
+        others = sorted(
+            (int(c) for c in reach.neighbours(limb, contact) if int(c) in usable),
+            key=lambda c: float(np.abs(problem.contacts[c].centre_w_m - place).sum()),
+        )
+        near.update(others[: _NEAR + 1])  # itself too
+    pairs = ((a, int(b)) for a in near for b in reach.neighbours(limb, a) if b in near and b in usable)
+    return sorted({*own, *((a, b) for a, b in pairs if a != b and costs.swings.swing(a, b) is not None)})
+
+
+def _moves_from(contacts: set[int], swings: list[Swing]) -> dict[int, int]:
+    """Least moves to each contact."""
+    moves = dict.fromkeys(contacts, 0)
+    new = contacts
+    while new:
+        new = {b for a, b in swings if a in new} - set(moves)
+        moves |= dict.fromkeys(new, max(moves.values(), default=0) + 1)
+    return moves
