@@ -17,6 +17,7 @@ from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProb
 FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
 _MOST_ITERATIONS = 80
+_STILL, _SAME = 3, 1e-7  # so many whole steps in a row, each of which changes the cost by less than this share of it
 _STALLED, _SHORT = 8, 0.1  # so many steps in a row, each of less of a Newton step: the rows contradict each other
 _NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
 _TO_BOUNDARY = 0.995
@@ -58,10 +59,14 @@ def first_point(stages: StageProblem, body: Array, columns: Array) -> Point:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # it ends where numbers are no longer finite
 def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
-    """Newton steps on the barrier problem, the barrier lowered as they succeed."""
+    """Newton steps on the barrier problem, the barrier lowered as they succeed.
+
+    It ends where (1)-(9) hold and the slope is nothing, or no more than rounding: at large multipliers that alone is
+    more than the tolerance, and whole steps change the cost no longer.
+    """
     bounded = stages.bounded
     count = max(int(bounded.sum()), 1)
-    iteration, short, near, barrier = 0, 0, False, FIRST_BARRIER
+    iteration, short, still, near, barrier, cost = 0, 0, 0, False, FIRST_BARRIER, np.inf
     while True:
         at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
         slack = stages.slack(at.rows)
@@ -73,7 +78,8 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP
-        if primal < _TOLERANCE and dual < _DUAL_TOLERANCE and gap < 2 * LAST_BARRIER:
+        still, cost = still + 1 if abs(at.cost - cost) < _SAME * abs(cost) else 0, at.cost
+        if primal < _TOLERANCE and gap < 2 * LAST_BARRIER and (dual < _DUAL_TOLERANCE or still >= _STILL):
             return Outcome(point, iteration, True, at.cost)
         spent = iteration >= _MOST_ITERATIONS or short >= _STALLED or clock.now() > deadline
         if spent or not np.isfinite(primal + dual):
@@ -100,6 +106,7 @@ def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
         )
         reached = float((point.slacks * point.duals)[bounded].sum()) / count
         shorter = min(primal_share, dual_share)
+        still = still if shorter == 1.0 else 0
         barrier = max(LAST_BARRIER, min(1.0, (1.0 - shorter) ** 2 + 0.1) * reached)
         iteration += 1
 

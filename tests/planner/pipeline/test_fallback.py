@@ -10,10 +10,12 @@ import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
+from crux_contracts.scenario import parse_scenario
 from crux_planner.errors import HorizonError, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.ends import aimed
+from crux_simulation.benchmarks.random_fields import random_field
 from walls import hold, scenario, two_rows
 
 
@@ -82,6 +84,14 @@ def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
     assert result.check.ok
     aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
     assert 0.02 < aside <= 0.03
+
+
+def test_what_only_rounding_keeps_from_the_tolerance_is_a_solution(robot: Robot) -> None:
+    """At joints' limits multipliers are large; three moves suffice, and were refused for the slope that is left."""
+    said: list[str] = []
+    result = crux_planner.plan(parse_scenario(random_field(414)), robot, log=said.append)
+    assert result.gait == ["RR", "RF", "LR"]
+    assert not said
 
 
 def test_grippers_in_each_others_way_start_off_the_middle_of_their_holds(robot: Robot) -> None:
