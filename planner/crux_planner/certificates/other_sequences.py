@@ -52,9 +52,12 @@ class OtherSequences:
 
 
 def look_at_others(costs: EventCost, timed: Timed, deadline: float) -> OtherSequences | None:
-    """None where the moves are too many or not single, or where the program has no place for them."""
+    """None where the moves are too many or not single, where the program has no place for them, or after `deadline`
+    (of clock.now).
+    """
     moves = timed.moves
-    if not 0 < len(moves) <= MOST_MOVES or any(len(move.limbs) > 1 for move in moves):
+    single = 0 < len(moves) <= MOST_MOVES and all(len(move.limbs) == 1 for move in moves)
+    if not single or clock.now() > deadline:
         return None
     own = tuple((move.limbs[0], (move.before[move.limbs[0]], move.after[move.limbs[0]])) for move in moves)
     loads = Loads(costs)
@@ -102,7 +105,7 @@ class _Judge:
         bound = relaxed.objective
         work = 0
         while work < _WORK:
-            proposed = program.solve(gap=GAP / 2, nodes=_NODES)
+            proposed = program.solve(gap=GAP / 2, nodes=_NODES, time_limit_s=self.deadline - clock.now())
             work += proposed.work
             bound = np.inf if proposed.infeasible else max(bound, proposed.bound)
             if proposed.values is None or bound >= (1.0 - GAP) * self.value or clock.now() > self.deadline:

@@ -104,14 +104,15 @@ class StanceMip:
         self.moves = [self._move() for _ in range(moves)]
         self.end = self.milp.variables(3, -np.inf, np.inf)
         self._link()
-        self.cuts = 0
 
-    def solve(self, *, gap: float = 0.0, nodes: int = 0, relaxed: bool = False) -> MilpResult:
-        """With the cuts there are; `nodes` of a tree at most."""
+    def solve(
+        self, *, gap: float = 0.0, nodes: int = 0, time_limit_s: float = np.inf, relaxed: bool = False
+    ) -> MilpResult:
+        """With the cuts there are; limits are those of Milp.solve."""
         cost = np.zeros(self.milp.size)
         for index, values in self.cost:
             cost[index] += values
-        return self.milp.solve(cost, gap=gap, time_limit_s=np.inf, nodes=nodes, relaxed=relaxed)
+        return self.milp.solve(cost, gap=gap, time_limit_s=time_limit_s, nodes=nodes, relaxed=relaxed)
 
     def fix(self, sequence: Sequence) -> None:
         """Nothing but this sequence."""
@@ -182,7 +183,6 @@ class StanceMip:
         factors = np.concatenate([[1.0], *(-share for _, share in terms)])
         if values is None or factors @ values[columns] < -right - worth:
             self.milp.row(columns, factors, -right, np.inf)
-            self.cuts += 1
 
     def _cut_way(self, move: _Move, values: Array, worth: float) -> None:
         """The tangent of a move's Q-terms where a solution is."""

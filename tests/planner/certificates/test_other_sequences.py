@@ -103,3 +103,8 @@ def test_of_a_dear_order_it_finds_the_cheapest() -> None:
     found = costs.estimate(said.timed)
     assert found is not None
     assert found.cost < (1.0 + GAP) * cheapest.cost
+
+
+def test_where_the_time_is_over_it_is_not_asked() -> None:
+    costs, every = orders("climb-slippery")
+    assert look_at_others(costs, every[0], clock.now() - 1.0) is None
