@@ -61,6 +61,7 @@ class _Improvement:
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
         self.least_gain = 0.0
+        self.place = 0  # the step at which the last neighbour was found: the next are looked for from there on
 
     def run(self, moves: list[Move]) -> Timed | None:
         steps: Steps = tuple((move.limbs, tuple(move.after[limb] for limb in move.limbs)) for move in moves)
@@ -149,19 +150,24 @@ class _Improvement:
 
     def _rearranged(self, steps: Steps) -> Iterator[Steps]:
         count = len(steps)
-        for i in range(count):
+        order = [(self.place + i) % count for i in range(count)]
+        for i in order:
+            self.place = i
             for j in range(i + 1, count):  # straight to where the limb goes next
                 if steps[i][0] == steps[j][0]:
                     yield (*steps[:i], steps[j], *steps[i + 1 : j], *steps[j + 1 :])
                     yield steps[:i] + steps[i + 1 :]
                     break
         for by in range(1, _FARTHEST + 1):
-            for i in range(count):
+            for i in order:
+                self.place = i
                 for j in (i + by, i - by) if by > 1 else (i + by,):
                     if 0 <= j < count:
                         rest = steps[:i] + steps[i + 1 :]
                         yield (*rest[:j], steps[i], *rest[j:])
-        for i, (limbs, ends) in enumerate(steps):
+        for i in order:
+            self.place = i
+            limbs, ends = steps[i]
             if len(limbs) > 1:
                 continue
             last = not any(limbs[0] in later for later, _ in steps[i + 1 :])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Move
 from crux_planner.search.body_path import knot_path
 from crux_planner.search.event_cost import EventCost, Timed
-from crux_planner.search.improve import improve
+from crux_planner.search.improve import WORK, improve
 from crux_planner.search.schedule import at_knots
 from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
@@ -190,3 +191,15 @@ def test_the_search_on_the_cost_ends_where_no_neighbour_is_better_also_on_a_long
     assert at_most is not None
     assert found is not None
     assert found.cost == pytest.approx(at_most.cost, rel=1e-3)
+
+
+def test_a_long_route_is_improved_all_along_before_the_work_is_done(robot: Robot) -> None:
+    oracles = Oracles.of(build_problem(scenario(ladder(8)), robot))
+    moves, _ = search(oracles, at_once=1, greed=1.0, deadline=clock.now() + 60)
+    assert moves is not None
+    costs = EventCost(oracles)
+    timed = improve(costs, moves, clock.now() + 300)
+    assert timed is not None
+    assert costs.work >= WORK
+    assert len(timed.moves) <= 15
+    assert not any(now.limbs == then.limbs for now, then in pairwise(timed.moves))
