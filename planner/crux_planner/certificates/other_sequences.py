@@ -1,4 +1,4 @@
-"""Whether another sequence of as many moves is cheaper than the search's: asked of a mixed-integer program.
+"""Whether another sequence of as many moves, or one fewer, is cheaper than the search's, by a mixed-integer program.
 
 The program (certificates.stance_mip) proposes what is cheapest from below, the search's estimate of J judges it, and it
 is left out, until what is left costs no less than the search's sequence does by the same program, or the work is done.
@@ -30,7 +30,7 @@ class OtherSequences:
     """What the program says of a sequence: the cheapest known, whether the program found it, and what it proved."""
 
     timed: Timed
-    moves: int  # of the search's sequence and of those compared with it
+    moves: tuple[int, ...]  # of the sequences compared with the search's
     found: bool
     least: float  # share of the cost of the search's sequence below which no other is that was not judged, see `scope`
     judged: int
@@ -38,7 +38,7 @@ class OtherSequences:
     @property
     def scope(self) -> str:
         """What `least` is about."""
-        return f"{self.moves} moves over contacts near the search's"
+        return f"{' or '.join(map(str, self.moves))} moves over contacts near the search's"
 
     def __str__(self) -> str:
         by = "the MIP, cheaper than the search's" if self.found else "the search"
@@ -66,11 +66,17 @@ def look_at_others(costs: EventCost, timed: Timed, deadline: float) -> OtherSequ
     value, multipliers = _converged(alone)
     if value <= 0.0 or not np.isfinite(value):
         return None
-    program = StanceMip(costs, loads, len(moves), _swings(costs, own))
-    program.leave_out(own)
-    for several in multipliers:
-        program.carry(several)
-    return _Judge(costs, timed, value, deadline).run(program)
+    judge = _Judge(costs, timed, value, deadline)
+    for count in (len(moves) - 1, len(moves)):
+        if (swings := _swings(costs, own, count)) is None:
+            continue
+        program = StanceMip(costs, loads, count, swings)
+        if count == len(moves):
+            program.leave_out(own)
+        for several in multipliers:
+            program.carry(several)
+        judge.run(program, count)
+    return judge.verdict()
 
 
 def _converged(program: StanceMip) -> tuple[float, list[Array]]:
@@ -92,18 +98,19 @@ class _Judge:
         self.costs, self.best, self.value, self.deadline = costs, timed, value, deadline
         estimate = costs.estimate(timed)
         self.cost = np.inf if estimate is None else estimate.cost
-        self.moves, self.found, self.judged = len(timed.moves), False, 0
+        self.found, self.judged, self.least = False, 0, 1.0
+        self.moves: list[int] = []
 
-    def run(self, program: StanceMip) -> OtherSequences:
-        """Proposals until none is worth it."""
+    def run(self, program: StanceMip, moves: int) -> None:
+        """Proposals of so many moves until none is worth it."""
+        self.moves.append(moves)
         worth = _CONVERGED * self.value
         for _ in range(_ROUNDS):
             relaxed = program.solve(relaxed=True)
             if relaxed.values is None:
-                return self._verdict(np.inf)  # there is no other
+                return  # there is no other
             program.cut(relaxed.values, worth)
-        bound = relaxed.objective
-        work = 0
+        bound, work = relaxed.objective, 0
         while work < _WORK:
             proposed = program.solve(gap=GAP / 2, nodes=_NODES, time_limit_s=self.deadline - clock.now())
             work += proposed.work
@@ -112,7 +119,7 @@ class _Judge:
                 break
             program.cut(proposed.values, worth)
             self._judge(program, program.sequence(proposed.values))
-        return self._verdict(bound)
+        self.least = min(self.least, bound / self.value)
 
     def _judge(self, program: StanceMip, sequence: Sequence) -> None:
         """Keeps a sequence that is better by the search's estimate; it does not come again."""
@@ -130,21 +137,26 @@ class _Judge:
         if timed is not None and estimate is not None and estimate.cost < (1.0 - GAP) * self.cost:
             self.best, self.cost, self.found = timed, estimate.cost, True
 
-    def _verdict(self, bound: float) -> OtherSequences:
+    def verdict(self) -> OtherSequences:
+        """What is known in the end."""
         timed = self.best
         if self.found:
             timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING) or timed
-        return OtherSequences(timed, self.moves, self.found, min(bound / self.value, 1.0), self.judged)
+        return OtherSequences(timed, tuple(self.moves), self.found, self.least, self.judged)
 
 
-def _swings(costs: EventCost, sequence: Sequence) -> list[list[Swing]]:
-    """The swings of each limb among contacts near its own that leave the others' limbs moves enough."""
+def _swings(costs: EventCost, sequence: Sequence, moves: int) -> list[list[Swing]] | None:
+    """The swings of each limb among contacts near its own that leave the others' limbs moves enough; None where so many
+    do not lead to the goal.
+    """
     every = [_among(costs, limb, [s for at, s in sequence if at == limb]) for limb in range(4)]
     starts, ends = [{c} for c in costs.problem.start_contacts], goal_contacts(costs.problem, costs.reach)
     since = [_moves_from(set(start), own) for start, own in zip(starts, every, strict=True)]
     ahead = [_moves_from(set(end), [(b, a) for a, b in own]) for end, own in zip(ends, every, strict=True)]
     least = [to_go[c] for to_go, c in zip(ahead, costs.problem.start_contacts, strict=True)]
-    spare = len(sequence) - sum(least)
+    spare = moves - sum(least)
+    if moves == 0 or spare < 0:
+        return None
     return [
         [(a, b) for a, b in own if a in begun and b in to_go and begun[a] + 1 + to_go[b] <= few + spare]
         for own, begun, to_go, few in zip(every, since, ahead, least, strict=True)

@@ -105,6 +105,18 @@ def test_of_a_dear_order_it_finds_the_cheapest() -> None:
     assert found.cost < (1.0 + GAP) * cheapest.cost
 
 
+def test_a_needless_move_is_left_out() -> None:
+    costs, every = orders("climb-slippery")
+    steps = [((limb,), (end,)) for limb, (_, end) in sequence_of(every[0])]
+    limb, start = steps[0][0][0], costs.problem.start_contacts[steps[0][0][0]]
+    ways = (retimed(costs, (((limb,), (int(via),)), *steps), every[0]) for via in costs.reach.neighbours(limb, start))
+    detour = next(timed for timed in ways if timed is not None and costs.estimate(timed) is not None)
+    said = look_at_others(costs, detour, LATER)
+    assert said is not None
+    assert said.found
+    assert len(said.timed.moves) == len(detour.moves) - 1
+
+
 def test_where_the_time_is_over_it_is_not_asked() -> None:
     costs, every = orders("climb-slippery")
     assert look_at_others(costs, every[0], clock.now() - 1.0) is None
