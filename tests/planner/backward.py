@@ -137,7 +137,7 @@ def _wrenches(
         spin = inertia @ (rates[k + 1] - rates[k]) / DT_S + np.cross(rates[k], inertia @ rates[k])
         target = np.concatenate([force, turn[k] @ spin + np.cross(centre[k], force)])
         on = np.flatnonzero(~air[k])
-        least = _least(hands[k, on], limits[k, on], target)
+        least = _least(hands[k, on], limits[k, on], target) if on.size else None
         if least is None:
             return None
         found[k] = least
