@@ -41,7 +41,7 @@ class OtherSequences:
         return f"{' or '.join(map(str, self.moves))} moves over contacts near the search's"
 
     def __str__(self) -> str:
-        by = "the MIP, cheaper than the search's" if self.found else "the search"
+        by = "the MIP, cheaper than the search's by estimates" if self.found else "the search"
         none = f"by the MIP none of {self.scope} cost less than {100 * self.least:.0f} % of the search's"
         return f"contacts found by {by}; {none}, but for {self.judged} estimated one by one"
 

@@ -32,15 +32,13 @@ Sequence = tuple[tuple[int, Swing], ...]
 _MISSING = 100.0  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is none
 _FORCE_N = 500.0
 _AT_GOAL = 2  # knots of the last stance
-_PLAY = 1e-4  # of a cut, as a share of J, that is not worth a row
 
 
 class Loads:
     """Multipliers on balance for grippers on contacts, and what a knot costs with them from below."""
 
     def __init__(self, costs: EventCost) -> None:
-        self.problem, self.balance = costs.problem, costs.equilibrium
-        self.carriers = Carriers.of(self.problem)
+        self.balance, self.carriers = costs.equilibrium, Carriers.of(costs.problem)
         directions, _ = polytope_directions(1.0)
         self._directions = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.body, self.right = self.balance.weight(np.zeros(3))
@@ -99,8 +97,8 @@ class StanceMip:
         self.cost: list[tuple[Indices, Array]] = []
         self.ends = [set(ends) for ends in goal_contacts(self.problem, costs.reach)]
         self.stances = [self._stance(m, moves) for m in range(moves + 1)]
-        self.standing = [self._priced(1, 0.0, np.inf, 1.0 if m < moves else _AT_GOAL) for m in range(moves + 1)]
-        self.longer = [self._priced(1, 0.0, np.inf, float(shared_weight(self.problem)[0])) for _ in range(moves + 1)]
+        self.standing = [self._priced(1.0 if m < moves else _AT_GOAL) for m in range(moves + 1)]
+        self.longer = [self._priced(float(shared_weight(self.problem)[0])) for _ in range(moves + 1)]
         self.moves = [self._move() for _ in range(moves)]
         self.end = self.milp.variables(3, -np.inf, np.inf)
         self._link()
@@ -199,9 +197,9 @@ class StanceMip:
     def _held(self, values: Array, m: int) -> list[int]:
         return [own[int(np.argmax(values[x]))] for own, x in zip(self.contacts, self.stances[m], strict=True)]
 
-    def _priced(self, count: int, low: float, high: float, price: float) -> Indices:
-        index = self.milp.variables(count, low, high)
-        self.cost.append((index, np.full(count, price)))
+    def _priced(self, price: float) -> Indices:
+        index = self.milp.variables(1, 0.0, np.inf)
+        self.cost.append((index, np.array([price])))
         return index
 
     def _stance(self, m: int, moves: int) -> list[Indices]:
@@ -232,7 +230,7 @@ class StanceMip:
             self.cost.append((index, np.array(prices) + (air - self.least_air) * floor))
             swings.append(index)
         lift_off, touch_down = (self.milp.variables(3, -np.inf, np.inf) for _ in range(2))
-        carried, way = (self._priced(1, 0.0, np.inf, price) for price in (self.least_air, 1.0))
+        carried, way = (self._priced(price) for price in (self.least_air, 1.0))
         return _Move(swings, lift_off, touch_down, carried, way)
 
     def _link(self) -> None:

@@ -54,8 +54,8 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
         timed = improve(costs, moves, climb.deadline) if level else None
     with work.part("mip", 0.35):
-        waited_for = work.bound is None  # by a robot, which has no time for it
-        others = None if timed is None or waited_for else look_at_others(costs, timed, climb.deadline)
+        bounded = work.bound is not None  # where there is no time for a bound, as a robot waits, there is none for this
+        others = look_at_others(costs, timed, climb.deadline) if timed is not None and bounded else None
     stances = [held for move in moves for held in (move.before, move.held, move.after)]
     slow = foreseen(as_given.contacts, as_given.weight_N, as_given.dt_s, stances)
     problem = replace(as_given, speed_limits={**slow, **as_given.speed_limits})

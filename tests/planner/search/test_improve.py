@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -202,4 +201,4 @@ def test_a_long_route_is_improved_all_along_before_the_work_is_done(robot: Robot
     assert timed is not None
     assert costs.work >= WORK
     assert len(timed.moves) <= 15
-    assert not any(now.limbs == then.limbs for now, then in pairwise(timed.moves))
+    assert not any(now.limbs == then.limbs for now, then in itertools.pairwise(timed.moves))
