@@ -8,9 +8,11 @@ In scaled form, with eta = [x; u] of the contact blocks, its copy delta and the 
 
 Two blocks: one MIP for all limbs. Multi-block: one MIP a limb, solved in parallel, and the motion NLP with the body's
 terms of J and (8a), all against a shared copy: the mean of what the limbs and the NLP have with their duals, which is
-the projection. Limbs know of one another by this copy alone, of which who is in the air is a part (turns.py); turns
-with which forces come no nearer are given up for others, and the duals begin anew.
-rho is the paper's for climbs and is not adapted: what matters is the units of the consensus (methods.py).
+the projection. Limbs know of one another by this copy alone, of which who is in the air is a part (turns.py). Where the
+forces come nearer too slowly, limbs are in the air at other times than where they still differ; the duals stay.
+rho begins as the paper's for climbs. What matters beside it is the units of the consensus (methods.py). The NLP is not
+convex: where the duals grow, the nearest motion to a copy may be another than before, and the blocks part. Where they
+part from one iteration to the next and to the one after that, rho doubles, which halves the scaled duals.
 
 Both stop when the largest residual of any body or finger position and of any force component (maximum norm) is within
 the paper's thresholds, unless they are to run `to_the_end`. z is binary: no theorem says that they come so far, and
@@ -27,10 +29,11 @@ import numpy as np
 
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
-from crux_planner.trajectory.consensus import Eta, Residuals
+from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, Eta, Residuals
 
 Report = Callable[[str], None]
-_PATIENCE, _NEARER = 6, 0.85  # iterations, and what of a residual is to be left after so many
+_PAST, _AHEAD = 6, 30  # iterations whose rate is looked at, and in which at that rate the forces are to be there
+_FIRMER = 2.0  # of rho where the blocks part
 
 
 class Knots(Protocol):
@@ -71,6 +74,10 @@ class Limbs(Protocol[K]):
 
     def in_turn(self, copy: Eta, away: Array, before: Array) -> Eta:
         """The nearest copy in which the swings of `away` take turns; as `before` where others are as near."""
+        ...
+
+    def disputed(self, apart: Eta) -> Array:
+        """(T, 1): 1 for windows in which limbs and motion are `apart` by more than the threshold on forces."""
         ...
 
 
@@ -132,9 +139,11 @@ def two_block(contacts: Contacts[K], motion: Motion, given: Settings, rho: float
         epsilon = epsilon or plan.eta.times(0.0)
         delta = motion.project(plan.eta + epsilon, rho)
         epsilon = epsilon + plan.eta - delta
-        target = delta - epsilon
         if run.ends(plan.knots, Residuals.of(plan.eta - delta)):
             break
+        if run.parts():
+            rho, epsilon = _FIRMER * rho, epsilon.times(1.0 / _FIRMER)
+        target = delta - epsilon
     return run.decided()
 
 
@@ -144,8 +153,8 @@ def multi_block(
     """P3, from a `first` copy. Stops at the thresholds, after `iterations`, or when the time is up."""
     rho, run = given.rho or rho, Iterations[K](given)
     copy = replace(motion.project(first, rho), away=first.away)
-    nothing, given_up = first.times(0.0), np.zeros(first.away.shape)
-    of_limbs, of_motion = nothing, nothing
+    of_limbs = of_motion = first.times(0.0)
+    given_up = np.zeros(first.away.shape)
     for _ in range(given.iterations or iterations):
         plan = limbs.minimise(rho, copy - of_limbs)
         delta = replace(motion.project(copy - of_motion, rho), away=plan.eta.away)
@@ -153,12 +162,13 @@ def multi_block(
         residuals = replace(Residuals.of(eta - delta, body=False), out_of_turn=int(np.abs(eta.away - copy.away).sum()))
         if run.ends(plan.knots.with_body(delta.body), residuals):
             break
-        stuck = run.stuck()
-        given_up += 2.0 * stuck * copy.away
+        if run.is_slow():
+            given_up += 2.0 * copy.away * limbs.disputed(eta - delta)
         copy = limbs.in_turn((eta + of_limbs + delta + of_motion).times(0.5), eta.away, copy.away - given_up)
         of_limbs, of_motion = of_limbs + eta - copy, of_motion + delta - copy
-        if stuck:
-            of_limbs, of_motion = nothing, nothing
+        if run.parts():
+            rho = _FIRMER * rho
+            of_limbs, of_motion = of_limbs.times(1.0 / _FIRMER), of_motion.times(1.0 / _FIRMER)
     return run.decided()
 
 
@@ -178,15 +188,35 @@ class Iterations(Generic[K]):
             self._given.report(f"not converged after {run.iterations} iterations")
         return run
 
-    def stuck(self) -> bool:
-        """Whether the forces have not come nearer for some iterations; if so, these are counted from here on."""
-        assert self._decided is not None
-        forces = [each.force_N for each in self._decided.residuals[self._since :]]
-        stuck = len(forces) > _PATIENCE and forces[-1] > _NEARER * forces[-_PATIENCE] and not self._decided.converged
-        if stuck:
-            self._since = len(self._decided.residuals)
-            self._given.report("these turns are given up: forces come no nearer")
-        return stuck
+    def is_slow(self) -> bool:
+        """Whether the forces, as they have come nearer lately, will not be there; if so, iterations count from here."""
+        forces = self._forces()
+        if len(forces) <= _PAST:
+            return False
+        rate = (forces[-1] / forces[-1 - _PAST]) ** (1.0 / _PAST)
+        slow = self._residuals[-1].force_N * rate**_AHEAD > FORCE_THRESHOLD_N
+        return self._count_anew(slow, "the forces come nearer too slowly: other turns where they differ")
+
+    def parts(self) -> bool:
+        """Whether the forces are further apart for the second time; if so, iterations count from here."""
+        forces = self._forces()
+        parts = len(forces) > 2 and forces[-3] < forces[-2] < forces[-1]
+        return self._count_anew(parts, f"the blocks part: rho times {_FIRMER:g}")
+
+    @property
+    def _residuals(self) -> list[Residuals]:
+        return [] if self._decided is None else self._decided.residuals
+
+    def _forces(self) -> list[float]:
+        """Root mean squares of the iterations that count; none where the blocks agree."""
+        counting = self._residuals[self._since :]
+        return [] if counting and counting[-1].converged else [each.force_rms_N for each in counting]
+
+    def _count_anew(self, needed: bool, why: str) -> bool:
+        if needed:
+            self._since = len(self._residuals)
+            self._given.report(why)
+        return needed
 
     def ends(self, knots: K, residuals: Residuals) -> bool:
         """Note an iteration and report it; whether it is the last."""

@@ -27,7 +27,7 @@ from crux_planner.model.slots import Slot, Slots
 from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.physics.static_balance import StaticBalance
 from crux_planner.solvers.worker import Team
-from crux_planner.trajectory.consensus import Eta, Scales
+from crux_planner.trajectory.consensus import FORCE_THRESHOLD_N, Eta, Scales
 from crux_planner.trajectory.knot_qp import KnotSolution, solve_knots
 from crux_planner.trajectory.walk_qp import ContactQp, WalkKnots
 
@@ -78,6 +78,11 @@ class _Limbs:
     def in_turn(self, copy: Eta, away: Array, before: Array) -> Eta:
         """The nearest copy in which the swings of `away` take turns."""
         return in_turn(copy, away, before, self._edges, self._rest, self.scales)
+
+    def disputed(self, apart: Eta) -> Array:
+        """(T, 1): 1 for windows in which limbs and motion are `apart` by more than the threshold on forces."""
+        largest = np.abs(apart.forces).max(axis=(1, 2))
+        return (np.maximum.reduceat(largest, self._edges[:-1]) > FORCE_THRESHOLD_N)[:, None].astype(float)
 
     def _flagged(self, eta: Eta, swings: Iterable[tuple[int, int, int]]) -> Eta:
         """With who is away: `swings` as limb and the knots on the edges of windows between which it is."""

@@ -24,7 +24,7 @@ from crux_planner.solvers.worker import Team, crew
 from crux_planner.trajectory.consensus import Scales
 
 RHO, MULTI_RHO = 10.0, 10.0
-ITERATIONS, MULTI_ITERATIONS = 30, 30
+ITERATIONS, MULTI_ITERATIONS = 40, 80
 SCALES = Scales(position=3.0, orientation=3.0, force=0.007, moment=0.5, flag=4.0)
 WALK_SCALES = Scales(flag=4.0)
 

@@ -1,11 +1,11 @@
-"""The loop of P3 on limbs and a motion that are made up: agreement, turns, and turns that are given up."""
+"""The loops on blocks that are made up: agreement, turns, turns that are given up, and blocks that part."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from crux_planner.admm.admm import ContactPlan, Decided, Settings, multi_block
+from crux_planner.admm.admm import ContactPlan, Decided, Settings, multi_block, two_block
 from crux_planner.admm.turns import in_turn
 from crux_planner.model.arrays import Array
 from crux_planner.solvers import clock
@@ -35,7 +35,7 @@ class Limbs:
     """Two limbs swing for one window, in window 1 unless the copy wishes otherwise; forces are the copy's."""
 
     def minimise(self, rho: float, target: Eta) -> ContactPlan[Knots]:
-        assert rho == 10.0
+        assert rho >= 10.0
         away = np.zeros((WINDOWS, 4))
         for limb in (0, 1):
             wish = target.away[1 : WINDOWS - 1, limb]
@@ -48,6 +48,9 @@ class Limbs:
     def in_turn(self, copy: Eta, away: Array, before: Array) -> Eta:
         return in_turn(copy, away, before, EDGES, 0, SCALES)
 
+    def disputed(self, apart: Eta) -> Array:
+        return (np.abs(apart.forces).max(axis=(1, 2))[EDGES[:-1]] > 0.5)[:, None].astype(float)
+
 
 class Motion:
     """Lets every force be, but where a limb has to bear 10 N."""
@@ -56,7 +59,7 @@ class Motion:
         self._bearing = bearing
 
     def project(self, target: Eta, rho: float) -> Eta:
-        assert rho == 10.0
+        assert rho >= 10.0
         delta = Eta(target.body, target.fingers, target.yaws, target.forces.copy(), target.moments)
         if self._bearing is not None:
             t, limb = self._bearing
@@ -87,4 +90,34 @@ def test_turns_with_which_forces_come_no_nearer_are_given_up() -> None:
     assert decided.converged
     assert decided.knots.away[t, 0] == 0.0
     assert decided.knots.away.sum(axis=1).max() == 1.0
-    assert any("given up" in line for line in lines)
+    assert any("too slowly" in line for line in lines)
+
+
+class Concave:
+    """Contacts that push by x along x, |x| <= 100 N, and would rather push far: least -4 x^2 and the consensus."""
+
+    def minimise(self, rho: float, target: Eta | None, deadline: float) -> ContactPlan[Knots]:
+        assert clock.now() < deadline
+        eta = Eta.zeros(8)
+        if target is not None:
+            eta.forces[0, 0, 0] = np.clip(rho * target.forces[0, 0, 0] / (rho - 8.0), -100.0, 100.0)
+        return ContactPlan(eta, Knots(np.zeros((WINDOWS, 4))))
+
+
+class OneNewton:
+    """Motion by a force of 1 N."""
+
+    def project(self, target: Eta, rho: float) -> Eta:
+        assert rho >= 10.0
+        delta = target.times(0.0)
+        delta.forces[0, 0, 0] = 1.0
+        return delta
+
+
+def test_rho_grows_where_blocks_part() -> None:
+    """With rho below 16 each iteration takes such blocks further apart, by 8 / (rho - 8)."""
+    lines: list[str] = []
+    given = Settings(deadline=clock.now() + 60.0, report=lines.append)
+    decided = two_block(Concave(), OneNewton(), given, 10.0, 40)
+    assert decided.converged
+    assert sum("part: rho" in line for line in lines) == 1

@@ -1,4 +1,4 @@
-"""`crux bench fig4`: residuals of two-block and five-block ADMM on a walk, the paper's Fig. 4."""
+"""`crux bench fig4`: residuals of both ADMMs on a walk, the paper's Fig. 4."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`crux bench fig5`: residuals of two-block and five-block ADMM on the four-hold climb, the paper's Fig. 5."""
+"""`crux bench fig5`: residuals of both ADMMs on the four-hold climb, the paper's Fig. 5."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ FORCE = Panel("force", "N", "finger forces", FORCE_THRESHOLD_N)
 ORIENTATION = Panel("orientation", "rad", "body and finger rotation")
 MOMENT = Panel("moment", "Nm", "finger moments")
 
-ITERATIONS = {"two_block": 16, "multi_block": 16}
+ITERATIONS = {"two_block": 24, "multi_block": 64}
 
 History = list[dict[str, float]]
 
