@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,13 @@ def test_the_interval_is_students() -> None:
     assert row.half_width_s == pytest.approx(9.925 / 3**0.5, rel=1e-3)
     assert (row.successes, row.runs, row.remark) == (3, 4, "why not")
     assert table2.time_text(table2.row_of([run_of(5.0, ok=False)])) == "none"
+    assert row.converged is None
+
+
+def test_converged_counts_plans_before_which_the_blocks_agreed() -> None:
+    each = [{"method_report": {"converged": said}} for said in (True, True, False)]
+    row = table2.row_of([replace(run_of(1.0), method="two_block", details=details) for details in each])
+    assert (row.successes, row.converged) == (3, 2)
 
 
 def test_a_run_beyond_its_limit_is_ended() -> None:

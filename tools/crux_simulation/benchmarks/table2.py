@@ -77,6 +77,7 @@ class Row:
     gap: float | None
     peak_MB: float
     remark: str
+    converged: int | None  # of an ADMM: plans before which its blocks came within the paper's thresholds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -125,6 +126,7 @@ def row_of(runs: list[Run]) -> Row:
         half = quantile * float(times.std(ddof=1)) / len(times) ** 0.5
     costs = [run.cost for run in good if run.cost is not None]
     gaps = [run.gap for run in good if run.gap is not None]
+    reports = [report for run in good if (report := run.details.get("method_report"))]
     return Row(
         task=runs[0].task,
         method=runs[0].method,
@@ -136,6 +138,7 @@ def row_of(runs: list[Run]) -> Row:
         gap=float(np.mean(gaps)) if gaps else None,
         peak_MB=max(run.peak_MB for run in runs),
         remark=next((run.remark for run in runs if not run.ok and run.remark), ""),
+        converged=sum(bool(report.get("converged")) for report in reports) if reports else None,
     )
 
 
@@ -150,7 +153,7 @@ def _table(rows: list[Row]) -> Any:
     from rich.table import Table
 
     table = Table(title="Table II here and in the paper: mean of the successes ± 99 % interval (Student t)")
-    for name in ("task", "method", "time", "success", "J", "gap", "peak memory", "paper"):
+    for name in ("task", "method", "time", "success", "converged", "J", "gap", "peak memory", "paper"):
         table.add_column(name)
     for row in rows:
         table.add_row(
@@ -158,6 +161,7 @@ def _table(rows: list[Row]) -> Any:
             NAMES[row.method],
             time_text(row),
             f"{100 * row.successes / row.runs:.0f} % of {row.runs}",
+            "-" if row.converged is None else str(row.converged),
             "-" if row.cost is None else f"{row.cost:.2f}",
             "-" if row.gap is None else f"{100 * row.gap:.0f} %",
             f"{row.peak_MB:.0f} MB",
