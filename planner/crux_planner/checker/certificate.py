@@ -20,11 +20,13 @@ import numpy as np
 from crux_contracts.robot import Robot, load_robot, robot_names
 from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
 
+from crux_planner.checker.cheapest_way import CheapestWay
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.no_way import NotShownError, NoWay
 from crux_planner.checker.outer import OutsideError
 
-NO_PLAN = "no plan"
+NO_PLAN, BOUND = "no plan", "bound"
+Shown = list[tuple[int | None, list[Array]]]
 _SIDES = {"start": "from the start", "goal": "from the goal back"}
 
 
@@ -53,6 +55,13 @@ def of_no_plan(search: NoWay, robot: Robot) -> dict[str, Any]:
         if multipliers
     ]
     return sealed(NO_PLAN, search.scenario, robot, multipliers=shown)
+
+
+def of_bound(way: CheapestWay, robot: Robot, shown: Shown, most: float) -> dict[str, Any]:
+    """The certificate of what multipliers show, by knot or for all (None), up to `most`; `way` has been shown them."""
+    bound = float(np.floor(1e4 * (min(way.least(), most) - 1e-5)) / 1e4)  # so that rounding elsewhere does no harm
+    entries = [{"knot": knot, "of": [each.tolist() for each in multipliers]} for knot, multipliers in shown]
+    return sealed(BOUND, way.scenario, robot, steps=way.steps, bound=bound, multipliers=entries)
 
 
 def sealed(claim: str, scenario: Scenario, robot: Robot, **more: Any) -> dict[str, Any]:
@@ -88,9 +97,10 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
             raise CertificateError(
                 "about a walk, or a start with limbs in the air: no certificates are known for these"
             )
-        if document["claim"] != NO_PLAN:
-            raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r}")
-        return scenario, _verify_no_plan(document, scenario, robot)
+        verifiers = {NO_PLAN: _verify_no_plan, BOUND: _verify_bound}
+        if document["claim"] not in verifiers:
+            raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r} or {BOUND!r}")
+        return scenario, verifiers[document["claim"]](document, scenario, robot)
     except (KeyError, TypeError, IndexError) as error:
         raise CertificateError(f"not of the form of a certificate: {error!r}") from None
     except (ScenarioError, OutsideError) as error:
@@ -109,6 +119,25 @@ def _verify_no_plan(document: dict[str, Any], scenario: Scenario, robot: Robot) 
         search.shown[tuple(sorted(g for g in grips if g is not None))] = [vector(each) for each in entry["of"]]
     side, count = search.prove()
     return f"no plan: {_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
+
+
+def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) -> str:
+    steps, bound = document["steps"], document["bound"]
+    if type(steps) is not int or type(bound) not in (int, float) or not np.isfinite(bound):
+        raise CertificateError("not of the form of a certificate: steps and bound are numbers")
+    way = CheapestWay(scenario, robot, steps)
+    for entry in document["multipliers"]:
+        knot = entry["knot"]
+        if knot is not None and (type(knot) is not int or not 0 <= knot < steps):
+            raise CertificateError(f"multipliers at knot {knot}: expected one before the last, {steps}")
+        for each in entry["of"]:
+            way.show(knot, vector(each))
+        if knot is None:
+            way.drop(bound)
+    least = way.least()
+    if least < bound:
+        raise NotShownError(f"what it has shows that no plan of {steps} steps costs less than {least:.4f}, not {bound}")
+    return f"bound: no plan of {steps} steps costs less than {bound:.4f}, whatever its grips, swings and body motion"
 
 
 def vector(numbers: Any) -> Array:
