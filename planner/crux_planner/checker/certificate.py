@@ -3,9 +3,11 @@
 | key | what |
 | --- | --- |
 | crux_certificate | 1 |
-| claim | `no plan`: none exists |
+| claim | `no plan`: none exists; `bound`: none of `steps` steps that passes the check costs less than `bound`, J (6) |
 | scenario_yaml, robot, robot_sha256 | what the claim is about |
-| multipliers | [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...]: of force and moment about W's origin |
+| multipliers | of `no plan`: [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...] |
+| | of `bound`: [{knot: a knot or null for all, of: [[6 numbers], ...]}, ...], of force and moment about W's origin |
+| steps, bound | of `bound` |
 | sha256 | of all the rest, as `digest` writes it |
 
 Nothing in it is trusted: all rows are built anew from scenario and robot, and any multipliers give true statements.
@@ -27,6 +29,7 @@ from crux_planner.checker.outer import OutsideError
 
 NO_PLAN, BOUND = "no plan", "bound"
 Shown = list[tuple[int | None, list[Array]]]
+UNKNOWN = "about a walk, or a start with limbs in the air: no certificates are known for these"
 _SIDES = {"start": "from the start", "goal": "from the goal back"}
 
 
@@ -94,9 +97,7 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
             raise CertificateError(f"about another {robot.name} than is known here")
         scenario = parse_scenario(document["scenario_yaml"], "the scenario in the certificate")
         if scenario.contact.model != "patch" or scenario.start.air:
-            raise CertificateError(
-                "about a walk, or a start with limbs in the air: no certificates are known for these"
-            )
+            raise CertificateError(UNKNOWN)
         verifiers = {NO_PLAN: _verify_no_plan, BOUND: _verify_bound}
         if document["claim"] not in verifiers:
             raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r} or {BOUND!r}")

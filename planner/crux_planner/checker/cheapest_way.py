@@ -22,6 +22,7 @@ from crux_planner.checker.no_way import AIR, Node, NotShownError, NoWay
 from crux_planner.checker.outer import FORGIVEN_M, FORGIVEN_RAD
 
 _MOST = 500_000  # states of all limbs
+_AGES = (16, 8, 6, 5, 4, 3, 2)
 _ROUNDING = 1e-9  # of each knot
 
 
@@ -34,6 +35,7 @@ class CheapestWay:
         self.scenario, self.robot, self.steps = scenario, robot, steps
         self.search = NoWay(scenario, robot)
         self.knots = KnotCosts(self.search, robot)
+        self._hold = np.unique(self.search.hold, return_inverse=True)[1]
         self._start, self._goals = self.search.start(), self.search.goals()
         weights, grasp = self.knots.weights, robot.grasp
         highest, widest = grasp.max_swing_height_m + FORGIVEN_M, 2 * (robot.gripper.opening_m[1] + FORGIVEN_M)
@@ -43,12 +45,11 @@ class CheapestWay:
         for knot in range(steps):
             self.show(knot, np.zeros(6))
 
-    def show(self, knot: int | None, multipliers: Array) -> None:
-        """Raise the values of all sets at one knot, or at all, by multipliers (6,)."""
-        if knot is None:
-            self.value = np.maximum(self.value, self.knots.least(multipliers))
-        else:
-            self.value[knot] = np.maximum(self.value[knot], self.knots.least(multipliers, *self.window(knot)))
+    def show(self, knot: int | None, multipliers: Array, which: Indices | None = None) -> None:
+        """Raise the values of all sets or some, at one knot or at all, by multipliers (6,)."""
+        window = () if knot is None else self.window(knot)
+        at, of = slice(None) if knot is None else knot, slice(None) if which is None else which
+        self.value[at, of] = np.maximum(self.value[at, of], self.knots.least(multipliers, *window, which=which))
 
     def window(self, knot: int) -> tuple[Array, Array]:
         """Where the body can be at a knot, a box (2, 3) in W, and its headings (2,): it begins at rest."""
@@ -56,11 +57,11 @@ class CheapestWay:
         dt_s, last = self.scenario.horizon.dt_s, self.steps - knot
         first = max(knot - 1, 0)
         turn = abs(np.cos(start.rpy_rad[2])) + abs(np.sin(start.rpy_rad[2]))  # speeds are along the first heading
-        step = (body.max_speed_m_s + 1e-4) * dt_s * np.array([turn, turn, 1.0])
+        step = ((body.max_speed_m_s + 1e-4) * dt_s + FORGIVEN_M) * np.array([turn, turn, 1.0])
         near, far = first * step + FORGIVEN_M, last * step + goal.tolerance_m + FORGIVEN_M
         low = np.maximum(np.array(start.position_m) - near, np.array(goal.body.position_m) - far)
         high = np.minimum(np.array(start.position_m) + near, np.array(goal.body.position_m) + far)
-        turned = first * self.search.fastest_rad_s * dt_s + FORGIVEN_RAD
+        turned = first * (self.search.fastest_rad_s * dt_s + FORGIVEN_RAD) + FORGIVEN_RAD
         return np.array([low, high]), start.rpy_rad[2] + np.array([-turned, turned])
 
     def least(self) -> float:
@@ -79,7 +80,7 @@ class CheapestWay:
         return self.value - self._earned * self.knots.in_air - _ROUNDING
 
     def _program(self) -> Program:
-        return Program(self.knots.sets, self._start, self._goals, self._air, self.knots.weights.switching)
+        return Program(self.knots.sets, self._start, self._goals, self._hold, self._air, self.knots.weights.switching)
 
 
 def least_knots(found: list[Offer], robot: Robot, dt_s: float) -> Indices:
@@ -97,12 +98,23 @@ def least_knots(found: list[Offer], robot: Robot, dt_s: float) -> Indices:
 
 @dataclass(frozen=True)
 class Limb:
-    """States of one limb: its grips, then the air by class (where it comes from, if that is told apart) and age."""
+    """States of one limb: its grips, then the air by class (the hold it comes from, or any) and age."""
 
     grips: Indices  # (G,) of the scenario's
     of_class: Indices  # (G,) class of a swing that begins there
     air: Indices  # (C, G) least knots of a swing of a class to a grip
-    ages: int  # knots in the air told apart
+
+    @staticmethod
+    def of(grips: Indices, hold: Indices, air: Indices, ages: int) -> Limb:
+        """With so many ages told apart, and for more than two of them the holds; `air` (G, G) of these grips."""
+        of_class = np.unique(hold, return_inverse=True)[1] if ages > 2 else np.zeros(len(grips), dtype=int)
+        least = [air[of_class == c].min(axis=0) for c in range(of_class.max() + 1)]
+        return Limb(grips, of_class, np.minimum(least, ages))
+
+    @property
+    def ages(self) -> int:
+        """Knots in the air that are told apart, the last one for all that follow."""
+        return int(self.air.max())
 
     @property
     def options(self) -> Indices:
@@ -120,8 +132,7 @@ class Limb:
             new[:many] = np.minimum(new[:many], since[least - 1] + change)
             new[block][1:] = air[:-1]
             new[block][-1] = np.minimum(new[block][-1], air[-1])
-            lifted = value[:many][self.of_class == c]
-            new[block][0] = lifted.min(axis=0, initial=np.inf) + change
+            new[block][0] = value[:many][self.of_class == c].min(axis=0) + change
         return new
 
     def step_back(self, value: Array, change: float) -> Array:
@@ -139,22 +150,19 @@ class Limb:
 
 
 class Program:
-    """The dynamic program over sets (n, 4) at every knot and `goals` at the last one."""
+    """The dynamic program over sets (n, 4) at every knot and `goals` at the last one; as many ages of swings are told
+    apart as there is space for.
+    """
 
-    def __init__(self, sets: Indices, start: Node, goals: set[Node], air: Indices, change: float) -> None:
+    def __init__(self, sets: Indices, start: Node, goals: set[Node], hold: Indices, air: Indices, change: float) -> None:
         self.change, ends = change, np.array([start, *sorted(goals)])
         used = [np.setdiff1d(np.concatenate([sets[:, limb], ends[:, limb]]), [AIR]) for limb in range(4)]
-        own = [air[np.ix_(grips, grips)] for grips in used]
-        ages = [int(each.max()) for each in own]
-        apart = np.prod([len(grips) * (1.0 + most) for grips, most in zip(used, ages, strict=True)]) <= _MOST
-        self.limbs = []
-        for grips, least in zip(used, own, strict=True):
-            alike = not apart or bool((least == least.min(axis=0)).all())
-            classes = np.zeros(len(grips), dtype=int) if alike else np.arange(len(grips))
-            least = least.min(axis=0, keepdims=True) if alike else least
-            self.limbs.append(Limb(grips, classes, least, int(least.max())))
-        self._options = [limb.options for limb in self.limbs]
-        if np.prod([float(len(each)) for each in self._options]) > _MOST:
+        for ages in _AGES:
+            self.limbs = [Limb.of(grips, hold[grips], air[np.ix_(grips, grips)], ages) for grips in used]
+            self._options = [limb.options for limb in self.limbs]
+            if np.prod([float(len(each)) for each in self._options]) <= _MOST:
+                break
+        else:
             raise NotShownError("too many sets of grips")
         self._sets, self._ends = self._places(sets), self._places(ends)
 

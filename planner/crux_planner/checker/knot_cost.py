@@ -22,7 +22,8 @@ from crux_planner.checker.no_way import AIR, NotShownError, NoWay, Places
 from crux_planner.checker.outer import FOLLOW, Outer, Outers
 
 _HEADINGS_RAD = np.array([0.05, 0.15, 0.35])  # ends of cells of headings on both sides of the goal's
-_SLACK_N = 0.015  # of a finger's load and normal force: more than the check forgives
+_SLACK_N, _SLACK_NM = 0.02, 6e-4  # of each finger's load and twist: more than the check forgives
+_OFF_M = 1.5e-4  # of fingers off their places, the same
 _LOADS, _SHARES = np.linspace(0.0, 1.0, 17), np.linspace(0.0, 1.0, 9)  # second multipliers looked at
 _MOST = 60_000  # sets of grips
 
@@ -37,7 +38,10 @@ class GripCosts:
         self.friction, spines = (np.array([getattr(each, name) for each in found]) for name in ("friction", "spines"))
         both = spines.max(axis=1)  # (G, 3); a load shown by one finger alone has that one's spines
         self.spines = np.stack([spines[:, 1], *[both] * (len(_SHARES) - 2), spines[:, 0]], axis=1)  # (G, shares, 3)
-        self.k_m, self.most_N, self.weight = k_m, most_N, weight
+        self.k_m, self.most_N, self.weight = k_m, most_N + _SLACK_N, weight
+        self.slack_N = _SLACK_N * (1.0 + self.friction) + _SLACK_NM / k_m  # (G, 2) of what a finger bears
+        bears = self.friction.min(axis=1) * most_N + both[:, :2].sum(axis=1)
+        self.slack_Nm = FORGIVEN_NM + 2 * _OFF_M * (bears + most_N)  # (G,)
 
     def least(self, multipliers: Array, slope: Array) -> Array:
         """(G,), each grip's part FOLLOW of where the centre of mass is included, `slope` (3,) the cost of that.
@@ -56,13 +60,13 @@ class GripCosts:
         total = 2 * weight * less**2 + price * (over - less)
         spread = (pull * self.axis[:, None]).sum(axis=-1)[..., None, None]
         for finger, (side, share) in enumerate(((1.0, _SHARES), (-1.0, 1.0 - _SHARES))):
-            rough = self.friction[:, finger, None, None, None]
+            rough, slack_N = (each[:, finger, None, None, None] for each in (self.friction, self.slack_N))
             slope_n = -side * spread - share * price * rough
-            normal = np.clip(-slope_n / (2 * weight), -_SLACK_N, self.most_N + _SLACK_N)
-            total = total + weight * normal**2 + slope_n * normal - share * price * _SLACK_N * (1.0 + rough)
+            normal = np.clip(-slope_n / (2 * weight), -_SLACK_N, self.most_N)
+            total = total + weight * normal**2 + slope_n * normal - share * price * slack_N
         best = total.max(axis=(2, 3)) - 2 * weight * (wanted**2).sum(axis=-1)
-        best = best + FOLLOW * self.wrists @ slope - FORGIVEN_NM * np.linalg.norm(moment)
-        return np.asarray(best.min(axis=1))
+        best = best + FOLLOW * self.wrists @ slope
+        return np.asarray(best.min(axis=1) - self.slack_Nm * np.linalg.norm(moment))
 
 
 @dataclass(frozen=True)
@@ -170,28 +174,39 @@ class KnotCosts:
         low, high = (np.dstack([end, np.full(end.shape[:2], height)]) for end, height in ends)
         return low, high
 
-    def least(self, multipliers: Array, box: Array | None = None, yaw_rad: Array | None = None) -> Array:
-        """(n,), inf where no body of the set is in a box (2, 3) with a heading within bounds (2,)."""
-        cells, balance = self.cells, self._balance
-        low, high, cost = cells.low, cells.high, cells.cost
+    def least(
+        self, multipliers: Array, box: Array | None = None, yaw_rad: Array | None = None, which: Indices | None = None
+    ) -> Array:
+        """(n,) of all sets or some; inf where no body of a set is in a box (2, 3) with a heading within bounds (2,)."""
+        which = np.arange(len(self.sets)) if which is None else which
+        cells, balance, held = self.cells, self._balance, self._held[which]
+        low, high, cost = cells.low[:, which], cells.high[:, which], cells.cost
         if box is not None:
             low, high = np.maximum(low, box[0]), np.minimum(high, box[1])
         if yaw_rad is not None:
             cost = np.where((cells.yaw_rad[:, 1] < yaw_rad[0]) | (cells.yaw_rad[:, 0] > yaw_rad[1]), np.inf, cost)
         none = (low > high).any(axis=2)
-        high = np.where(none[..., None], low, high)  # whatever, for these are left out
         slope, force, moment = balance.slope(multipliers), multipliers[:3], multipliers[3:]
-        by_body = (1.0 - FOLLOW * self._held.sum(axis=1))[:, None] * slope
+        by_body = (1.0 - FOLLOW * held.sum(axis=1))[:, None] * slope
         weight, goal = self.weights.body, np.array(self._goal.position_m)
         cheapest = goal - by_body / (2 * weight) if weight > 0.0 else np.where(by_body > 0.0, -np.inf, np.inf)
-        place = np.clip(cheapest, low, high)
-        total = (weight * (place - goal) ** 2 + by_body * place).sum(axis=2)
+        place = np.minimum(np.maximum(cheapest, low), high)
         rest = np.minimum(slope * cells.rest[:, :, 0], slope * cells.rest[:, :, 1]).sum(axis=2)
-        total += cost[:, None] + rest[:, self._held @ (1 << np.arange(4))]
-        lever = np.linalg.norm(force + np.cross(moment, (low + high) / 2), axis=2)
-        turn = float(np.linalg.norm(moment))
-        total -= balance.push_N * (lever + turn * (np.linalg.norm(high - low, axis=2) / 2 + balance.far_m))
+        total = cost[:, None] + rest[:, held @ (1 << np.arange(4))]
+        for axis in range(3):
+            total += (weight * (place[..., axis] - goal[axis]) ** 2) + by_body[:, axis] * place[..., axis]
+        total -= balance.push_N * self._lever(force, moment, low, high)
         best = np.where(none, np.inf, total).min(axis=0)
         grips = np.append(self._grips.least(multipliers, slope), 0.0)  # the last for AIR
-        fixed = -self.search.outer.mass_kg * float(force @ balance.gravity) - balance.twist_Nm * turn
-        return np.asarray(best + grips[self.sets].sum(axis=1) + fixed)
+        fixed = self.search.outer.mass_kg * float(force @ balance.gravity) + balance.twist_Nm * np.linalg.norm(moment)
+        return np.asarray(best + grips[self.sets[which]].sum(axis=1) - fixed)
+
+    def _lever(self, force: Array, moment: Array, low: Array, high: Array) -> Array:
+        """(C, n) the most that a newton on the centre of mass does, of bodies within bounds (C, n, 3)."""
+        middle, half = (low + high) / 2, (high - low) / 2
+        square, size = 0.0, 0.0
+        for axis in range(3):
+            b, c = (axis + 1) % 3, (axis + 2) % 3
+            square = square + (force[axis] + moment[b] * middle[..., c] - moment[c] * middle[..., b]) ** 2
+            size = size + half[..., axis] ** 2
+        return np.sqrt(square) + np.linalg.norm(moment) * (np.sqrt(size) + self._balance.far_m)

@@ -79,7 +79,7 @@ class NoWay:
         self.outer, near = outers.within(tilt), outers.within(goal_tilt)
         fastest = self.fastest_rad_s = (1.0 + np.sin(tilt)) / np.cos(tilt) * (body.max_rate_rad_s + 1e-4)
         first = scenario.start.body.rpy_rad[2]
-        turn = (fastest * horizon.dt_s * horizon.steps + slack) / 2 + FORGIVEN_RAD
+        turn = ((fastest * horizon.dt_s + FORGIVEN_RAD) * horizon.steps + slack) / 2 + FORGIVEN_RAD
         wide = max(turn, abs(last[2] - first) / 2)
         if 2 * turn + abs(last[2] - first) >= 2 * np.pi:
             raise NotShownError("the horizon is long enough to turn all the way round")

@@ -16,33 +16,30 @@ from crux_planner.certificates.bound.excursion import body_range
 from crux_planner.certificates.bound.grasps import by_faces, grasps
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
-from crux_planner.checker.certificate import of_bound
+from crux_planner.checker.certificate import UNKNOWN, of_bound
 from crux_planner.checker.cheapest_way import CheapestWay
 from crux_planner.checker.geometry import rotation_about_z
 from crux_planner.checker.no_way import AIR, Node, NotShownError
-from crux_planner.checker.outer import OutsideError
-from crux_planner.model.arrays import Array
+from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.build import build_problem
 from crux_planner.pipeline.certificates import rounded
 
 QPS = 1200  # of a knot, at most: the work is counted, so that a certificate is the same every time
 _ROUND = 40  # sets of grips asked about before the search is done again
+_NEAR = 0.04  # above the bound: what multipliers are worked out for while they are looked for
 _WINDOW = 8  # knots after the start and before the goal at which sets are asked about with the body where it can be
 
 
-def certify_bound(scenario: Scenario, robot: Robot, steps: int, cost: float) -> dict[str, Any] | None:
-    """A certificate that no plan of so many steps costs less than its bound, at most `cost`.
+def certify_bound(scenario: Scenario, robot: Robot, steps: int, cost: float) -> dict[str, Any]:
+    """A certificate that no plan of so many steps costs less than its `bound`, at most `cost`.
 
-    None of walks, starts in the air, and walls with more sets of grips than the checker looks at.
+    Raises NotShownError (walks, starts in the air, walls with more sets of grips than the checker looks at) and
+    OutsideError.
     """
     if scenario.contact.model != "patch" or scenario.start.air:
-        return None
-    try:
-        way = CheapestWay(scenario, robot, steps)
-        shown = _Asked(scenario, robot, way).shown(cost)
-        return of_bound(way, robot, shown, cost)
-    except (NotShownError, OutsideError):
-        return None
+        raise NotShownError(UNKNOWN)
+    way = CheapestWay(scenario, robot, steps)
+    return of_bound(way, robot, _Asked(scenario, robot, way).shown(cost), cost)
 
 
 class _Asked:
@@ -67,12 +64,12 @@ class _Asked:
         asked: set[tuple[int | None, Node]] = set()
         shown: list[tuple[int | None, list[Array]]] = []
 
-        def ask(knot: int | None, nodes: list[Node]) -> None:
+        def ask(knot: int | None, nodes: list[Node], which: Indices | None = None) -> None:
             new = [node for node in nodes if (knot, node) not in asked][: self._left]
             asked.update((knot, node) for node in new)
             found = [each for node in new if (each := self._multipliers(node, knot)) is not None]
             for each in found:
-                way.show(knot, each)
+                way.show(knot, each, which)
             if found:
                 shown.append((knot, found))
 
@@ -81,15 +78,18 @@ class _Asked:
             through, before = way.drop(cost), len(asked)
             if not through.size:
                 break
-            on_way = through <= through.min() + 1e-9
+            on_way, limit = through <= through.min() + 1e-9, (1.0 + _NEAR) * through.min()
             nodes = [tuple(map(int, node)) for node in way.knots.sets]
             for knot in outer:
-                ask(knot, [nodes[i] for i in np.flatnonzero(on_way[knot])[:_ROUND]])
+                near = np.flatnonzero(through[knot] <= limit)
+                ask(knot, [nodes[i] for i in np.flatnonzero(on_way[knot])[:_ROUND]], near)
             inner = [k for k in range(steps) if k not in outer] or outer
             if not on_way[inner][:, [(None, node) not in asked for node in nodes]].any() and len(asked) == before:
                 break
+            least = through.min(axis=0)
             order = np.argsort(through[inner].min(axis=0), kind="stable")
-            ask(None, [nodes[i] for i in order if (None, nodes[i]) not in asked][:_ROUND])
+            new = [nodes[i] for i in order if (None, nodes[i]) not in asked]
+            ask(None, new[:_ROUND], np.flatnonzero(least <= limit))
         return shown
 
     def _examples(self) -> list[Node]:
