@@ -51,7 +51,9 @@ def add_plan_parser(subparsers: Any) -> None:
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
     prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
-    proofs = "on climbs: write what shows that there is no plan, or that none of as many steps costs less than a bound, "
+    proofs = (
+        "on climbs: write what shows that there is no plan, or that none of as many steps costs less than a bound, "
+    )
     proofs += "to a file that crux check verifies; not every proof has one"
     add("--certificate", type=Path, metavar="FILE", help=proofs)
     add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")

@@ -126,13 +126,14 @@ def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) ->
     steps, bound = document["steps"], document["bound"]
     if type(steps) is not int or type(bound) not in (int, float) or not np.isfinite(bound):
         raise CertificateError("not of the form of a certificate: steps and bound are numbers")
-    way = CheapestWay(scenario, robot, steps)
-    for entry in document["multipliers"]:
-        knot = entry["knot"]
+    entries = [(each["knot"], [vector(numbers) for numbers in each["of"]]) for each in document["multipliers"]]
+    for knot, _ in entries:
         if knot is not None and (type(knot) is not int or not 0 <= knot < steps):
             raise CertificateError(f"multipliers at knot {knot}: expected one before the last, {steps}")
-        for each in entry["of"]:
-            way.show(knot, vector(each))
+    way = CheapestWay(scenario, robot, steps)
+    for knot, multipliers in entries:
+        for each in multipliers:
+            way.show(knot, each)
         if knot is None:
             way.drop(bound)
     least = way.least()

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
 from crux_planner.checker.geometry import Array, Indices
-from crux_planner.checker.grips import Offer
+from crux_planner.checker.grips import Offer, offers
 from crux_planner.checker.knot_cost import KnotCosts
 from crux_planner.checker.no_way import AIR, Node, NotShownError, NoWay
 from crux_planner.checker.outer import FORGIVEN_M, FORGIVEN_RAD
@@ -33,6 +32,9 @@ class CheapestWay:
         if not 0 < steps <= scenario.horizon.steps:
             raise NotShownError(f"{steps} steps: the scenario has {scenario.horizon.steps}")
         self.scenario, self.robot, self.steps = scenario, robot, steps
+        many = len(offers(scenario, robot))
+        if (many + _AGES[-1]) ** 4 > _MOST:
+            raise NotShownError(f"{many} grips on the wall's holds, which are too many to look at all sets of them")
         self.search = NoWay(scenario, robot)
         self.knots = KnotCosts(self.search, robot)
         self._hold = np.unique(self.search.hold, return_inverse=True)[1]
@@ -47,9 +49,9 @@ class CheapestWay:
 
     def show(self, knot: int | None, multipliers: Array, which: Indices | None = None) -> None:
         """Raise the values of all sets or some, at one knot or at all, by multipliers (6,)."""
-        window = () if knot is None else self.window(knot)
+        box, yaw_rad = (None, None) if knot is None else self.window(knot)
         at, of = slice(None) if knot is None else knot, slice(None) if which is None else which
-        self.value[at, of] = np.maximum(self.value[at, of], self.knots.least(multipliers, *window, which=which))
+        self.value[at, of] = np.maximum(self.value[at, of], self.knots.least(multipliers, box, yaw_rad, which))
 
     def window(self, knot: int) -> tuple[Array, Array]:
         """Where the body can be at a knot, a box (2, 3) in W, and its headings (2,): it begins at rest."""
@@ -93,7 +95,7 @@ def least_knots(found: list[Offer], robot: Robot, dt_s: float) -> Indices:
     turned = np.minimum(turned, np.pi - turned) - 2 * FORGIVEN_RAD
     speed, rate = robot.grasp.approach_speed_m_s + 1e-4, robot.grasp.yaw_rate_rad_s + 1e-3
     intervals = np.maximum(way / (speed * dt_s), turned / (rate * dt_s))
-    return np.maximum(np.ceil(intervals), 2.0).astype(int)
+    return np.asarray(np.maximum(np.ceil(intervals), 2.0), dtype=int)
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,9 @@ class Program:
     apart as there is space for.
     """
 
-    def __init__(self, sets: Indices, start: Node, goals: set[Node], hold: Indices, air: Indices, change: float) -> None:
+    def __init__(
+        self, sets: Indices, start: Node, goals: set[Node], hold: Indices, air: Indices, change: float
+    ) -> None:
         self.change, ends = change, np.array([start, *sorted(goals)])
         used = [np.setdiff1d(np.concatenate([sets[:, limb], ends[:, limb]]), [AIR]) for limb in range(4)]
         for ages in _AGES:
@@ -174,7 +178,7 @@ class Program:
         return tuple(columns)
 
     def forward(self, stages: Array, kept: list[Array] | None = None) -> float:
-        """The least from the start to a goal, stages (N, n) the costs of sets at knots; `kept`: states at every knot."""
+        """The least from the start to a goal, stages (N, n) the costs of sets at knots; `kept`: states at knots."""
         value = np.full([len(each) for each in self._options], np.inf)
         value[tuple(own[0] for own in self._ends)] = 0.0
         for stage in stages:

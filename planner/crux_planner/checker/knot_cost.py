@@ -1,9 +1,9 @@
 """The least that a knot of J (6) costs with a set of grips, shown by multipliers: for every plan that passes the check.
 
-For multipliers pi of force and moment about W's origin, balance (see grips.py) says that
+For multipliers pi of force and moment about W's origin, both sides of balance in grips.py are equal, so that
     cost  =  cost + right side - left side
           >= sum over grips of the least of R |q|^2 - pi . w(q)
-             + least over bodies of Q |x - x_g|^2 + pi_F . M (a - g) + pi_M . (c x M (a - g) + I alpha + omega x I omega),
+             + least over bodies of Q |x - x_g|^2 + right side,
 each least by itself, over all that (1)-(4), (7) and the joints' limits leave: grasps anywhere on their faces, any tilt
 and heading. Any pi will do. Of a grip, q = (s1, s2, m / k, n1, n2), the least is shown by weak duality once more.
 """
@@ -19,7 +19,7 @@ from crux_planner.checker.cost import Weights
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
 from crux_planner.checker.grips import FORGIVEN_NM, Frame, Offer
 from crux_planner.checker.no_way import AIR, NotShownError, NoWay, Places
-from crux_planner.checker.outer import FOLLOW, Outer, Outers
+from crux_planner.checker.outer import FOLLOW, Outer
 
 _HEADINGS_RAD = np.array([0.05, 0.15, 0.35])  # ends of cells of headings on both sides of the goal's
 _SLACK_N, _SLACK_NM = 0.02, 6e-4  # of each finger's load and twist: more than the check forgives
@@ -102,7 +102,7 @@ class KnotCosts:
         self._grips = GripCosts(found, search.outer.above_m, *limits)
         self.sets = self._sets(search.places)
         self._held = self.sets != AIR
-        level = Outers(robot).within(body.max_tilt_rad / 3)
+        level = search.outers.within(body.max_tilt_rad / 3)
         near = Places.of(level.hold_m, level.above_m, found, search.headings_rad)
         tilted = self._cells(search.outer, search.places, body.max_tilt_rad / 3)
         self.cells = Cells.joined([self._cells(level, near, 0.0), tilted])
@@ -149,7 +149,9 @@ class KnotCosts:
         frames = [Frame.of(outer, float(a + b) / 2, float(b - a) / 2) for a, b in yaws]
         holding = [tuple(limb for limb in range(4) if pattern >> limb & 1) for pattern in range(16)]
         rest = np.array([[frame.rest(held) for held in holding] for frame in frames])
-        parts = [self._boxes(outer, where, part, starts) for part in np.array_split(self.sets, len(self.sets) // 2000 + 1)]
+        parts = [
+            self._boxes(outer, where, part, starts) for part in np.array_split(self.sets, len(self.sets) // 2000 + 1)
+        ]
         low, high = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
         return Cells(self.weights.orientation * (turned**2 + tilted**2), yaws, rest, low, high)
 
@@ -204,9 +206,9 @@ class KnotCosts:
     def _lever(self, force: Array, moment: Array, low: Array, high: Array) -> Array:
         """(C, n) the most that a newton on the centre of mass does, of bodies within bounds (C, n, 3)."""
         middle, half = (low + high) / 2, (high - low) / 2
-        square, size = 0.0, 0.0
+        square, size = np.zeros(low.shape[:2]), np.zeros(low.shape[:2])
         for axis in range(3):
             b, c = (axis + 1) % 3, (axis + 2) % 3
             square = square + (force[axis] + moment[b] * middle[..., c] - moment[c] * middle[..., b]) ** 2
             size = size + half[..., axis] ** 2
-        return np.sqrt(square) + np.linalg.norm(moment) * (np.sqrt(size) + self._balance.far_m)
+        return np.asarray(np.sqrt(square) + np.linalg.norm(moment) * (np.sqrt(size) + self._balance.far_m))

@@ -75,8 +75,8 @@ class NoWay:
         slack = goal.tolerance_rad / np.cos(tilt + goal.tolerance_rad) + FORGIVEN_RAD
         last = goal.body.rpy_rad
         goal_tilt = min(tilt, max(abs(last[0]), abs(last[1])) + slack)
-        outers = Outers(robot)
-        self.outer, near = outers.within(tilt), outers.within(goal_tilt)
+        self.outers = Outers(robot)
+        self.outer, near = self.outers.within(tilt), self.outers.within(goal_tilt)
         fastest = self.fastest_rad_s = (1.0 + np.sin(tilt)) / np.cos(tilt) * (body.max_rate_rad_s + 1e-4)
         first = scenario.start.body.rpy_rad[2]
         turn = ((fastest * horizon.dt_s + FORGIVEN_RAD) * horizon.steps + slack) / 2 + FORGIVEN_RAD

@@ -1,4 +1,4 @@
-"""Certificates of lower bounds of J: the checker's own search, with multipliers that the planner's QPs of a knot propose.
+"""Certificates of lower bounds of J: the checker's own search, with multipliers that QPs of one knot propose.
 
 What the QPs propose need not be trusted: the search proves what it can with them, and that is the bound written.
 """
@@ -55,7 +55,10 @@ class _Asked:
         self._range = body_range(self._problem, np.inf)
         about = orientations(self._problem, -0.1, 0.1)
         first = [[own[0]] for own in by_faces(self._problem)]
-        self._qp = KnotQp(Multipliers(self._problem, about, grasps(self._problem, about, *self._range, first)))
+        some = grasps(self._problem, about, *self._range, first)
+        if some is None:
+            raise NotShownError("no grasps")
+        self._qp = KnotQp(Multipliers(self._problem, about, some))
 
     def shown(self, cost: float) -> list[tuple[int | None, list[Array]]]:
         """All that was shown, in order: the knot or None for all, and multipliers."""
@@ -98,8 +101,9 @@ class _Asked:
         return [(*node[:out], AIR, *node[out + 1 :]) for node in whole for out in range(5)][: 2 * 5]
 
     def _multipliers(self, node: Node, knot: int | None) -> Array | None:
-        held = {limb: self._contacts[grip] for limb, grip in enumerate(node) if grip != AIR}
-        if None in held.values():
+        own = {limb: self._contacts[grip] for limb, grip in enumerate(node) if grip != AIR}
+        held = {limb: contact for limb, contact in own.items() if contact is not None}
+        if len(held) < len(own):
             return None
         self._left -= 1
         found = -self._qp.multipliers(held, self._range if knot is None else self._window(knot))
