@@ -20,9 +20,10 @@ from crux_planner.checker.knot_cost import KnotCosts
 from crux_planner.checker.no_way import AIR, Node, NotShownError, NoWay
 from crux_planner.checker.outer import FORGIVEN_M, FORGIVEN_RAD
 
-_MOST = 500_000  # states of all limbs
+_MOST, _MOST_KNOTS = 500_000, 60_000_000  # states of all limbs, and of all knots together
+_LARGEST = 1e4  # multipliers in the unit of R, beyond which rounding would count; good ones are a hundredth of that
 _AGES = (16, 8, 6, 5, 4, 3, 2)
-_ROUNDING = 1e-9  # of each knot
+_ROUNDING = 1e-9  # of each knot, and of what it costs
 
 
 class CheapestWay:
@@ -32,9 +33,9 @@ class CheapestWay:
         if not 0 < steps <= scenario.horizon.steps:
             raise NotShownError(f"{steps} steps: the scenario has {scenario.horizon.steps}")
         self.scenario, self.robot, self.steps = scenario, robot, steps
-        many = len(offers(scenario, robot))
-        if (many + _AGES[-1]) ** 4 > _MOST:
-            raise NotShownError(f"{many} grips on the wall's holds, which are too many to look at all sets of them")
+        self._most, many = min(_MOST, _MOST_KNOTS // steps), len(offers(scenario, robot))
+        if (many + _AGES[-1]) ** 4 > self._most:
+            raise NotShownError(f"{many} grips on the wall's holds over {steps} steps: too many for all sets of them")
         self.search = NoWay(scenario, robot)
         self.knots = KnotCosts(self.search, robot)
         self._hold = np.unique(self.search.hold, return_inverse=True)[1]
@@ -48,10 +49,12 @@ class CheapestWay:
             self.show(knot, np.zeros(6))
 
     def show(self, knot: int | None, multipliers: Array, which: Indices | None = None) -> None:
-        """Raise the values of all sets or some, at one knot or at all, by multipliers (6,)."""
+        """Raise the values of all sets or some, at one knot or at all, by multipliers (6,); huge ones do nothing."""
+        if np.abs(multipliers).max() > _LARGEST * self.knots.weights.wrench:
+            return
         box, yaw_rad = (None, None) if knot is None else self.window(knot)
         at, of = slice(None) if knot is None else knot, slice(None) if which is None else which
-        self.value[at, of] = np.maximum(self.value[at, of], self.knots.least(multipliers, box, yaw_rad, which))
+        self.value[at, of] = np.fmax(self.value[at, of], self.knots.least(multipliers, box, yaw_rad, which))
 
     def window(self, knot: int) -> tuple[Array, Array]:
         """Where the body can be at a knot, a box (2, 3) in W, and its headings (2,): it begins at rest."""
@@ -79,10 +82,12 @@ class CheapestWay:
         return np.asarray(through[:, kept])
 
     def _stages(self) -> Array:
-        return self.value - self._earned * self.knots.in_air - _ROUNDING
+        return (1.0 - _ROUNDING) * self.value - self._earned * self.knots.in_air - _ROUNDING
 
     def _program(self) -> Program:
-        return Program(self.knots.sets, self._start, self._goals, self._hold, self._air, self.knots.weights.switching)
+        return Program(
+            self.knots.sets, self._start, self._goals, self._hold, self._air, self.knots.weights.switching, self._most
+        )
 
 
 def least_knots(found: list[Offer], robot: Robot, dt_s: float) -> Indices:
@@ -157,14 +162,21 @@ class Program:
     """
 
     def __init__(
-        self, sets: Indices, start: Node, goals: set[Node], hold: Indices, air: Indices, change: float
+        self,
+        sets: Indices,
+        start: Node,
+        goals: set[Node],
+        hold: Indices,
+        air: Indices,
+        change: float,
+        most: int = _MOST,
     ) -> None:
         self.change, ends = change, np.array([start, *sorted(goals)])
         used = [np.setdiff1d(np.concatenate([sets[:, limb], ends[:, limb]]), [AIR]) for limb in range(4)]
         for ages in _AGES:
             self.limbs = [Limb.of(grips, hold[grips], air[np.ix_(grips, grips)], ages) for grips in used]
             self._options = [limb.options for limb in self.limbs]
-            if np.prod([float(len(each)) for each in self._options]) <= _MOST:
+            if np.prod([float(len(each)) for each in self._options]) <= most:
                 break
         else:
             raise NotShownError("too many sets of grips")

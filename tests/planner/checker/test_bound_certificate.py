@@ -95,6 +95,8 @@ def test_what_shows_less_than_the_claim_is_refused() -> None:
             if every or entry["knot"] is not None:
                 entry["of"] = (-0.5 * np.array(entry["of"])).tolist()
         refused(other, "does not show its claim: .* costs less than")
+    other["multipliers"] = [{"knot": None, "of": [[1e300, 0, 0, 0, 0, 0], [0, -1e200, 1e5, 0, 1e300, 0]]}]
+    refused(other, "does not show its claim: .* costs less than")
     easier = document["scenario_yaml"].replace("friction: 2.2", "friction: 4")
     refused({**document, "scenario_yaml": easier}, "does not show its claim: .* costs less than")
 
