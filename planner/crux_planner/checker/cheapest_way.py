@@ -71,17 +71,18 @@ class CheapestWay:
 
     def least(self) -> float:
         """What no plan of so many steps costs less than."""
-        return self._program().forward(self._stages())
+        return self._program().forward(self.stages())
 
     def drop(self, cost: float) -> Array:
         """Leave out the sets through which no plan costs less; the least through those left, (N, n)."""
-        through = self._program().through(self._stages())
+        through = self._program().through(self.stages())
         kept = through.min(axis=0) <= cost
         self.knots.keep(kept)
         self.value = self.value[:, kept]
         return np.asarray(through[:, kept])
 
-    def _stages(self) -> Array:
+    def stages(self) -> Array:
+        """(N, n) what sets cost at knots at least, less what limbs in the air earn."""
         return (1.0 - _ROUNDING) * self.value - self._earned * self.knots.in_air - _ROUNDING
 
     def _program(self) -> Program:

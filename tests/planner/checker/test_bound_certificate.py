@@ -15,12 +15,12 @@ from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner.checker.certificate import CertificateError, digest, read, vector, verify
-from crux_planner.checker.cheapest_way import CheapestWay, Program
+from crux_planner.checker.cheapest_way import CheapestWay, Program, least_knots
 from crux_planner.checker.cost import Weights, cost
 from crux_planner.checker.grips import offers
-from crux_planner.checker.knot_cost import GripCosts
+from crux_planner.checker.knot_cost import GripCosts, KnotCosts
 from crux_planner.checker.limit_surface import cone_excess
-from crux_planner.checker.no_way import AIR, Node, NotShownError
+from crux_planner.checker.no_way import AIR, Node, NotShownError, NoWay
 from crux_planner.checker.outer import FOLLOW
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.plan_arrays import read_plan as arrays_of
@@ -82,6 +82,39 @@ def every_knot_of_the_plan_costs_what_is_shown(document: dict[str, Any], plan: P
         own += weights.wrench * (plan.finger_moment[k] ** 2).sum() / plan.patch_k_m**2
         (at,) = np.flatnonzero((way.knots.sets == node).all(axis=1))
         assert 0.5 * own < way.value[k, at] < own
+        place, away = plan.body_position[k], plan.body_position[k] - goal.position_m
+        box, yaw = way.window(k)
+        assert (box[0] <= place).all()
+        assert (place <= box[1]).all()
+        assert yaw[0] <= plan.body_rpy[k, 2] <= yaw[1]
+        assert way.knots.least(np.zeros(6), np.array([place, place]))[at] == pytest.approx((away**2).sum(), abs=1e-9)
+        earned = weights.lift * plan.gripper_position[k, ~stance, 2] + weights.opening * plan.separation[k, ~stance]
+        assert way.value[k, at] - way.stages()[k, at] >= earned.sum()
+
+
+def test_a_wall_elsewhere_costs_the_same() -> None:
+    """Multipliers about the origin that are the same about the robot: signs of all moments, and where the mass is."""
+    walls, shift, random = [two_rows(), two_rows()], np.array([0.7, -0.4, 0.0]), np.random.default_rng(3)
+    for part in walls[1]["holds"]:
+        part["position_m"] = (np.array(part["position_m"]) + shift[:2]).tolist()
+    for end in ("start", "goal"):
+        body = walls[1][end]["body"]
+        body["position_m"] = (np.array(body["position_m"]) + shift).tolist()
+    here, there = (KnotCosts(NoWay(scenario(wall), ROBOT), ROBOT) for wall in walls)
+    assert (here.sets == there.sets).all()
+    for _ in range(3):
+        force, moment = random.normal(size=(2, 3)) * [[4e-3], [1e-3]]
+        moved = np.concatenate([force - np.cross(moment, shift), moment])
+        assert np.allclose(here.least(np.concatenate([force, moment])), there.least(moved), atol=1e-9)
+
+
+def test_swings_last_as_long_as_the_way_takes() -> None:
+    found, dt_s = offers(scenario(two_rows(0.5)), ROBOT), 0.5
+    least, speed = least_knots(found, ROBOT, dt_s), ROBOT.grasp.approach_speed_m_s
+    for (i, one), (j, other) in itertools.product(enumerate(found), repeat=2):
+        way = np.linalg.norm(one.corners_w_m.mean(axis=0) - other.corners_w_m.mean(axis=0))
+        assert least[i, j] <= max(np.ceil(way / (speed * dt_s)), 2, np.ceil(np.pi / 2 / (0.25 * dt_s)))
+        assert least[i, j] >= max((way - 0.03) / (speed * dt_s) - 0.1, 2)
 
 
 def test_what_shows_less_than_the_claim_is_refused() -> None:
@@ -123,6 +156,8 @@ def test_walks_and_walls_with_too_many_grips_have_none() -> None:
 
 def test_no_wrench_within_the_limit_surface_costs_less_than_a_grips_least() -> None:
     wall = two_rows()
+    for part in wall["holds"]:
+        part["size_m"] = [0.06, 0.2, 0.06]
     wall["holds"][0].update(friction={"+x": 0.5, "-x": 1.5, "+y": 1.0, "-y": 0.0, "top": 1}, spines={"-x": False})
     read_wall, random, weight, above = scenario(wall), np.random.default_rng(4), 1e-4, 0.1
     found, k_m = offers(read_wall, ROBOT)[:3], read_wall.contact.patch_k_m
@@ -141,7 +176,7 @@ def test_no_wrench_within_the_limit_surface_costs_less_than_a_grips_least() -> N
             ]  # fmt: skip
             own = np.max(over, axis=0) <= 0.0
             normal, load = normal[own], load[own]
-            place = random.dirichlet(np.ones(4), len(load)) @ offer.corners_w_m
+            place = random.dirichlet(np.full(4, 0.1), len(load)) @ offer.corners_w_m
             force = (normal[:, :1] - normal[:, 1:]) * offer.axis + 2 * load[:, :1] * offer.tangent
             force[:, 2] += 2 * load[:, 1]
             moment = np.cross(place, force) + 2 * load[:, 2:] * k_m * offer.axis
