@@ -51,7 +51,10 @@ def add_plan_parser(subparsers: Any) -> None:
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
     prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
-    proofs = "write what shows a proof to a file that crux check verifies; not every proof has one"
+    proofs = (
+        "on climbs: write what shows that there is no plan, or that none of as many steps costs less than a bound, "
+    )
+    proofs += "to a file that crux check verifies; not every proof has one"
     add("--certificate", type=Path, metavar="FILE", help=proofs)
     add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")
     add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
@@ -111,19 +114,19 @@ def run_plan(args: argparse.Namespace) -> int:
         return _fail(args, str(error), USAGE)
     except OSError as error:
         return _fail(args, f"{error.filename or args.scenario}: {error.strerror or error}", USAGE)
-    if args.json:
-        print(json.dumps({**result.to_json(), "plan": str(args.output), "plan_id": result.plan.plan_id}))
-    else:
+    if not args.json:
         _show(result, args.output)
+    written: dict[str, Any] = {"plan": str(args.output), "plan_id": result.plan.plan_id}
     if args.certificate is not None:
-        print("crux plan: no certificate for this kind of proof: bounds of the cost have none yet", file=sys.stderr)
+        written["certified_bound"], said = _certify_bound(args.certificate, scenario, robot, result)
+        print(f"crux plan: {said}", file=sys.stderr)
+    if args.json:
+        print(json.dumps({**result.to_json(), **written}))
     return DONE
 
 
 def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleError) -> str:
     """Write the certificate of a proof, if it has one; what to say of it."""
-    from crux_contracts.output_file import write_whole
-
     from crux_planner.pipeline.certificates import certify_no_plan
 
     if not error.proven:
@@ -131,11 +134,42 @@ def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleErro
     document = certify_no_plan(scenario, robot)
     if document is None:
         return "no certificate for this kind of proof: the checker cannot show it by bounds of its own"
+    failed = _written(path, document)
+    return failed or f"{path}: certificate that there is no plan; crux check {path} verifies it"
+
+
+def _certify_bound(path: Path, scenario: Scenario, robot: Robot, result: PlanResult) -> tuple[float | None, str]:
+    """Write the certificate of a bound of J, if there is one; the bound, and what to say of it."""
+    from crux_planner.checker.no_way import NotShownError
+    from crux_planner.checker.outer import OutsideError
+    from crux_planner.pipeline.bound_certificate import certify_bound
+
+    try:
+        document = certify_bound(scenario, robot, result.steps, result.cost)
+    except (NotShownError, OutsideError) as error:
+        return None, f"no certificate of a bound: {error}"
+    failed = _written(path, document)
+    if failed:
+        return None, failed
+    bound = float(document["bound"])
+    said = f"{path}: certificate that no plan of {result.steps} steps costs less than {bound:.4f}, "
+    said += f"{100 * bound / result.cost:.0f} % of this one's cost; crux check {path} verifies it"
+    if result.gap is not None:
+        own = (1.0 - result.gap) * result.cost
+        said += f"\ncrux plan: the planner's own bound, {own:.4f}, is about its own swings and places on the holds; "
+        said += "the certificate's is about all"
+    return bound, said
+
+
+def _written(path: Path, document: dict[str, Any]) -> str:
+    """Write a certificate; why not, if not."""
+    from crux_contracts.output_file import write_whole
+
     try:
         write_whole(path, f"{json.dumps(document)}\n".encode())
     except OSError as failed:
         return f"no certificate: {path}: cannot be written: {failed.strerror}"
-    return f"{path}: certificate that there is no plan; crux check {path} verifies it"
+    return ""
 
 
 def _seconds(text: str) -> float:

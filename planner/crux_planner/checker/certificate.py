@@ -3,9 +3,11 @@
 | key | what |
 | --- | --- |
 | crux_certificate | 1 |
-| claim | `no plan`: none exists |
+| claim | `no plan`: none exists; `bound`: none of `steps` steps that passes the check costs less than `bound`, J (6) |
 | scenario_yaml, robot, robot_sha256 | what the claim is about |
-| multipliers | [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...]: of force and moment about W's origin |
+| multipliers | of `no plan`: [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...] |
+| | of `bound`: [{knot: a knot or null for all, of: [[6 numbers], ...]}, ...], of force and moment about W's origin |
+| steps, bound | of `bound` |
 | sha256 | of all the rest, as `digest` writes it |
 
 Nothing in it is trusted: all rows are built anew from scenario and robot, and any multipliers give true statements.
@@ -20,11 +22,14 @@ import numpy as np
 from crux_contracts.robot import Robot, load_robot, robot_names
 from crux_contracts.scenario import Scenario, ScenarioError, parse_scenario
 
+from crux_planner.checker.cheapest_way import CheapestWay
 from crux_planner.checker.geometry import Array
 from crux_planner.checker.no_way import NotShownError, NoWay
 from crux_planner.checker.outer import OutsideError
 
-NO_PLAN = "no plan"
+NO_PLAN, BOUND = "no plan", "bound"
+Shown = list[tuple[int | None, list[Array]]]
+UNKNOWN = "about a walk, or a start with limbs in the air: no certificates are known for these"
 _SIDES = {"start": "from the start", "goal": "from the goal back"}
 
 
@@ -53,6 +58,13 @@ def of_no_plan(search: NoWay, robot: Robot) -> dict[str, Any]:
         if multipliers
     ]
     return sealed(NO_PLAN, search.scenario, robot, multipliers=shown)
+
+
+def of_bound(way: CheapestWay, robot: Robot, shown: Shown, most: float) -> dict[str, Any]:
+    """The certificate of what multipliers show, by knot or for all (None), up to `most`; `way` has been shown them."""
+    bound = float(np.floor(1e4 * (min(way.least(), most) - 1e-5)) / 1e4)  # so that rounding elsewhere does no harm
+    entries = [{"knot": knot, "of": [each.tolist() for each in multipliers]} for knot, multipliers in shown]
+    return sealed(BOUND, way.scenario, robot, steps=way.steps, bound=bound, multipliers=entries)
 
 
 def sealed(claim: str, scenario: Scenario, robot: Robot, **more: Any) -> dict[str, Any]:
@@ -85,12 +97,11 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
             raise CertificateError(f"about another {robot.name} than is known here")
         scenario = parse_scenario(document["scenario_yaml"], "the scenario in the certificate")
         if scenario.contact.model != "patch" or scenario.start.air:
-            raise CertificateError(
-                "about a walk, or a start with limbs in the air: no certificates are known for these"
-            )
-        if document["claim"] != NO_PLAN:
-            raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r}")
-        return scenario, _verify_no_plan(document, scenario, robot)
+            raise CertificateError(UNKNOWN)
+        verifiers = {NO_PLAN: _verify_no_plan, BOUND: _verify_bound}
+        if document["claim"] not in verifiers:
+            raise CertificateError(f"claim {document['claim']!r}: expected {NO_PLAN!r} or {BOUND!r}")
+        return scenario, verifiers[document["claim"]](document, scenario, robot)
     except (KeyError, TypeError, IndexError) as error:
         raise CertificateError(f"not of the form of a certificate: {error!r}") from None
     except (ScenarioError, OutsideError) as error:
@@ -109,6 +120,26 @@ def _verify_no_plan(document: dict[str, Any], scenario: Scenario, robot: Robot) 
         search.shown[tuple(sorted(g for g in grips if g is not None))] = [vector(each) for each in entry["of"]]
     side, count = search.prove()
     return f"no plan: {_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
+
+
+def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) -> str:
+    steps, bound = document["steps"], document["bound"]
+    if type(steps) is not int or type(bound) not in (int, float) or not np.isfinite(bound):
+        raise CertificateError("not of the form of a certificate: steps and bound are numbers")
+    entries = [(each["knot"], [vector(numbers) for numbers in each["of"]]) for each in document["multipliers"]]
+    for knot, _ in entries:
+        if knot is not None and (type(knot) is not int or not 0 <= knot < steps):
+            raise CertificateError(f"multipliers at knot {knot}: expected one before the last, {steps}")
+    way = CheapestWay(scenario, robot, steps)
+    for knot, multipliers in entries:
+        for each in multipliers:
+            way.show(knot, each)
+        if knot is None:
+            way.drop(bound)
+    least = way.least()
+    if least < bound:
+        raise NotShownError(f"what it has shows that no plan of {steps} steps costs less than {least:.4f}, not {bound}")
+    return f"bound: no plan of {steps} steps costs less than {bound:.4f}, whatever its grips, swings and body motion"
 
 
 def vector(numbers: Any) -> Array:

@@ -22,7 +22,8 @@ EPILOG = """examples:
 what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
 joint speeds and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them
 
-of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and robot
+of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and
+robot: that there is no plan, or that no plan of as many steps that passes costs less than a bound, whatever its swings
 
 exit status: 0 the plan passes, the claim is shown; 1 not; 2 the file cannot be read"""
 

@@ -75,16 +75,17 @@ class NoWay:
         slack = goal.tolerance_rad / np.cos(tilt + goal.tolerance_rad) + FORGIVEN_RAD
         last = goal.body.rpy_rad
         goal_tilt = min(tilt, max(abs(last[0]), abs(last[1])) + slack)
-        outers = Outers(robot)
-        self.outer, near = outers.within(tilt), outers.within(goal_tilt)
-        fastest = (1.0 + np.sin(tilt)) / np.cos(tilt) * (body.max_rate_rad_s + 1e-4)
+        self.outers = Outers(robot)
+        self.outer, near = self.outers.within(tilt), self.outers.within(goal_tilt)
+        fastest = self.fastest_rad_s = (1.0 + np.sin(tilt)) / np.cos(tilt) * (body.max_rate_rad_s + 1e-4)
         first = scenario.start.body.rpy_rad[2]
-        turn = (fastest * horizon.dt_s * horizon.steps + slack) / 2 + FORGIVEN_RAD
+        turn = ((fastest * horizon.dt_s + FORGIVEN_RAD) * horizon.steps + slack) / 2 + FORGIVEN_RAD
         wide = max(turn, abs(last[2] - first) / 2)
         if 2 * turn + abs(last[2] - first) >= 2 * np.pi:
             raise NotShownError("the horizon is long enough to turn all the way round")
         middle = (first + last[2]) / 2
-        self.places = Places.of(self.outer.hold_m, self.outer.above_m, self.offers, (middle - wide, middle + wide))
+        self.headings_rad = middle - wide, middle + wide
+        self.places = Places.of(self.outer.hold_m, self.outer.above_m, self.offers, self.headings_rad)
         self.at_goal = Places.of(near.hold_m, near.above_m, self.offers, (last[2] - slack, last[2] + slack))
         self.goal_box = np.array(goal.body.position_m) + np.outer([-1.0, 1.0], np.ones(3)) * (
             goal.tolerance_m + FORGIVEN_M
@@ -107,7 +108,7 @@ class NoWay:
 
         Raises NotShownError.
         """
-        ends = {"start": {self._start()}, "goal": self._goals()}
+        ends = {"start": {self.start()}, "goal": self.goals()}
         seen, queues = {side: set(own) for side, own in ends.items()}, {side: deque(own) for side, own in ends.items()}
         if ends["start"] & ends["goal"]:
             raise NotShownError("the start's grips are the goal's")
@@ -135,10 +136,11 @@ class NoWay:
             raise NotShownError(f"start.grasps: no gripper spans {grasp.hold} by {grasp.faces}")
         return names.index((grasp.hold, grasp.faces))
 
-    def _start(self) -> Node:
+    def start(self) -> Node:
+        """The grips that the robot begins with."""
         return tuple(self._number(limb) for limb in LIMB_NAMES)
 
-    def _goals(self) -> set[Node]:
+    def goals(self) -> set[Node]:
         """Sets of four grips that the robot may end with."""
         where = self.at_goal
         sole = self._seen(self.goal_box, where.yaw_rad, self.goal_sole_m)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
 from backward import ROBOT, Backward, backward_wall
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.checker.no_way import NotShownError, NoWay
 from crux_planner.model.build import build_problem
+from crux_planner.pipeline.bound_certificate import certify_bound
 from crux_planner.pipeline.certificates import _Asked
 from crux_planner.solvers import clock
 from walls import scenario
 
-MANY = int(os.environ.get("CRUX_BACKWARD_WALLS", "1000"))  # of the sweep: a wall takes about two seconds of computing
+MANY = int(os.environ.get("CRUX_BACKWARD_WALLS", "1000"))  # of the sweep: a wall takes about six seconds of computing
 PROGRAMS, EFFORT = 40, 0.1
 
 
@@ -33,6 +35,8 @@ def tried(seed: int, *, certified: bool) -> tuple[Backward, bool] | None:
         search.ask = _Asked(proof, search, clock.now() + 1.0)
         with pytest.raises(NotShownError):
             search.prove()
+        document = certify_bound(read, ROBOT, read.horizon.steps, np.inf)
+        assert 0.0 < document["bound"] <= found.cost, seed
     if not found.centred:
         return found, False
     bound = lower_bound(problem, 2.0 * found.cost, 5.0, effort=EFFORT)
