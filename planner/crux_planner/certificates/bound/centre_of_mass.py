@@ -122,7 +122,7 @@ class CentreOfMass:
         self._air = [airborne(problem, limb) for limb in range(4)]
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad
-        tilts = [float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))]
+        tilts = self._tilts = [float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))]
         self._shoulders = [shoulders(problem, about, limb) for limb in range(4)]
         self._tables, self._heights = [], []
         gripped = self._contacts[:, 2].min(), self._contacts[:, 2].max()
@@ -147,8 +147,8 @@ class CentreOfMass:
 
     @staticmethod
     def _of_limb(limb: _Limb, level: list[float], tilts: list[float]) -> tuple[Array, Array]:
-        """(T, _ENDS, cells, cells) from the first to the last cell of how far out, and how far (T,) from the shoulder the
-        wrist is at most along the body's z and along W's.
+        """(T, _ENDS, cells, cells) from the first to the last cell of how far out, and (T,) how far from the shoulder the
+        wrist is at most along W's z.
         """
         most, length = max(abs(level[0]), abs(level[1])), limb.longest_m + float(np.linalg.norm(limb.shoulder_b_m))
         tables, heights = [], []
@@ -162,7 +162,7 @@ class CentreOfMass:
                 table[1::2, first, first:] = np.maximum.accumulate(by_cell[1::2, first:], axis=1)
                 table[4, first, first:] = np.maximum.accumulate(by_cell[4, first:])
             tables.append(table)
-            heights.append(more + most)
+            heights.append(np.sin(tilt) * float(np.linalg.norm(limb.shoulder_b_m)) + most)
         return np.array(tables), np.array(heights)
 
     def _anywhere(self) -> Array:
@@ -219,11 +219,12 @@ class CentreOfMass:
         many = table.shape[-1]
         x_near, y_near = (np.maximum(np.maximum(low, -high), 0.0) for low, high in (x, y))
         x_far, y_far = (np.maximum(np.abs(low), np.abs(high)) for low, high in (x, y))
-        r0, r1 = x_near**2 + y_near**2, x_far**2 + y_far**2
+        r0, r1 = np.sqrt(x_near**2 + y_near**2), x_far**2 + y_far**2
         ways = _outwards(x, y_near, y_far), _outwards(y, x_near, x_far)
         for t in range(len(table)):
             last = np.minimum((np.sqrt(r1 + heights[t] ** 2) / _CELL_M).astype(int), many - 1)
-            first = np.minimum((np.sqrt(np.maximum(r0 - heights[t] ** 2, 0.0)) / _CELL_M).astype(int), last)
+            inner = r0 * np.cos(self._tilts[t]) - heights[t] * np.sin(self._tilts[t])
+            first = np.minimum((np.maximum(inner, 0.0) / _CELL_M).astype(int), last)
             least, most, low, high, turned = table[t][:, first, last]
             aside = self._aside[t]
             for axis, (way0, way1) in enumerate(ways):

@@ -17,6 +17,8 @@ from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 
 _SWEEPS = 2
+import os
+_SLICE_M = eval(os.environ.get('SL','(.15,.3)'))
 _PAIRS = 25  # of a node, where memory allows
 MOST_IN_AIR = 3  # with nothing in hand, nothing carries the robot
 
@@ -151,7 +153,22 @@ def grasps(
         count, options, in_air = count[kept], np.column_stack([options[old], own])[kept], aloft[kept]
         first = np.cumsum(count) - count
     node = np.repeat(np.arange(len(options)), count)
-    return _stretched(problem, about, Grasps(groups, options, first, node, cell, pair_low, pair_high))
+    nodes = _stretched(problem, about, Grasps(groups, options, first, node, cell, pair_low, pair_high))
+    return _stretched(problem, about, _split(nodes))
+
+
+def _split(nodes: Grasps) -> Grasps:
+    """The boxes cut across x and y where they are long."""
+    node, cell, low, high = nodes.node, nodes.cell, nodes.low, nodes.high
+    for axis in range(2):
+        many = np.maximum(np.ceil((high[:, axis] - low[:, axis]) / _SLICE_M[axis] - 1e-9), 1.0).astype(int)
+        place = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+        node, cell, low, high = (np.repeat(each, many, axis=0) for each in (node, cell, low, high))
+        size = (high[:, axis] - low[:, axis]) / np.repeat(many, many)
+        low[:, axis] += place * size
+        high[:, axis] = np.where(place == np.repeat(many, many) - 1, high[:, axis], low[:, axis] + size)
+    first = np.searchsorted(node, np.arange(len(nodes.options)))
+    return replace(nodes, first=first, node=node, cell=cell, low=low, high=high)
 
 
 def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
