@@ -119,16 +119,17 @@ class CentreOfMass:
     def __init__(self, problem: Problem, about: Orientations) -> None:
         self._about, self._mass_kg = about, problem.mass_kg
         self._contacts = np.stack([contact.centre_w_m for contact in problem.contacts])
-        self._air = [airborne(problem, limb) for limb in range(4)]
+        self._problem = problem
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad
         tilts = self._tilts = [float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))]
         self._shoulders = [shoulders(problem, about, limb) for limb in range(4)]
         self._tables, self._heights = [], []
         gripped = self._contacts[:, 2].min(), self._contacts[:, 2].max()
-        for limb, air in zip(self._limbs, self._air, strict=True):
+        swinging = gripped[0], max(gripped[1], problem.swing.max_height_m)
+        for limb in self._limbs:
             sets = []
-            for low, high in (gripped, (air[0][2], air[1][2])):
+            for low, high in (gripped, swinging):
                 level = [low - heights[1], high - heights[0]]
                 level = [end + limb.wrist_m - limb.shoulder_b_m[2] for end in level]
                 sets.append(self._of_limb(limb, level, tilts))
@@ -197,7 +198,7 @@ class CentreOfMass:
         shift = about.shift_m[-1]
         total = np.broadcast_to(self._own, (len(node), *self._own.shape)).copy()
         for limb, groups in enumerate(nodes.groups):
-            air = self._air[limb]
+            air = airborne(self._problem, np.concatenate(groups))
             first = np.array([*(self._contacts[group].min(axis=0) for group in groups), air[0]])
             last = np.array([*(self._contacts[group].max(axis=0) for group in groups), air[1]])
             option = nodes.options[node, limb]

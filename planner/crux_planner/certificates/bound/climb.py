@@ -132,7 +132,7 @@ class _Search:
         nodes = multipliers.masses.asked(nodes)
         program = DynamicProgram(problem, nodes)
         known = np.zeros(len(nodes.options), dtype=bool)
-        multipliers = multipliers.on(nodes)
+        multipliers = qp.about = multipliers.on(nodes)
         alike = Similarity(problem, nodes)
         return _Search(problem, cost, nodes, multipliers, qp, box, program, limits, value[kept], known, alike)
 
@@ -162,7 +162,7 @@ class _Search:
         old = np.flatnonzero(kept)
         place = {int(node): i for i, node in enumerate(old)}
         self.nodes = self.nodes.reduced(kept)
-        self.multipliers = self.multipliers.on(self.nodes)
+        self.multipliers = self.qp.about = self.multipliers.on(self.nodes)
         self.value, self.known = self.value[kept], self.known[kept]
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}

@@ -44,11 +44,7 @@ class Multipliers:
         self.offset = offset_bounds(problem, spans, yaw)  # of the centre of mass from r, (3,) and (3,)
         self.masses = CentreOfMass(problem, about)
         self.rest = self.masses.anywhere[0]
-        self.hands, self.still = [], np.zeros((4, 3), dtype=bool)  # of a limb in the air, off r or where `still`, in W
-        for limb, (low, high) in enumerate(zip(*spans, strict=True)):
-            off, place = np.array(yawed_bounds(low, high, yaw)), np.array(airborne(problem, limb))
-            self.still[limb] = place[1] - place[0] < off[1] - off[0]
-            self.hands.append(np.where(self.still[limb], place, off))
+        self._off = [np.array(yawed_bounds(low, high, yaw)) for low, high in zip(*spans, strict=True)]
         self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
@@ -58,6 +54,11 @@ class Multipliers:
 
     def _take(self, nodes: Grasps) -> None:
         self.nodes = nodes
+        self.hands, self.still = [], np.zeros((4, 3), dtype=bool)  # of a limb in the air, off r or where `still`, in W
+        for limb, (off, groups) in enumerate(zip(self._off, nodes.groups, strict=True)):
+            place = np.array(airborne(self.problem, np.concatenate(groups)))
+            self.still[limb] = place[1] - place[0] < off[1] - off[0]
+            self.hands.append(np.where(self.still[limb], place, off))
         many = np.array([len(own) for own in nodes.groups])
         known = np.where((nodes.options == many)[..., None], self.still, True).sum(axis=1)
         self._follow = 1.0 - FOLLOW * known  # (n, 3) of c, the body's origin
@@ -170,13 +171,14 @@ class KnotQp:
     """QPs of one problem."""
 
     def __init__(self, multipliers: Multipliers) -> None:
-        self.problem, self.carriers = multipliers.problem, multipliers.carriers
-        self.rest, self.hands, self.still = multipliers.rest, multipliers.hands, multipliers.still
+        self.problem, self.carriers, self.about = multipliers.problem, multipliers.carriers, multipliers
+        self.rest = multipliers.rest
         directions, _ = polytope_directions(1.0)
         self._directions = directions / np.linalg.norm(directions, axis=1)[:, None]
 
     def multipliers(self, held: dict[int, int], box: tuple[Array, Array], rest: Array | None = None) -> Array:
         """(6,) for contacts held by limbs, about the origin; `rest` (2, 3) of the centre of mass, if it is known."""
+        still, hands = self.about.still, self.about.hands
         problem, carriers, many = self.problem, self.carriers, len(held)
         n = _BODY + _GRIP * many + 6
         weights, goal = problem.weights, problem.goal.body
@@ -188,8 +190,8 @@ class KnotQp:
         linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
         tilt = problem.body.max_tilt_rad
         hanging = [limb for limb in range(4) if limb not in held]
-        follow = 1.0 - FOLLOW * (many + self.still[hanging].sum(axis=0))
-        rest = (self.rest if rest is None else rest) + FOLLOW * sum(self.hands[limb] for limb in hanging)
+        follow = 1.0 - FOLLOW * (many + still[hanging].sum(axis=0))
+        rest = (self.rest if rest is None else rest) + FOLLOW * sum(hands[limb] for limb in hanging)
         low = np.concatenate([box[0], [-tilt, -tilt, -1.0], rest[0], np.full(n - _BODY, -_FORCE_N)])
         high = np.concatenate([box[1], [tilt, tilt, 1.0], rest[1], np.full(n - _BODY, _FORCE_N)])
         equal = np.zeros((6, n))

@@ -46,9 +46,9 @@ def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
     return np.where(np.isfinite(least), least, 2.0).astype(int)
 
 
-def airborne(problem: Problem, limb: int) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) in W of a gripper in the air: between the limb's contacts, or at a corner of what it goes round."""
-    own = [problem.contacts[c].centre_w_m for c in distinct(problem, limb)]
+def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) in W of a gripper in the air between contacts: on the line, or at a corner of what it goes round."""
+    own = [problem.contacts[c].centre_w_m for c in contacts]
     low, high = np.min(own, axis=0), np.max(own, axis=0)
     high[2] = max(high[2], problem.swing.max_height_m)
     cuboids, limits, shape = problem.cuboids, problem.swing, problem.shape
