@@ -1,7 +1,7 @@
 """Where the centre of mass c can be about the body and its grippers: c = r + k sum (p - r) + e, bounds of e.
 
-Of a limb only the elbow is no straight line in the places of shoulder and wrist. For a wrist at v off the shoulder it is
-l1 (cos, sin)(elevation of v + angle at the shoulder) outwards and up. So e is the sum over limbs of
+Of a limb only the elbow is no straight line in the places of shoulder and wrist. For a wrist at v off the shoulder it
+is l1 (cos, sin)(elevation of v + angle at the shoulder) outwards and up. So e is the sum over limbs of
 N(v) = kappa elbow(v) - beta v, outwards and up, by how far out and how high the wrist is; and of what the body's own
 mass and masses beside the links' lines add. N is enclosed by intervals over cells of (how far out, how high). A tilt
 turns the limb's plane: for tilts up to the end of each cell of bound.places the ends are wider by what that can do.
@@ -57,8 +57,9 @@ class _Limb:
         elbow = mass[1] * place[1, 0] / upper + mass[2] - far
         up = (follow_kg - mass[6]) * above + mass[5:] @ place[5:, 2]
         shoulder = mass[0] + near - far - wrist
-        own = n[:3], upper, lower, *shoulder_to_wrist(limb.limb), above, elbow, wrist, shoulder, up, mass[0] * place[0, 2], off
-        return _Limb(*own)
+        lengths = upper, lower, *shoulder_to_wrist(limb.limb), above
+        masses = elbow, wrist, shoulder, up, mass[0] * place[0, 2], off
+        return _Limb(n[:3], *lengths, *(float(number) for number in masses))
 
     def ends(self, low_m: float, high_m: float, tilt: float) -> Array:
         """(_ENDS, cells) of N by how far out the wrist is, at heights in [low, high] along the body's z, which is
@@ -67,7 +68,8 @@ class _Limb:
         far = np.arange(0.0, self.longest_m + _CELL_M, _CELL_M)
         high = np.append(np.arange(low_m, high_m, _CELL_M), high_m)
         r0, r1, z0, z1 = far[:-1, None], far[1:, None], high[:-1], high[1:]
-        near, away = np.hypot(r0, np.maximum(np.maximum(z0, -z1), 0.0)), np.hypot(r1, np.maximum(np.abs(z0), np.abs(z1)))
+        near = np.hypot(r0, np.maximum(np.maximum(z0, -z1), 0.0))
+        away = np.hypot(r1, np.maximum(np.abs(z0), np.abs(z1)))
         outside = np.where((near <= self.longest_m) & (away >= self.shortest_m), 0.0, np.inf)
         reached = abs(self.upper_m - self.lower_m), self.upper_m + self.lower_m
         d0, d1 = np.clip(near, *reached), np.clip(away, *reached)
@@ -122,7 +124,9 @@ class CentreOfMass:
         self._problem = problem
         self._limbs = [_Limb.of(limb, FOLLOW * problem.mass_kg) for limb in problem.limb_masses]
         heights, tilt = problem.body.height_m, problem.body.max_tilt_rad
-        tilts = self._tilts = [float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))]
+        tilts = self._tilts = [
+            float(np.arccos(np.cos(tilt * (t + 1) / len(about.shift_m)) ** 2)) for t in range(len(about.shift_m))
+        ]
         self._shoulders = [shoulders(problem, about, limb) for limb in range(4)]
         self._tables, self._heights = [], []
         gripped = self._contacts[:, 2].min(), self._contacts[:, 2].max()
@@ -148,13 +152,13 @@ class CentreOfMass:
 
     @staticmethod
     def _of_limb(limb: _Limb, level: list[float], tilts: list[float]) -> tuple[Array, Array]:
-        """(T, _ENDS, cells, cells) from the first to the last cell of how far out, and (T,) how far from the shoulder the
-        wrist is at most along W's z.
+        """(T, _ENDS, cells, cells) from the first to the last cell of how far out, and (T,) how far the wrist is
+        at most from the shoulder along W's z.
         """
         most, length = max(abs(level[0]), abs(level[1])), limb.longest_m + float(np.linalg.norm(limb.shoulder_b_m))
         tables, heights = [], []
         for tilt in tilts:
-            more = np.sin(tilt) * length + (1.0 - np.cos(tilt)) * most
+            more = np.sin(tilt) * length + (1.0 - np.cos(tilt)) * (most + length)
             by_cell = limb.ends(level[0] - more, level[1] + more, tilt)
             many = by_cell.shape[1]
             table = np.tile(np.array([np.inf, -np.inf, np.inf, -np.inf, 0.0])[:, None, None], (1, many, many))
@@ -163,7 +167,7 @@ class CentreOfMass:
                 table[1::2, first, first:] = np.maximum.accumulate(by_cell[1::2, first:], axis=1)
                 table[4, first, first:] = np.maximum.accumulate(by_cell[4, first:])
             tables.append(table)
-            heights.append(np.sin(tilt) * float(np.linalg.norm(limb.shoulder_b_m)) + most)
+            heights.append(2 * np.sin(tilt / 2) * float(np.linalg.norm(limb.shoulder_b_m)) + most)
         return np.array(tables), np.array(heights)
 
     def _anywhere(self) -> Array:
@@ -174,7 +178,7 @@ class CentreOfMass:
             side = np.abs(ends[..., :2]).max(axis=(0, 2)) + self._aside
             total[:, 0] += np.column_stack([-side, -side, ends[..., 2].min(axis=0)])
             total[:, 1] += np.column_stack([side, side, ends[..., 3].max(axis=0)])
-        return total / self._mass_kg
+        return np.asarray(total / self._mass_kg)
 
     def asked(self, nodes: Grasps) -> Grasps:
         """The nodes, told apart in `rest` from now on."""
@@ -187,7 +191,7 @@ class CentreOfMass:
             return self.anywhere[None]
         new = pairs[~nodes.known[pairs]]
         if len(new):
-            nodes.rest[new] = self.of(nodes, new) + [[[-_ROUNDING_M], [_ROUNDING_M]]]
+            nodes.rest[new] = self.of(nodes, new) + np.array([[-_ROUNDING_M], [_ROUNDING_M]])
             nodes.known[new] = True
         return nodes.rest[pairs]
 
@@ -210,7 +214,7 @@ class CentreOfMass:
                 at = np.flatnonzero(which)
                 if len(at):
                     self._add(total, at, limb, aloft, (x0[at], x1[at]), (y0[at], y1[at]))
-        return total / self._mass_kg
+        return np.asarray(total / self._mass_kg)
 
     def _add(
         self, total: Array, at: Indices, limb: int, aloft: int, x: tuple[Array, Array], y: tuple[Array, Array]

@@ -16,9 +16,6 @@ from crux_planner.certificates.bound.swings import distinct, ends
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
 
-_SWEEPS = 2
-import os
-_SLICE_M = eval(os.environ.get('SL','(.15,.3)'))
 _PAIRS = 25  # of a node, where memory allows
 MOST_IN_AIR = 3  # with nothing in hand, nothing carries the robot
 
@@ -78,7 +75,10 @@ class Grasps:
         node = np.cumsum(kept)[self.node[of_kept]] - 1
         first = np.searchsorted(node, np.arange(len(options)))
         low, high = self.low[of_kept], self.high[of_kept]
-        rest, known = None if self.rest is None else self.rest[of_kept], None if self.known is None else self.known[of_kept]
+        rest, known = (
+            None if self.rest is None else self.rest[of_kept],
+            None if self.known is None else self.known[of_kept],
+        )
         return Grasps(lists, np.column_stack(columns), first, node, self.cell[of_kept], low, high, rest, known)
 
     def held(self, node: int) -> dict[int, int]:
@@ -153,22 +153,7 @@ def grasps(
         count, options, in_air = count[kept], np.column_stack([options[old], own])[kept], aloft[kept]
         first = np.cumsum(count) - count
     node = np.repeat(np.arange(len(options)), count)
-    nodes = _stretched(problem, about, Grasps(groups, options, first, node, cell, pair_low, pair_high))
-    return _stretched(problem, about, _split(nodes))
-
-
-def _split(nodes: Grasps) -> Grasps:
-    """The boxes cut across x and y where they are long."""
-    node, cell, low, high = nodes.node, nodes.cell, nodes.low, nodes.high
-    for axis in range(2):
-        many = np.maximum(np.ceil((high[:, axis] - low[:, axis]) / _SLICE_M[axis] - 1e-9), 1.0).astype(int)
-        place = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
-        node, cell, low, high = (np.repeat(each, many, axis=0) for each in (node, cell, low, high))
-        size = (high[:, axis] - low[:, axis]) / np.repeat(many, many)
-        low[:, axis] += place * size
-        high[:, axis] = np.where(place == np.repeat(many, many) - 1, high[:, axis], low[:, axis] + size)
-    first = np.searchsorted(node, np.arange(len(nodes.options)))
-    return replace(nodes, first=first, node=node, cell=cell, low=low, high=high)
+    return _stretched(problem, about, Grasps(groups, options, first, node, cell, pair_low, pair_high))
 
 
 def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
@@ -184,7 +169,7 @@ def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
         option, cell = nodes.options[nodes.node[at], limb], nodes.cell[at]
         far = (shoulder_to_wrist(problem.limb_masses[limb].limb)[1] + wide[cell]) ** 2
         limbs.append((at, *(end[option] - off[cell] for end in ends), far))
-    for _, (at, first, last, far), axis in itertools.product(range(_SWEEPS), limbs, range(2)):
+    for (at, first, last, far), axis in itertools.product(limbs, range(2)):
         other = 1 - axis
         beside = np.maximum(low[at, other] - most - last[:, other], first[:, other] - high[at, other] - most)
         left = far - np.maximum(beside, 0.0) ** 2

@@ -83,7 +83,7 @@ def shoulders(problem: Problem, about: Orientations, limb: int) -> tuple[Array, 
     b, tilt = problem.limb_masses[limb].limb.shoulder_b_m, problem.body.max_tilt_rad
     middle, half = (about.yaw_low + about.yaw_high) / 2, (about.yaw_high - about.yaw_low) / 2
     c, s = np.cos(middle), np.sin(middle)
-    tilted = (1.0 - np.cos(tilt)) * np.abs(b[:2]).sum() + np.sin(tilt) ** 2 * abs(b[1]) + np.sin(tilt) * abs(b[2])
+    tilted = (1.0 - np.cos(tilt)) * np.abs(b[:2]).sum() + np.sin(tilt) ** 2 * abs(b[1]) + 2 * np.sin(tilt) * abs(b[2])
     place = np.column_stack([c * b[0] - s * b[1], s * b[0] + c * b[1]])
     return place, half * float(np.linalg.norm(b[:2])) + tilted
 

@@ -47,7 +47,7 @@ def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
 
 
 def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
-    """Bounds (3,), (3,) in W of a gripper in the air between contacts: on the line, or at a corner of what it goes round."""
+    """Bounds (3,), (3,) in W of a gripper in the air between contacts: on the line, or round what is too tall."""
     own = [problem.contacts[c].centre_w_m for c in contacts]
     low, high = np.min(own, axis=0), np.max(own, axis=0)
     high[2] = max(high[2], problem.swing.max_height_m)
