@@ -31,8 +31,9 @@ def test_no_pose_has_the_centre_of_mass_elsewhere(heavy: bool) -> None:
     about = orientations(problem, -0.6, 0.6)
     nodes = grasps(problem, about, np.array([-0.2, -0.2, 0.165]), np.array([0.3, 0.2, 0.21]), by_faces(problem))
     assert nodes is not None
+    ends = [airborne(problem, np.concatenate(groups)) for groups in nodes.groups]
     masses, tried, closest = CentreOfMass(problem, about), 0, np.inf
-    for _ in range(2500):
+    for _ in range(1500):
         pair, t = int(random.integers(len(nodes.node))), int(random.integers(len(about.shift_m)))
         shift = np.array([about.shift_m[t], about.shift_m[t], 0.0])
         r = random.uniform(nodes.low[pair] - shift, np.maximum(nodes.high[pair] + shift, nodes.low[pair] - shift))
@@ -41,9 +42,8 @@ def test_no_pose_has_the_centre_of_mass_elsewhere(heavy: bool) -> None:
         rpy = np.array([*turned, random.uniform(about.yaw_low[cell], about.yaw_high[cell])])
         hands = np.zeros((4, 4))
         for limb, (option, groups) in enumerate(zip(nodes.options[nodes.node[pair]], nodes.groups, strict=True)):
-            ends = airborne(problem, np.concatenate(groups))
             held = None if option == len(groups) else problem.contacts[random.choice(groups[option])]
-            hands[limb] = [*random.uniform(*ends), 0.3] if held is None else [*held.centre_w_m, held.yaw_rad]
+            hands[limb] = [*random.uniform(*ends[limb]), 0.3] if held is None else [*held.centre_w_m, held.yaw_rad]
         for limb, hand in zip(problem.limb_masses, hands, strict=True):
             wrist = hand[:3] + np.array([0.0, 0.0, limb.limb.wrist_to_gripper_m]) - r
             length = np.linalg.norm(rotation_from_rpy(rpy).T @ wrist - limb.limb.shoulder_b_m)
@@ -58,7 +58,7 @@ def test_no_pose_has_the_centre_of_mass_elsewhere(heavy: bool) -> None:
             assert (masses.anywhere[t, 0] <= rest[0] + 1e-12).all()
             assert (rest[1] <= masses.anywhere[t, 1] + 1e-12).all()
             tried, closest = tried + 1, min(closest, (off - rest[0])[2])
-    assert tried > 30
+    assert tried > 20
     assert closest < 0.03  # nor is much left open
 
 
