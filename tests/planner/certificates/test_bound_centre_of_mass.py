@@ -44,10 +44,10 @@ def test_no_pose_has_the_centre_of_mass_elsewhere(heavy: bool) -> None:
         for limb, (option, groups) in enumerate(zip(nodes.options[nodes.node[pair]], nodes.groups, strict=True)):
             held = None if option == len(groups) else problem.contacts[random.choice(groups[option])]
             hands[limb] = [*random.uniform(*ends[limb]), 0.3] if held is None else [*held.centre_w_m, held.yaw_rad]
-        for limb, hand in zip(problem.limb_masses, hands, strict=True):
-            wrist = hand[:3] + np.array([0.0, 0.0, limb.limb.wrist_to_gripper_m]) - r
-            length = np.linalg.norm(rotation_from_rpy(rpy).T @ wrist - limb.limb.shoulder_b_m)
-            if not shoulder_to_wrist(limb.limb)[0] <= length <= shoulder_to_wrist(limb.limb)[1] * 0.998:
+        for own, hand in zip(problem.limb_masses, hands, strict=True):
+            wrist = hand[:3] + np.array([0.0, 0.0, own.limb.wrist_to_gripper_m]) - r
+            length = np.linalg.norm(rotation_from_rpy(rpy).T @ wrist - own.limb.shoulder_b_m)
+            if not shoulder_to_wrist(own.limb)[0] <= length <= shoulder_to_wrist(own.limb)[1] * 0.998:
                 break
         else:
             rest = masses.of(nodes, np.array([pair]))[0, t]
