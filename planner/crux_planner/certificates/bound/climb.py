@@ -36,8 +36,9 @@ from crux_planner.model.problem import Problem
 from crux_planner.solvers import clock
 
 TIME_LIMIT_S = 20.0
-EFFORT = 0.3  # of the default, in the unit of the next line
+EFFORT = 0.45  # of the default, in the unit of the next line
 _STATE_S, _PAIR_S, _QP_S = 1.2e-8, 4e-7, 1.5e-3  # effort of a state at a knot, of a evaluated pair, of a QP
+_FEW = 0.95
 _MANY = 5000  # sets of grasps, beyond which fewer multipliers are asked about all of them
 LARGEST = 100_000  # sets of grasps
 _WINDOW = 8  # knots after the start and before the goal at which full speed says where the body can be
@@ -128,9 +129,10 @@ class _Search:
             excess += (nodes.cheapest(limb, around) - around.min())[nodes.options[:, limb]]
         kept = excess + excursion_cost(problem, about, nodes) <= spare
         nodes = nodes.reduced(kept)
+        nodes = multipliers.masses.asked(nodes)
         program = DynamicProgram(problem, nodes)
         known = np.zeros(len(nodes.options), dtype=bool)
-        multipliers = multipliers.on(nodes)
+        multipliers = qp.about = multipliers.on(nodes)
         alike = Similarity(problem, nodes)
         return _Search(problem, cost, nodes, multipliers, qp, box, program, limits, value[kept], known, alike)
 
@@ -155,12 +157,12 @@ class _Search:
     def _drop(self, through: Array) -> Array:
         """Leave out the nodes on no way that costs less than what is asked about; what is left of `through`."""
         kept = through.min(axis=0) <= self.cost
-        if kept.all():
+        if kept.mean() > _FEW:  # the program for the others costs more than it saves
             return through
         old = np.flatnonzero(kept)
         place = {int(node): i for i, node in enumerate(old)}
         self.nodes = self.nodes.reduced(kept)
-        self.multipliers = self.multipliers.on(self.nodes)
+        self.multipliers = self.qp.about = self.multipliers.on(self.nodes)
         self.value, self.known = self.value[kept], self.known[kept]
         self.windows = {knot: value[kept] for knot, value in self.windows.items()}
         self.known_at = {(knot, place[node]) for knot, node in self.known_at if node in place}
@@ -198,7 +200,7 @@ class _Search:
         wanted = order[~self.known[order] & (least[order] <= self.cost)][:many]
         if not len(wanted):
             return True
-        proposed = np.array([self.qp.multipliers(self.nodes.held(int(node)), self.box) for node in wanted])
+        proposed = np.array([self._proposed(int(node), self.box) for node in wanted])
         self.limits.spend(_QP_S * len(wanted))
         self.known[wanted] = True
         self._raise(wanted, self._values(proposed, wanted))
@@ -219,9 +221,15 @@ class _Search:
 
     def _value_at(self, knot: int, node: int, others: Indices) -> None:
         box = self._window(knot)
-        proposed = self.qp.multipliers(self.nodes.held(node), box)
+        proposed = self._proposed(node, box)
         window = self.windows.setdefault(knot, self.value.copy())
         window[others] = np.maximum(window[others], self._values(proposed, others, box))
+
+    def _proposed(self, node: int, box: tuple[Array, Array]) -> Array:
+        nodes = self.nodes
+        level = (int(nodes.first[node]) + int(np.append(nodes.first, len(nodes.node))[node + 1])) // 2
+        rest = self.multipliers.masses.rest(nodes, np.array([level]))[0, 0]
+        return self.qp.multipliers(nodes.held(node), box, rest)
 
     def _window(self, knot: int) -> tuple[Array, Array]:
         """Where the body can be at a knot: it rests in the first interval, and is never faster than (7) allows."""

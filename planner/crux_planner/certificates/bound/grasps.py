@@ -6,11 +6,12 @@ what the cheapest of its contacts does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crux_planner.certificates.bound.places import Orientations, body_boxes
+from crux_planner.certificates.bound.places import Orientations, body_boxes, shoulder_to_wrist, shoulders
 from crux_planner.certificates.bound.swings import distinct, ends
 from crux_planner.model.arrays import Array, Flags, Indices
 from crux_planner.model.problem import Problem
@@ -37,6 +38,8 @@ class Grasps:
     cell: Indices  # (P,)
     low: Array  # (P, 3)
     high: Array
+    rest: Array | None = None  # (P, T, 2, 3) of the centre of mass by bound.centre_of_mass, where `known` (P,)
+    known: Flags | None = None
 
     @property
     def in_air(self) -> Indices:
@@ -58,19 +61,25 @@ class Grasps:
             ok &= np.isin(self.options[:, limb], last)
         return np.flatnonzero(ok)
 
-    def reduced(self, kept: Flags) -> Grasps:
-        """Only these nodes, and of the groups only those that some of them hold, the first of each limb always."""
+    def reduced(self, kept: Flags, pairs: Flags | None = None) -> Grasps:
+        """Only these nodes, of the `pairs` (P,) only these, and of the groups only those that some of them hold, the
+        first of each limb always.
+        """
         options, lists = self.options[kept], []
         columns = []
         for limb, groups in enumerate(self.groups):
             used = np.union1d([0, len(groups)], options[:, limb])
             lists.append([groups[i] for i in used[:-1]])
             columns.append(np.searchsorted(used, options[:, limb]))
-        of_kept = kept[self.node]
+        of_kept = kept[self.node] if pairs is None else kept[self.node] & pairs
         node = np.cumsum(kept)[self.node[of_kept]] - 1
         first = np.searchsorted(node, np.arange(len(options)))
         low, high = self.low[of_kept], self.high[of_kept]
-        return Grasps(lists, np.column_stack(columns), first, node, self.cell[of_kept], low, high)
+        rest, known = (
+            None if self.rest is None else self.rest[of_kept],
+            None if self.known is None else self.known[of_kept],
+        )
+        return Grasps(lists, np.column_stack(columns), first, node, self.cell[of_kept], low, high, rest, known)
 
     def held(self, node: int) -> dict[int, int]:
         """Limb -> the first contact of its group."""
@@ -144,4 +153,28 @@ def grasps(
         count, options, in_air = count[kept], np.column_stack([options[old], own])[kept], aloft[kept]
         first = np.cumsum(count) - count
     node = np.repeat(np.arange(len(options)), count)
-    return Grasps(groups, options, first, node, cell, pair_low, pair_high)
+    return _stretched(problem, about, Grasps(groups, options, first, node, cell, pair_low, pair_high))
+
+
+def _stretched(problem: Problem, about: Orientations, nodes: Grasps) -> Grasps:
+    """The boxes within a stretched limb's length of all shoulders, which takes their corners off."""
+    least, most = about.shift_m[0], about.shift_m[-1]  # of tilts: what a box may lose, and where bodies may be
+    low, high = nodes.low.copy(), nodes.high.copy()
+    places = np.stack([contact.centre_w_m[:2] for contact in problem.contacts])
+    limbs = []
+    for limb, groups in enumerate(nodes.groups):
+        off, wide = shoulders(problem, about, limb)
+        ends = [np.array([pick(places[group], axis=0) for group in groups]) for pick in (np.min, np.max)]
+        at = np.flatnonzero(nodes.options[nodes.node, limb] < len(groups))
+        option, cell = nodes.options[nodes.node[at], limb], nodes.cell[at]
+        far = (shoulder_to_wrist(problem.limb_masses[limb].limb)[1] + wide[cell]) ** 2
+        limbs.append((at, *(end[option] - off[cell] for end in ends), far))
+    for (at, first, last, far), axis in itertools.product(limbs, range(2)):
+        other = 1 - axis
+        beside = np.maximum(low[at, other] - most - last[:, other], first[:, other] - high[at, other] - most)
+        left = far - np.maximum(beside, 0.0) ** 2
+        ahead = np.where(left < 0.0, -np.inf, np.sqrt(np.maximum(left, 0.0)))
+        low[at, axis] = np.maximum(low[at, axis], first[:, axis] - ahead + least)
+        high[at, axis] = np.minimum(high[at, axis], last[:, axis] + ahead - least)
+    reached = (low <= high + 2 * np.array([most, most, 0.0])).all(axis=1)
+    return replace(nodes, low=low, high=high).reduced(np.logical_or.reduceat(reached, nodes.first), reached)

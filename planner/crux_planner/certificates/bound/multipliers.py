@@ -16,8 +16,10 @@ from copy import copy
 import numpy as np
 
 from crux_planner.certificates.bound.carrying import Carriers
+from crux_planner.certificates.bound.centre_of_mass import FOLLOW, CentreOfMass
 from crux_planner.certificates.bound.grasps import Grasps
 from crux_planner.certificates.bound.places import Orientations
+from crux_planner.certificates.bound.swings import airborne
 from crux_planner.model.arrays import Array, Indices
 from crux_planner.model.mass import gripper_spans, offset_bounds, yawed_bounds
 from crux_planner.model.problem import Problem
@@ -25,7 +27,6 @@ from crux_planner.physics.limit_surface import polytope_directions
 from crux_planner.solvers.qp import Qp
 from crux_planner.solvers.sparse_blocks import skews
 
-FOLLOW = 0.098  # k: any number is true, this one leaves little open
 _BODY = 9  # r, roll, pitch, yaw, centre of mass off where r and the grasps have it
 _GRIP = 5  # s1, s2, m / k, n1, n2
 _MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
@@ -41,8 +42,9 @@ class Multipliers:
         yaw = max(-float(about.yaw_low[0]), float(about.yaw_high[-1]))
         spans = gripper_spans(problem)
         self.offset = offset_bounds(problem, spans, yaw)  # of the centre of mass from r, (3,) and (3,)
-        self.rest = offset_bounds(problem, spans, yaw, FOLLOW)  # e
-        self.hands = [yawed_bounds(low, high, yaw) for low, high in zip(*spans, strict=True)]
+        self.masses = CentreOfMass(problem, about)
+        self.rest = self.masses.anywhere[0]
+        self._off = [np.array(yawed_bounds(low, high, yaw)) for low, high in zip(*spans, strict=True)]
         self._places = np.stack([contact.centre_w_m for contact in problem.contacts])
         speed, rate, dt = problem.body.max_speed_m_s, problem.body.max_rate_rad_s, problem.dt_s
         self._push = problem.mass_kg * 2 * speed / dt  # largest M a along an axis
@@ -52,7 +54,14 @@ class Multipliers:
 
     def _take(self, nodes: Grasps) -> None:
         self.nodes = nodes
-        self._follow = 1.0 - FOLLOW * (4 - nodes.in_air)  # of c, the body's origin
+        self.hands, self.still = [], np.zeros((4, 3), dtype=bool)  # of a limb in the air, off r or where `still`, in W
+        for limb, (off, groups) in enumerate(zip(self._off, nodes.groups, strict=True)):
+            place = np.array(airborne(self.problem, np.concatenate(groups)))
+            self.still[limb] = place[1] - place[0] < off[1] - off[0]
+            self.hands.append(np.where(self.still[limb], place, off))
+        many = np.array([len(own) for own in nodes.groups])
+        known = np.where((nodes.options == many)[..., None], self.still, True).sum(axis=1)
+        self._follow = 1.0 - FOLLOW * known  # (n, 3) of c, the body's origin
         self._ends = np.append(nodes.first, len(nodes.node))
 
     def on(self, nodes: Grasps) -> Multipliers:
@@ -122,22 +131,26 @@ class Multipliers:
         force, moment = multipliers[..., :3], multipliers[..., 3:]
         weight = problem.weight_N
         slope = np.cross(weight, moment)  # of  pi_M . (c x M g)  in c
-        by_body = self._follow[self.nodes.node[pairs], None] * slope
+        by_body = self._follow[self.nodes.node[pairs]] * slope
+        rest = self.masses.rest(self.nodes, pairs)
         total = about.yaw_cost[cell] + force @ weight
-        total = total + np.minimum(slope * self.rest[0], slope * self.rest[1]).sum(axis=-1)
-        arm_low, arm_high = low.copy(), high.copy()
-        for axis in range(3):
-            options = []
-            shifts = about.shift_m if axis < 2 else np.zeros(1)
-            for t, shift in enumerate(shifts):
+        arm_low, arm_high, options = low.copy(), high.copy(), []
+        for t, shift in enumerate(about.shift_m):
+            least, most = slope * rest[:, t, 0], slope * rest[:, t, 1]
+            cost = about.tilt_cost[t].min() + np.minimum(least, most).sum(axis=-1)
+            for axis in range(2):
                 near, far = low[:, axis] - shift, high[:, axis] + shift
                 if box is not None:
                     near, far = np.maximum(near, box[0][axis]), np.minimum(far, box[1][axis])
-                cost = self._axis(axis, by_body[:, axis], near, far)
-                cost[near > far] = np.inf
-                options.append(cost + (about.tilt_cost[t, axis] if axis < 2 else 0.0))
-            total = total + np.minimum.reduce(options)
-            arm_low[:, axis], arm_high[:, axis] = near, far
+                cost = cost + np.where(near > far, np.inf, self._axis(axis, by_body[:, axis], near, far))
+                arm_low[:, axis], arm_high[:, axis] = near, far
+            options.append(cost)
+        total = total + np.minimum.reduce(options)
+        near, far = low[:, 2], high[:, 2]
+        if box is not None:
+            near, far = np.maximum(near, box[0][2]), np.minimum(far, box[1][2])
+        total = total + np.where(near > far, np.inf, self._axis(2, by_body[:, 2], near, far))
+        arm_low[:, 2], arm_high[:, 2] = near, far
         arm_low, arm_high = arm_low + self.offset[0], arm_high + self.offset[1]
         middle, half = (arm_low + arm_high) / 2, np.maximum(arm_high - arm_low, 0.0) / 2
         help_ = np.abs(force + np.cross(moment, middle)).sum(axis=1)
@@ -158,13 +171,14 @@ class KnotQp:
     """QPs of one problem."""
 
     def __init__(self, multipliers: Multipliers) -> None:
-        self.problem, self.carriers = multipliers.problem, multipliers.carriers
-        self.rest, self.hands = multipliers.rest, multipliers.hands
+        self.problem, self.carriers, self.about = multipliers.problem, multipliers.carriers, multipliers
+        self.rest = multipliers.rest
         directions, _ = polytope_directions(1.0)
         self._directions = directions / np.linalg.norm(directions, axis=1)[:, None]
 
-    def multipliers(self, held: dict[int, int], box: tuple[Array, Array]) -> Array:
-        """(6,) for contacts held by limbs, about the origin."""
+    def multipliers(self, held: dict[int, int], box: tuple[Array, Array], rest: Array | None = None) -> Array:
+        """(6,) for contacts held by limbs, about the origin; `rest` (2, 3) of the centre of mass, if it is known."""
+        still, hands = self.about.still, self.about.hands
         problem, carriers, many = self.problem, self.carriers, len(held)
         n = _BODY + _GRIP * many + 6
         weights, goal = problem.weights, problem.goal.body
@@ -175,14 +189,15 @@ class KnotQp:
         linear = np.zeros(n)
         linear[:6] = -2 * square[:6] * np.concatenate([goal.position_m, goal.rpy_rad])
         tilt = problem.body.max_tilt_rad
-        hanging = [self.hands[limb] for limb in range(4) if limb not in held]
-        rest = [self.rest[end] + sum(FOLLOW * hand[end] for hand in hanging) for end in (0, 1)]
+        hanging = [limb for limb in range(4) if limb not in held]
+        follow = 1.0 - FOLLOW * (many + still[hanging].sum(axis=0))
+        rest = (self.rest if rest is None else rest) + FOLLOW * sum(hands[limb] for limb in hanging)
         low = np.concatenate([box[0], [-tilt, -tilt, -1.0], rest[0], np.full(n - _BODY, -_FORCE_N)])
         high = np.concatenate([box[1], [tilt, tilt, 1.0], rest[1], np.full(n - _BODY, _FORCE_N)])
         equal = np.zeros((6, n))
         equal[:, -6:] = np.eye(6)
         turn, places = skews(problem.weight_N), [problem.contacts[c].centre_w_m for c in held.values()]
-        equal[3:, :3], equal[3:, 6:9] = (FOLLOW * many - 1.0) * turn, -turn
+        equal[3:, :3], equal[3:, 6:9] = -turn * follow, -turn
         right = np.concatenate([-problem.weight_N, FOLLOW * turn @ np.sum(places, axis=0)])
         rows, bounds = [], []
         for i, (limb, c) in enumerate(held.items()):

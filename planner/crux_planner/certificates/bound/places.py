@@ -9,6 +9,7 @@ costs what (6) asks for it.
 from dataclasses import dataclass
 
 import numpy as np
+from crux_contracts.robot import Limb
 
 from crux_planner.model.arrays import Array
 from crux_planner.model.problem import Problem
@@ -73,3 +74,24 @@ def body_boxes(problem: Problem, about: Orientations) -> tuple[Array, Array]:
     high = centres[None, :, None, :] - sides[:, None, :, 0]
     low[..., 2], high[..., 2] = problem.body.height_m
     return low, high
+
+
+def shoulders(problem: Problem, about: Orientations, limb: int) -> tuple[Array, Array]:
+    """A limb's shoulder off the body's origin along W's x and y: (Y, 2) in the middle of each cell of yaw, and (Y,) how
+    far off that it can be, for any tilt.
+    """
+    b, tilt = problem.limb_masses[limb].limb.shoulder_b_m, problem.body.max_tilt_rad
+    middle, half = (about.yaw_low + about.yaw_high) / 2, (about.yaw_high - about.yaw_low) / 2
+    c, s = np.cos(middle), np.sin(middle)
+    tilted = (1.0 - np.cos(tilt)) * np.abs(b[:2]).sum() + np.sin(tilt) ** 2 * abs(b[1]) + 2 * np.sin(tilt) * abs(b[2])
+    place = np.column_stack([c * b[0] - s * b[1], s * b[0] + c * b[1]])
+    return place, half * float(np.linalg.norm(b[:2])) + tilted
+
+
+def shoulder_to_wrist(limb: Limb) -> tuple[float, float]:
+    """Shortest and longest [m] up to the joint limits, and a little."""
+    low, high = limb.lower_rad[2], limb.upper_rad[2]
+    bends = max(abs(low), abs(high)), 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+    upper, lower = limb.upper_link_m, limb.lower_link_m
+    ends = [float(upper**2 + lower**2 + 2 * upper * lower * np.cos(min(bend, np.pi))) ** 0.5 for bend in bends]
+    return 0.999 * ends[0], 1.001 * ends[1]

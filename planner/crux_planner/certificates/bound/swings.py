@@ -46,6 +46,22 @@ def quickest_to(problem: Problem, groups: list[Indices]) -> Indices:
     return np.where(np.isfinite(least), least, 2.0).astype(int)
 
 
+def airborne(problem: Problem, contacts: Indices) -> tuple[Array, Array]:
+    """Bounds (3,), (3,) in W of a gripper in the air between contacts: on the line, or round what is too tall."""
+    own = [problem.contacts[c].centre_w_m for c in contacts]
+    low, high = np.min(own, axis=0), np.max(own, axis=0)
+    high[2] = max(high[2], problem.swing.max_height_m)
+    cuboids, limits, shape = problem.cuboids, problem.swing, problem.shape
+    tall = np.flatnonzero(cuboids.top_m + limits.clearance_m + HEIGHT_RESERVE_M > limits.max_height_m)
+    if len(tall):
+        wide = np.linalg.norm(cuboids.half_m[tall, :2], axis=1)[:, None]
+        wide = wide + 2**0.5 * (limits.clearance_m + shape.half_length(shape.largest_opening) + shape.pad_radius)
+        foot = cuboids.foot_w_m[tall, :2]
+        low[:2] = np.minimum(low[:2], (foot - wide).min(axis=0))
+        high[:2] = np.maximum(high[:2], (foot + wide).max(axis=0))
+    return low, high
+
+
 def ends(problem: Problem, limb: int, contacts: Indices) -> Indices:
     """Which of the contacts a limb may end on."""
     return np.flatnonzero([problem.may_end(limb, problem.contacts[c]) for c in contacts])
