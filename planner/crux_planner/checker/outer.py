@@ -99,8 +99,10 @@ class _Arm:
             first = depth[e.name] == 1  # not turned by the second joint
             moment = moment + (0.0 if first else e.mass_kg) * (at - second)
             fixed = fixed + e.mass_kg * (at[0] - self.origin_m if first else second - self.origin_m)
-        self.wrist_m = second - self.origin_m + np.einsum("aij,bj->abi", turns, bent).reshape(-1, 3)
-        self.moment = fixed + np.einsum("aij,bj->abi", turns, moment).reshape(-1, 3)
+        wrist_m = second - self.origin_m + np.einsum("aij,bj->abi", turns, bent).reshape(-1, 3)
+        upward = np.argsort(wrist_m[:, 2])
+        self.wrist_m = wrist_m[upward]
+        self.moment = fixed + np.einsum("aij,bj->abi", turns, moment).reshape(-1, 3)[upward]
         self.stretch_m = float(np.linalg.norm(self.wrist_m, axis=1).max())
         self.reached_m = np.linalg.norm(self.wrist_m[:, :2], axis=1) + np.abs(self.origin_m[:2]).sum()
         self.lower_m = float(np.linalg.norm(state.joint_origin_m[0, 3] - state.joint_origin_m[0, 2]))
@@ -115,16 +117,20 @@ class _Arm:
         """
         rounding = _FINE_RAD / 2 * (self.stretch_m + self.lower_m)
         up = self.wrist_m[:, 2] + self.origin_m[2]
-        slack = rounding + 2**0.5 * np.sin(tilt) * self.reached_m + np.sin(tilt) ** 2 * np.abs(up)
+        more = 2**0.5 * np.sin(tilt) * self.reached_m.max() + np.sin(tilt) ** 2 * np.abs(up[[0, -1]]).max() + rounding
+        near = slice(*np.searchsorted(up, [height_m[0] - more - 1e-9, height_m[1] + more + 1e-9]))
+        up = up[near]
+        slack = rounding + 2**0.5 * np.sin(tilt) * self.reached_m[near] + np.sin(tilt) ** 2 * np.abs(up)
         kept = (up + slack >= height_m[0]) & (up - slack <= height_m[1])
-        level = self._turned(self.wrist_m[kept], rounding) + self.origin_m
+        wrists = self.wrist_m[near][kept]
+        level = self._turned(wrists, rounding) + self.origin_m
         far, s, c = np.abs(level).max(axis=0), np.sin(tilt), np.cos(tilt)
         over = float(np.abs(height_m).max()) if over_m is None else over_m
         along = ((1.0 - c) * far[0] + s * over) / c
         across = ((1.0 - c) * far[1] + s * (s * (far[0] + along) + over)) / c
         wrist = level + np.outer([-1.0, 1.0], [along, across, 0.0])
         wrist[:, 2] = height_m
-        less = self.moment[kept] - follow_kg * self.wrist_m[kept]
+        less = self.moment[near][kept] - follow_kg * wrists
         moment = self._turned(less, (self.mass_kg + follow_kg) * rounding)
         moment = _tilted(moment + (self.mass_kg - follow_kg) * self.origin_m, tilt)
         side = float(np.hypot(self.hand[0], self.hand[1]))
