@@ -15,7 +15,7 @@ from crux_planner.pipeline.certificates import _Asked
 from crux_planner.solvers import clock
 from walls import scenario
 
-MANY = int(os.environ.get("CRUX_BACKWARD_WALLS", "1000"))  # of the sweep: a wall takes about two seconds of computing
+MANY = int(os.environ.get("CRUX_BACKWARD_WALLS", "1000"))  # of the sweep: a wall takes 0.6 s of computing
 PROGRAMS, EFFORT = 40, 0.1
 
 
@@ -47,9 +47,9 @@ def check(seeds: range, walls: int, *, certified: bool) -> tuple[int, list[float
 
 
 def test_walls_with_a_motion_are_neither_denied_nor_overrated() -> None:
-    walls, ratios = check(range(100_000), 25, certified=False)
-    assert walls == 25
-    assert len(ratios) > 5
+    walls, ratios = check(range(100_000), 100, certified=False)
+    assert walls == 100
+    assert len(ratios) > 30
 
 
 def test_the_checkers_search_denies_none_either() -> None:
