@@ -89,14 +89,13 @@ def _holds(random: np.random.Generator, poses: Array, swings: Flags, first: Indi
         turn, yaw = rotation_about_z(pose[5])[:2, :2], pose[5] + random.uniform(-0.5, 0.5, 4)
         ends.append(np.round(np.column_stack([pose[:2] + off @ turn.T, np.full(4, PAD_M), yaw]), 4))
     ends[1] = np.where(swings[:, None], ends[1], ends[0])
-    for limb in range(4):
-        last = first[limb] + AIR_KNOTS if swings[limb] else 0
-        for hand, knots in ((ends[0], [0, first[limb]]), (ends[1], [last, -1])):
-            back = rotation_about_z(-poses[knots, 5])[:, :2, :2]
-            off = np.einsum("kij,kj->ki", back, hand[limb, :2] - poses[knots, :2]) - SHOULDERS[limb]
-            far = np.linalg.norm(off, axis=1)
-            if far.max() > 0.335 or far.min() < 0.1:
-                return None
+    last = np.where(swings, first + AIR_KNOTS, 0)
+    bodies = poses[np.array([[0 * first, first], [last, 0 * first - 1]])]  # (2, 2, 4, 6): when limbs are on each
+    x, y = np.moveaxis(np.array(ends)[:, None, :, :2] - bodies[..., :2], -1, 0)
+    c, s = np.cos(bodies[..., 5]), np.sin(bodies[..., 5])
+    far = np.hypot(c * x + s * y - SHOULDERS[:, 0], c * y - s * x - SHOULDERS[:, 1])
+    if far.max() > 0.335 or far.min() < 0.1:
+        return None
     holds = np.concatenate([ends[0], ends[1][swings]])[:, :2]
     apart = np.linalg.norm(holds[:, None] - holds, axis=2) + np.eye(len(holds))
     return np.array(ends) if apart.min() >= SPACING_M else None
@@ -132,7 +131,7 @@ def _wrenches(
     inertia, rates = model.inertia(states, 0), _rates(poses)
     speed = np.append(np.diff(poses[:, :3], axis=0) / DT_S, np.zeros((1, 3)), axis=0)
     found = np.zeros(len(poses) - 1)
-    for k in range(len(found)):
+    for k in np.argsort(-air[:-1].sum(axis=1), kind="stable"):  # what may lack balance first
         force = model.mass_kg * ((speed[k + 1] - speed[k]) / DT_S - gravity)
         spin = inertia @ (rates[k + 1] - rates[k]) / DT_S + np.cross(rates[k], inertia @ rates[k])
         target = np.concatenate([force, turn[k] @ spin + np.cross(centre[k], force)])

@@ -7,6 +7,7 @@ its wrist is straight above it. Everything is wider by more than the check forgi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from crux_contracts.robot import Robot
@@ -43,7 +44,7 @@ class Outers:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, load_model(robot)
-        self.arms = [_Arm(limb) for limb in self.model.limbs]
+        self.arms = [_arm(limb) for limb in self.model.limbs]
 
     def within(self, tilt: float) -> Outer:
         """For tilts up to so much."""
@@ -53,8 +54,8 @@ class Outers:
         least, most = pads[0] + above - high - FORGIVEN_M, pads[1] + above - low + FORGIVEN_M
         middle, own = (pads[0] + pads[1]) / 2 + above, (pads[1] - pads[0]) / 2 + FORGIVEN_M
         follow_kg = FOLLOW * model.mass_kg
-        hold = [arm.spans(tilt, (least, most), follow_kg, own) for arm in self.arms]
-        swing = [arm.spans(tilt, (least, most + top - pads[1]), follow_kg) for arm in self.arms]
+        hold = [_spans(arm, tilt, (least, most), follow_kg, own) for arm in self.arms]
+        swing = [_spans(arm, tilt, (least, most + top - pads[1]), follow_kg, None) for arm in self.arms]
         body = model.body.mass_kg * model.body.com_m
         share = _tilted(np.array([body, body]), tilt) / model.mass_kg
         inertia = float(np.trace(model.body.inertia_kg_m2) + body @ body / model.body.mass_kg)
@@ -98,9 +99,12 @@ class _Arm:
             first = depth[e.name] == 1  # not turned by the second joint
             moment = moment + (0.0 if first else e.mass_kg) * (at - second)
             fixed = fixed + e.mass_kg * (at[0] - self.origin_m if first else second - self.origin_m)
-        self.wrist_m = second - self.origin_m + np.einsum("aij,bj->abi", turns, bent).reshape(-1, 3)
-        self.moment = fixed + np.einsum("aij,bj->abi", turns, moment).reshape(-1, 3)
+        wrist_m = second - self.origin_m + np.einsum("aij,bj->abi", turns, bent).reshape(-1, 3)
+        upward = np.argsort(wrist_m[:, 2])
+        self.wrist_m = wrist_m[upward]
+        self.moment = fixed + np.einsum("aij,bj->abi", turns, moment).reshape(-1, 3)[upward]
         self.stretch_m = float(np.linalg.norm(self.wrist_m, axis=1).max())
+        self.reached_m = np.linalg.norm(self.wrist_m[:, :2], axis=1) + np.abs(self.origin_m[:2]).sum()
         self.lower_m = float(np.linalg.norm(state.joint_origin_m[0, 3] - state.joint_origin_m[0, 2]))
         self.farthest_m = float(np.linalg.norm(self.origin_m)) + self.stretch_m + self.above_m
 
@@ -112,18 +116,21 @@ class _Arm:
         What a tilt does counts for `over_m` of the height only, where the rest of it is counted elsewhere.
         """
         rounding = _FINE_RAD / 2 * (self.stretch_m + self.lower_m)
-        reached = np.linalg.norm(self.wrist_m[:, :2], axis=1) + np.abs(self.origin_m[:2]).sum()
         up = self.wrist_m[:, 2] + self.origin_m[2]
-        slack = rounding + 2**0.5 * np.sin(tilt) * reached + np.sin(tilt) ** 2 * np.abs(up)
+        more = 2**0.5 * np.sin(tilt) * self.reached_m.max() + np.sin(tilt) ** 2 * np.abs(up[[0, -1]]).max() + rounding
+        near = slice(*np.searchsorted(up, [height_m[0] - more - 1e-9, height_m[1] + more + 1e-9]))
+        up = up[near]
+        slack = rounding + 2**0.5 * np.sin(tilt) * self.reached_m[near] + np.sin(tilt) ** 2 * np.abs(up)
         kept = (up + slack >= height_m[0]) & (up - slack <= height_m[1])
-        level = self._turned(self.wrist_m[kept], rounding) + self.origin_m
+        wrists = self.wrist_m[near][kept]
+        level = self._turned(wrists, rounding) + self.origin_m
         far, s, c = np.abs(level).max(axis=0), np.sin(tilt), np.cos(tilt)
         over = float(np.abs(height_m).max()) if over_m is None else over_m
         along = ((1.0 - c) * far[0] + s * over) / c
         across = ((1.0 - c) * far[1] + s * (s * (far[0] + along) + over)) / c
         wrist = level + np.outer([-1.0, 1.0], [along, across, 0.0])
         wrist[:, 2] = height_m
-        less = self.moment[kept] - follow_kg * self.wrist_m[kept]
+        less = self.moment[near][kept] - follow_kg * wrists
         moment = self._turned(less, (self.mass_kg + follow_kg) * rounding)
         moment = _tilted(moment + (self.mass_kg - follow_kg) * self.origin_m, tilt)
         side = float(np.hypot(self.hand[0], self.hand[1]))
@@ -131,13 +138,34 @@ class _Arm:
 
     def _turned(self, vectors: Array, rounding: float) -> Array:
         """Bounds (2, 3) of vectors (n, 3) turned by the first joint."""
-        size, way = np.hypot(vectors[:, 0], vectors[:, 1]), np.arctan2(vectors[:, 1], vectors[:, 0])
-        ends = []
+        size, ends = np.hypot(vectors[:, 0], vectors[:, 1]), []
         for axis in (0.0, np.pi / 2):
-            first, last = way + self.limb.lower_rad[0] - axis, way + self.limb.upper_rad[0] - axis
-            ends.append((-(size * _most_cos(first + np.pi, last + np.pi)).max(), (size * _most_cos(first, last)).max()))
+            ends.append((-self._along(axis - np.pi, vectors, size), self._along(axis, vectors, size)))
         ends.append((vectors[:, 2].min(), vectors[:, 2].max()))
         return np.asarray(np.array(ends).T + np.outer([-rounding, rounding], np.ones(3)))
+
+    def _along(self, axis: float, vectors: Array, size: Array) -> float:
+        """How far vectors of such sizes along x and y, turned by the first joint, come along an axis at an angle."""
+
+        def most(some: Array, sizes: Array) -> float:
+            way = np.arctan2(some[:, 1], some[:, 0]) - axis
+            return float((sizes * _most_cos(way + self.limb.lower_rad[0], way + self.limb.upper_rad[0])).max())
+
+        longest = slice(at := int(np.argmax(size)), at + 1)
+        may = size >= most(vectors[longest], size[longest])  # none comes farther than it is long
+        return most(vectors[may], size[may])
+
+
+@lru_cache(maxsize=4)
+def _arm(limb: Limb) -> _Arm:
+    return _Arm(limb)
+
+
+@lru_cache(maxsize=32)
+def _spans(
+    arm: _Arm, tilt: float, height_m: tuple[float, float], follow_kg: float, over_m: float | None
+) -> tuple[Array, Array]:
+    return arm.spans(tilt, height_m, follow_kg, over_m)
 
 
 def _turns(axis: Array, angles: Array) -> Array:

@@ -1,6 +1,7 @@
 """Composite inertia and centre of mass of the whole robot: from its description, or from poses of body and grippers."""
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -119,9 +120,15 @@ def offset_bounds(
 def moment_bounds(limb: LimbMasses, low: Array, high: Array, tilt_rad: float, follow_kg: float = 0.0) -> Array:
     """Bounds (2, 3) in the axes of the body's heading of a limb's first moment, less `follow_kg` times its gripper's
     place, for grippers within [low, high] as far as it reaches, and tilts up to `tilt_rad`.
-
-    The extremes over a grid, each wider by what lies between its points.
     """
+    return _moment_bounds(tuple(limb.numbers), tuple(low), tuple(high), tilt_rad, follow_kg).copy()
+
+
+@lru_cache(maxsize=64)
+def _moment_bounds(
+    numbers: tuple[float, ...], low: tuple[float, ...], high: tuple[float, ...], tilt_rad: float, follow_kg: float
+) -> Array:
+    """The extremes over a grid, each wider by what lies between its points."""
     edges = [np.linspace(*ends, _GRID) for ends in zip(low, high, strict=True)]
     tilts = np.linspace(-tilt_rad, tilt_rad, _TILTS)
     x, y, z, roll, pitch = np.meshgrid(*edges, tilts, tilts, indexing="ij", sparse=True)
@@ -133,7 +140,7 @@ def moment_bounds(limb: LimbMasses, low: Array, high: Array, tilt_rad: float, fo
 
     # the opening axis is that of a gripper at heading 0: what turns it moves the hand's mass alone
     with np.errstate(invalid="ignore"):
-        along, side, up = placed(limb.numbers, in_body((x, y, z)), in_body(_Z), in_body(_X)).first_moment()
+        along, side, up = placed(np.array(numbers), in_body((x, y, z)), in_body(_Z), in_body(_X)).first_moment()
     up, side = sr * side + cr * up, cr * side - sr * up
     level = cp * along + sp * up, side, cp * up - sp * along
     found = np.stack(np.broadcast_arrays(*level)) - follow_kg * np.stack(np.broadcast_arrays(x, y, z, roll, pitch)[:3])
@@ -141,7 +148,7 @@ def moment_bounds(limb: LimbMasses, low: Array, high: Array, tilt_rad: float, fo
     every = tuple(range(1, 6))
     most = [np.nanmax(np.abs(np.diff(found, order, axis=axis)), axis=every) for axis in every]
     rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
-    rest += limb.limb.hand_mass_kg * np.hypot(*limb.limb.hand_com_g_m[:2])
+    rest += numbers[-1] * np.hypot(*numbers[-4:-2])  # the hand's
     return np.array([np.nanmin(found, axis=every) - rest, np.nanmax(found, axis=every) + rest])
 
 
