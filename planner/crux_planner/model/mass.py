@@ -148,7 +148,7 @@ def _moment_bounds(
     every = tuple(range(1, 6))
     most = [np.nanmax(np.abs(np.diff(found, order, axis=axis)), axis=every) for axis in every]
     rest = np.sum(most, axis=0) / (8 if order == 2 else 2)
-    rest += numbers[-1] * np.hypot(*numbers[-4:-2])  # the hand's
+    rest += numbers[-1] * np.hypot(numbers[-4], numbers[-3])  # the hand's
     return np.array([np.nanmin(found, axis=every) - rest, np.nanmax(found, axis=every) + rest])
 
 

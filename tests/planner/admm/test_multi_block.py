@@ -49,7 +49,7 @@ class Limbs:
         return in_turn(copy, away, before, EDGES, 0, SCALES)
 
     def disputed(self, apart: Eta) -> Array:
-        return (np.abs(apart.forces).max(axis=(1, 2))[EDGES[:-1]] > 0.5)[:, None].astype(float)
+        return np.asarray(np.abs(apart.forces).max(axis=(1, 2))[EDGES[:-1], None] > 0.5, dtype=float)
 
 
 class Motion:
