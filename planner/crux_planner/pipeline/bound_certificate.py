@@ -12,7 +12,7 @@ import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.certificates.bound.excursion import body_range
+from crux_planner.certificates.bound.excursion import body_range, range_at
 from crux_planner.certificates.bound.grasps import by_faces, grasps
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
@@ -106,15 +106,6 @@ class _Asked:
         if len(held) < len(own):
             return None
         self._left -= 1
-        found = -self._qp.multipliers(held, self._range if knot is None else self._window(knot))
+        box = self._range if knot is None else range_at(self._problem, knot, self._range)
+        found = -self._qp.multipliers(held, box)
         return rounded(np.concatenate([self._to_w @ found[:3], self._to_w @ found[3:]]))
-
-    def _window(self, knot: int) -> tuple[Array, Array]:
-        """Of a knot, in the heading's frame."""
-        problem = self._problem
-        step = problem.body.max_speed_m_s * problem.dt_s
-        before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.tolerance_m
-        start, goal = problem.start.position_m, problem.goal.body.position_m
-        low = np.maximum(np.maximum(start - before, goal - after), self._range[0])
-        high = np.minimum(np.minimum(start + before, goal + after), self._range[1])
-        return low, np.maximum(low, high)

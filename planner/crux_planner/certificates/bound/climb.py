@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, yaw_range
+from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, range_at, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, grasps
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
@@ -220,7 +220,7 @@ class _Search:
             window[which] = np.maximum(window[which], value)
 
     def _value_at(self, knot: int, node: int, others: Indices) -> None:
-        box = self._window(knot)
+        box = range_at(self.problem, knot, self.box)
         proposed = self._proposed(node, box)
         window = self.windows.setdefault(knot, self.value.copy())
         window[others] = np.maximum(window[others], self._values(proposed, others, box))
@@ -230,16 +230,6 @@ class _Search:
         level = (int(nodes.first[node]) + int(np.append(nodes.first, len(nodes.node))[node + 1])) // 2
         rest = self.multipliers.masses.rest(nodes, np.array([level]))[0, 0]
         return self.qp.multipliers(nodes.held(node), box, rest)
-
-    def _window(self, knot: int) -> tuple[Array, Array]:
-        """Where the body can be at a knot: it rests in the first interval, and is never faster than (7) allows."""
-        problem = self.problem
-        step = problem.body.max_speed_m_s * problem.dt_s
-        before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.tolerance_m
-        start, goal = problem.start.position_m, problem.goal.body.position_m
-        low = np.maximum(np.maximum(start - before, goal - after), self.box[0])
-        high = np.minimum(np.minimum(start + before, goal + after), self.box[1])
-        return low, np.maximum(low, high)
 
 
 def _examples(problem: Problem, few: bool) -> list[dict[int, int]]:

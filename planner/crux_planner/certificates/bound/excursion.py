@@ -48,6 +48,16 @@ def body_range(problem: Problem, spare: float) -> tuple[Array, Array]:
     return low, high
 
 
+def range_at(problem: Problem, knot: int, box: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Where in `box` the body can be at a knot: it rests in the first interval, and is never faster than (7) allows."""
+    step = problem.body.max_speed_m_s * problem.dt_s
+    before, after = step * max(knot - 1, 0), step * (problem.steps - knot) + problem.goal.tolerance_m
+    start, goal = problem.start.position_m, problem.goal.body.position_m
+    low = np.maximum(np.maximum(start - before, goal - after), box[0])
+    high = np.minimum(np.minimum(start + before, goal + after), box[1])
+    return low, np.maximum(low, high)
+
+
 def yaw_range(problem: Problem, spare: float) -> tuple[float, float]:
     """The same for its yaw."""
     start, goal = float(problem.start.rpy_rad[2]), float(problem.goal.body.rpy_rad[2])
