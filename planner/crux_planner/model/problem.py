@@ -15,7 +15,7 @@ from crux_planner.model.contacts import Contact, GripperShape, SwingLimits
 from crux_planner.model.cuboids import Cuboids
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import LimbMasses
-from crux_planner.model.schedule import SpeedLimits, Stance
+from crux_planner.model.schedule import Contacts, SpeedLimits, Stance
 from crux_planner.model.workspace import LimbReach, Reach
 
 BODY_STATES = 12  # r, theta, dr/dt, omega (body frame)
@@ -143,6 +143,7 @@ class Problem(CentroidalProblem):
     reach_reserve_m: float = 0.003  # kept of the acceptance boxes for the NLP, whose body may tilt
     tilt_slack_m: float = 0.0  # that the search gives a body which tilts: as far off the place where (9a) has it level
     speed_limits: SpeedLimits = field(default_factory=dict)  # where the body must be slower than its bound
+    near: frozenset[Contacts] = frozenset()  # where limbs keep to their boxes
     nominal: Problem | None = None  # with the rows as they are without the scenario's uncertainty
     turns: bool = False  # headings are chosen by the search, for the boxes do not allow for all on the way
 
@@ -173,18 +174,23 @@ class Problem(CentroidalProblem):
         grows.
         """
         heavier, reach, off_m = 1.0 + known.mass_kg / self.mass_kg, self.limb_reach, known.hold_position_m
+        reach = replace(reach, box=reach.box.less(off_m), inner=reach.inner.less(off_m))
         swing, aside_m = self.swing, 2**0.5 * off_m
         clear_m = {name: getattr(swing, name) + aside_m for name in ("clearance_m", "body_clearance_m")}
         return replace(
             self,
             swing=replace(swing, **clear_m),
-            boxes=self.boxes.less(off_m),
-            limb_reach=replace(reach, box=reach.box.less(off_m), inner=reach.inner.less(off_m)),
+            boxes=reach.box,
+            limb_reach=reach,
             contacts=[replace(c, friction=(1.0 - known.friction) * c.friction) for c in self.contacts],
             torque_limits_Nm=self.torque_limits_Nm / heavier,
             last_torques_Nm=self.last_torques_Nm / heavier,
             nominal=self,
         )
+
+    def farther(self) -> Problem:
+        """The same with all of the limbs' inner reach, where limbs keep to their boxes."""
+        return replace(self, boxes=self.limb_reach.inner) if self.boxes is self.limb_reach.box else self
 
     def aimed(self) -> Problem:
         """The same with the body's last pose near the middle of the goal's tolerance."""

@@ -14,7 +14,7 @@ The inner sets are one for all body heights, pad heights and gripper yaws of the
 that of start and goal: there are no bins of these. Yaw is looked at in the middle and at both ends of its range, tilt
 at its corners, places every 10 mm; the margin to the joints' limits covers what is between. What that leaves out, of a
 limb of `scaler` in plan view: in 1824 cm2 a level body at 0.185 m can grip at yaw 0 and lift by 0.1 m; 1659 hold for
-all heights, a tilt of 3.4 degrees and yaws within 20 degrees, 1045 for all yaws; 716 are in the convex polytope, 450
+all heights, a tilt of 3.4 degrees and yaws within 20 degrees, 1045 for all yaws; 721 are in the convex polytope, 450
 in the box.
 """
 
@@ -38,7 +38,7 @@ from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_r
 
 GRID_M = 0.01
 JOINT_MARGIN_RAD = 0.05  # covers the grid between its points, IK of a tracked (not exact) pose, and encoder offsets
-STRETCHED_M = 0.008  # kept of the polytope's edges: near a stretched limb so little is all of a joint's margin
+STRETCHED_M = 0.004  # kept of the polytope's edges: near a stretched limb so little is all of a joint's margin
 _SMALLEST_HALF_M = 0.02  # a box smaller than this is no workspace
 _FINE_RAD = 0.005  # between joint angles that the outer set is computed from
 _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of boxes
@@ -197,12 +197,18 @@ def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach
     plan = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]
     corners = centre[:2] + half[:2] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     normals = np.vstack([plan, -plan])
-    most = _polygon(points, ok, normals, corners)
-    most = np.maximum(most - STRETCHED_M, (corners @ normals.T).max(axis=0))
-    corners = _vertices(normals, most)  # mirrored for the other limbs
+    while True:
+        most = _polygon(points, ok, normals, corners)
+        most = np.maximum(most - STRETCHED_M, (corners @ normals.T).max(axis=0))
+        vertices = _vertices(normals, most)  # mirrored for the other limbs
+        columns = np.column_stack([np.repeat(vertices, len(z), axis=0), np.tile(z, len(vertices))])
+        beyond = vertices[~reachable(limb, columns, wanted).reshape(-1, len(z)).all(axis=1)]
+        if len(beyond) == 0:  # they stick out between the grid's points
+            break
+        points, ok = np.vstack([points, beyond]), np.append(ok, np.zeros(len(beyond), dtype=bool))
     bounds = []
     for mirror in _mirror(limbs):
-        along = (corners * mirror[:2]) @ plan.T
+        along = (vertices * mirror[:2]) @ plan.T
         bounds.append((along.min(axis=0), along.max(axis=0)))
     lows, highs = (np.insert(np.array([b[i] for b in bounds]), 2, z[end], axis=1) for i, end in ((0, 0), (1, -1)))
     return Reach(_DIRECTIONS, (lows + highs) / 2, (highs - lows) / 2, wanted.max_tilt_rad)

@@ -66,12 +66,17 @@ def reach_bounds(problem: Problem, schedule: Schedule) -> tuple[Array, Array]:
     inside: limbs count as reaching that far until then.
     """
     middle, extent = problem.boxes.middle_m, problem.boxes.extent_m
-    low, high = (np.tile((middle + sign * extent).ravel(), (problem.steps, 1)) for sign in (-1, 1))
+    low, high = (np.tile(middle + sign * extent, (problem.steps, 1, 1)) for sign in (-1, 1))
+    near, box = [tuple(held) in problem.near for held in schedule.contacts[1:]], problem.limb_reach.box
+    low[near, :, :3] = np.maximum(low[near, :, :3], box.middle_m - box.extent_m)
+    high[near, :, :3] = np.minimum(high[near, :, :3], box.middle_m + box.extent_m)
+    low, high = low.reshape(problem.steps, -1), high.reshape(problem.steps, -1)
     away = schedule.poses[0, :, :3] - problem.start.position_m
     begin = (away @ rotation_from_rpy(problem.start.rpy_rad) @ problem.boxes.directions.T).ravel()
     moved = (schedule.poses[:, :, :3] != schedule.poses[0, :, :3]).any(axis=(1, 2))
     lift_off = int(np.argmax(moved)) - 1 if moved.any() else problem.steps
-    low[: lift_off - 1], high[: lift_off - 1] = np.minimum(low[0], begin), np.maximum(high[0], begin)
+    begun = slice(lift_off - 1)
+    low[begun], high[begun] = np.minimum(low[begun], begin), np.maximum(high[begun], begin)
     return low, high
 
 

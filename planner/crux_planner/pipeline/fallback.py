@@ -44,7 +44,7 @@ LOOKS, LOOKS_PER_S = 24_000, 400.0  # at moves by searches that choose headings,
 
 def farther(climb: Climb) -> Climb:
     """The same with all of the limbs' inner reach."""
-    problem = replace(climb.problem, boxes=climb.problem.limb_reach.inner)
+    problem = climb.problem.farther()
     return replace(climb, problem=problem, reachable=ReachableSet(problem))
 
 

@@ -67,6 +67,19 @@ def slowed(
     return cut
 
 
+def nearer(problem: Problem, report: CheckReport, contacts: list[list[int | None]]) -> Problem | None:
+    """The climb with limbs in their boxes on the supports on which the check refuses what they do beyond; None where
+    they are, or where the headings that were chosen leave no boxes.
+    """
+    times = [violation.time_s for violation in report.violations]
+    at = [time_s / problem.dt_s for time_s in times if time_s is not None]
+    knots = {int(end) for k in at for end in (k + 1e-9, np.ceil(k - 1e-9))}
+    near = problem.near | {tuple(contacts[k]) for k in knots}
+    if problem.turns or problem.boxes is problem.limb_reach.box or None in times or near == problem.near:
+        return None
+    return replace(problem, near=near)
+
+
 def eased(problem: Problem, report: CheckReport) -> Problem | None:
     """The climb with less of the joints that are asked for too much between the knots, as the controller shares the
     load or where it is uncertain, and with more in reserve of the limit surface for that; None where that is not all

@@ -49,7 +49,7 @@ class Planner:
         self.scenario, self.robot = scenario, robot
         self.problem = build_problem(scenario, robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
-        self.functions = StageFunctions(self.problem).started_elsewhere(self.problem)
+        self.functions = StageFunctions(self.problem.farther()).started_elsewhere(self.problem.farther())
         self._refused: InfeasibleError | None = None
         self._seen = SearchReport()
 
@@ -179,7 +179,7 @@ class Planner:
     def _finish(self, climb: Climb, schedule: Schedule, start: Start) -> PlanResult | None:
         scenario = rewritten(climb.scenario, steps=climb.problem.steps)
         problem = self._as_numbered_in(scenario, climb.problem)
-        functions = self.functions.started_elsewhere(problem)
+        functions = self.functions.started_elsewhere(problem.farther())
         found = finish(replace(climb, scenario=scenario, problem=problem), schedule, start, functions)
         if isinstance(found, PlanResult):
             return found

@@ -15,7 +15,7 @@ from crux_planner.physics.cost import plan_cost
 from crux_planner.physics.speed_limits import foreseen
 from crux_planner.pipeline.attempt import attempts, without_waits
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.refusals import CUTS, TooFast, eased, slowed
+from crux_planner.pipeline.refusals import CUTS, TooFast, eased, nearer, slowed
 from crux_planner.pipeline.restart import rewritten
 from crux_planner.pipeline.session import RefusedWay, Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
@@ -29,6 +29,7 @@ from crux_planner.trajectory.solution import Solution, Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import without_waiting
 
+FAR_CUTS = 1  # times that a plan which uses all of the reach is mended before limbs keep to their boxes instead
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
 
 
@@ -158,24 +159,36 @@ def path_to_goal(
 def finish(
     climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None = None
 ) -> PlanResult | InfeasibleError:
-    """The exact NLP and the check for a schedule, whatever method found it."""
+    """The exact NLP and the check for a schedule, whatever method found it: first with all of the limbs' inner reach,
+    where the body leans farther than their boxes allow. `functions` are those of the problem with that reach.
+    """
     problem, moving, begun = without_waiting(climb.problem, schedule, start)
     shorter = replace(climb, problem=problem) if problem.steps < climb.problem.steps else None
+    first = shorter if shorter is not None and climb.scenario.planner.idle != "keep" else climb
 
-    def finish_as_it_is(climb: Climb, wait: bool) -> PlanResult | InfeasibleError:
-        return _finish_as_it_is(climb, schedule if wait else moving, start if wait else begun, functions)
+    def finish_as_it_is(session: Climb, wait: bool) -> PlanResult | InfeasibleError:
+        given = (schedule, start) if wait else (moving, begun)
+        far = session.problem.farther()
+        if far is session.problem:
+            return _finish_as_it_is(session, *given, functions, CUTS)
+        if session is first:
+            silent = replace(session, problem=far, work=replace(session.work, log=lambda _line: None))
+            found = _finish_as_it_is(silent, *given, functions, FAR_CUTS)
+            if isinstance(found, PlanResult):
+                return found
+        return _finish_as_it_is(session, *given, None, CUTS)
 
     return without_waits(climb, shorter, finish_as_it_is)
 
 
 def _finish_as_it_is(
-    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None
+    climb: Climb, schedule: Schedule, start: Start, functions: StageFunctions | None, cuts: int
 ) -> PlanResult | InfeasibleError:
     problem, work = climb.problem, climb.work
     if work.bound is not None:
         work.bound.start_with(problem.steps, plan_cost(problem, schedule, start.body, start.wrenches))
     functions, refused = functions or StageFunctions(problem), None
-    for _ in range(1 + CUTS):
+    for _ in range(1 + cuts):
         with work.part("nlp", 0.5):
             solution = solve_within_torques(problem, schedule, start, climb.deadline, functions)
         if not solution.solved:
@@ -186,11 +199,14 @@ def _finish_as_it_is(
         with work.part("check", 0.8):
             report = check_plan(message, climb.robot)
         problem = replace(problem, torque_limits_Nm=solution.torque_limits_Nm)
-        easier = None if report.ok else eased(problem, report)
+        if report.ok:
+            break
+        near = nearer(problem, report, schedule.contacts)
+        easier = eased(near or problem, report) or near
         if easier is None:
             break
         refused = refused or _refused(report)
-        work.log(f"{refused}; once more with less of those joints")
+        work.log(f"{refused}; once more with less of those joints or of their reach")
         problem, start = easier, Start(solution.body, solution.wrenches, near=True)
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
@@ -206,6 +222,8 @@ def _finish_as_it_is(
 
 def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: Solution) -> float | None:
     """J of the same contacts where nothing is uncertain."""
+    if climb.problem.boxes is climb.problem.limb_reach.inner:
+        nominal = nominal.farther()
     problem = replace(nominal, steps=climb.problem.steps, goal=climb.problem.goal)
     with climb.work.part("price", 0.9):
         start = Start(solution.body, solution.wrenches, near=True)

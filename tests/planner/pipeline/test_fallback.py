@@ -91,7 +91,7 @@ def test_what_only_rounding_keeps_from_the_tolerance_is_a_solution(robot: Robot)
     said: list[str] = []
     result = crux_planner.plan(parse_scenario(random_field(414)), robot, log=said.append)
     assert result.gait == ["RR", "RF", "LR"]
-    assert not said
+    assert not any("no solution" in line for line in said)
 
 
 def test_grippers_in_each_others_way_start_off_the_middle_of_their_holds(robot: Robot) -> None:
