@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from crux_planner.model.workspace import (
 from hypothesis import given
 from hypothesis import strategies as st
 from limb_forward import forward
+from scipy.spatial import HalfspaceIntersection
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +111,21 @@ def test_the_checkers_kinematics_reaches_every_place_of_the_inner_set(robot: Rob
         assert found.position_error_m.max() < 1e-5
         assert (found.q_rad >= limb.lower_rad).all()
         assert (found.q_rad <= limb.upper_rad).all()
+
+
+def test_the_checkers_kinematics_reaches_the_corners_of_the_inner_set(robot: Robot, reach: LimbReach) -> None:
+    inner, tilt = reach.inner, reach.inner.max_tilt_rad
+    low, high = robot.grasp.gripper_yaw_rad
+    for i, limb in enumerate(load_model(robot).limbs):
+        most, least = inner.middle_m[i] + inner.extent_m[i], inner.middle_m[i] - inner.extent_m[i]
+        sides = np.vstack([np.column_stack([inner.directions, -most]), np.column_stack([-inner.directions, least])])
+        corners = HalfspaceIntersection(sides, inner.centre_b_m[i]).intersections
+        for roll, pitch, yaw in itertools.product((-tilt, tilt), (-tilt, tilt), (low, 0.0, high)):
+            turn = rotation_from_rpy(np.array([roll, pitch, 0.0])).T @ rotation_z(yaw)
+            (found,) = solve([limb], [corners], [np.broadcast_to(turn, (len(corners), 3, 3))])
+            assert found.position_error_m.max() < 1e-5
+            assert (found.q_rad >= limb.lower_rad).all()
+            assert (found.q_rad <= limb.upper_rad).all()
 
 
 def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,14 @@ from crux_contracts.scenario import ScenarioError, load_scenario
 from crux_planner.checker import CheckReport, JointLoad, Violation
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
+from crux_planner.model.problem import Problem
+from crux_planner.model.schedule import Schedule
 from crux_planner.model.walk_problem import build_walk
+from crux_planner.physics.bounds import reach_bounds
 from crux_planner.pipeline import climb
 from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.refusals import eased
+from crux_planner.pipeline.refusals import eased, nearer
 from crux_planner.solvers import clock
 from walls import scenario, two_rows
 
@@ -119,6 +123,38 @@ def test_only_the_joints_that_lack_torque_are_eased_and_none_that_has_nothing_to
         assert (limits == before).sum() == limits.size - 1
     assert eased(problem, lacking(4.0)) is None
     assert eased(problem, lacking(0.4, "clearance_link")) is None
+
+
+def test_limbs_keep_to_their_boxes_on_the_supports_that_the_check_names(robot: Robot) -> None:
+    problem = build_problem(scenario(two_rows()), robot)
+    contacts: list[list[int | None]] = [[0, 1, 2, 3], [None, 1, 2, 3], [4, 1, 2, 3]]
+    said = Violation("joint_position", "RF", None, 1.5 * problem.dt_s, 0.1, "rad", "RF_joint3")
+    report = CheckReport(violations=[said])
+    assert nearer(problem, report, contacts) is None  # they do anyway
+    far = problem.farther()
+    mended = nearer(far, report, contacts)
+    assert mended is not None
+    assert mended.near == {tuple(contacts[1]), tuple(contacts[2])}
+    assert nearer(mended, report, contacts) is None
+    poses = np.zeros((3, 4, 5))
+    poses[:, :, :3] = problem.start.position_m + problem.boxes.centre_b_m
+    schedule = Schedule([], contacts, poses)
+    bounds = [reach_bounds(replace(each, steps=2), schedule) for each in (far, mended)]
+    size = [(high - low).reshape(2, 4, -1)[:, :, :2] for low, high in bounds]
+    assert (size[1] < size[0] - 0.01).any(axis=2).all()
+    np.testing.assert_allclose(size[1][1], 2 * np.tile(problem.boxes.half_m[:2], (4, 1)))
+
+
+def test_the_body_leans_farther_than_boxes_let_it_where_that_is_cheaper(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall = load_scenario(SCENES / "climb-obstacles.yaml")
+    leaning = plan(wall, robot)
+    monkeypatch.setattr(Problem, "farther", lambda problem: problem)
+    kept = plan(wall, robot)
+    assert leaning.check.ok
+    assert leaning.steps == kept.steps
+    assert leaning.cost < 0.97 * kept.cost
 
 
 def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
