@@ -45,6 +45,7 @@ _ANGLES_DEG = (30.0, 60.0, 120.0, 150.0)  # of polytopes' edges beyond those of 
 _DIRECTIONS = np.vstack([np.eye(3), *[[[np.cos(a), np.sin(a), 0.0]] for a in np.radians(_ANGLES_DEG)]])
 _KINDS = ("box", "inner", "outer")  # in the file that keeps them, with
 _PARTS = ("directions", "middle_m", "extent_m", "max_tilt_rad", "above_m")
+_CORNER_ROUNDS = 100  # at most, of cutting corners off the inner polytope that are out of reach
 LEVEL_RAD = 0.06  # how far a body tilts on its way between poses that are level
 _TILT_STEP_RAD = 0.02  # between the tilts that sets are computed for
 
@@ -197,13 +198,14 @@ def _inner(limbs: Sequence[Limb], wanted: WorkspaceRange, boxes: Reach) -> Reach
     plan = _DIRECTIONS[[0, 1, *range(3, len(_DIRECTIONS))], :2]
     corners = centre[:2] + half[:2] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     normals = np.vstack([plan, -plan])
-    while True:
-        most = _polygon(points, ok, normals, corners)
+    most = np.zeros(0)
+    for _ in range(_CORNER_ROUNDS):
+        before, most = most, _polygon(points, ok, normals, corners)
         most = np.maximum(most - STRETCHED_M, (corners @ normals.T).max(axis=0))
         vertices = _vertices(normals, most)  # mirrored for the other limbs
         columns = np.column_stack([np.repeat(vertices, len(z), axis=0), np.tile(z, len(vertices))])
         beyond = vertices[~reachable(limb, columns, wanted).reshape(-1, len(z)).all(axis=1)]
-        if len(beyond) == 0:  # they stick out between the grid's points
+        if len(beyond) == 0 or np.array_equal(most, before):  # none, or only where the box has them
             break
         points, ok = np.vstack([points, beyond]), np.append(ok, np.zeros(len(beyond), dtype=bool))
     bounds = []
