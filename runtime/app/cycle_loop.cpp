@@ -20,9 +20,9 @@ using crux_msgs::robot_state_t;
 using std::chrono::nanoseconds;
 
 constexpr auto kWakeUpPeriod = 50ms;
-constexpr auto kServePeriod = 5ms;  // requests of operators while the nodes are silent
+constexpr auto kServePeriod = 5ms;  // while nodes are silent: requests of operators, and whether a stop is asked for
 constexpr auto kSilenceReport = 5s;
-constexpr auto kStopPatience = 100ms;  // pace bus: for answers after a stop has been asked for
+constexpr auto kStopPatience = 1s;  // pace bus: for answers after a stop has been asked for
 constexpr auto kFullLogPause = 100us;
 constexpr double kHeartbeatRate_Hz = 10.0;
 constexpr double kIdentifyRate_Hz = 100.0;  // a bus, while it has nodes that have not said who they are
@@ -347,7 +347,7 @@ bool CycleLoop::collect_answers() noexcept {
       end = std::min(end, now + kStopPatience);
     }
     if (answered || now >= end) break;
-    wait_readable(buses_, std::min<nanoseconds>(end - now, kStopPatience / 4));
+    wait_readable(buses_, std::min<nanoseconds>(end - now, kServePeriod));
   }
   wait_ns_ = nanoseconds(Clock::now() - begin).count();
   return answered;

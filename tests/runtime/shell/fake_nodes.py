@@ -43,6 +43,8 @@ class FakeNodes:
         """`deaf`: (limb, node) of a node that answers nothing from cycle 1 on; `mute`: they started long ago, and say
         who they are when they are asked only; `hash_` of a foreign robot description."""
         self.mute = mute
+        self.late_s = 0.0
+        """how long they think about every answer, as on a busy machine"""
         self.hash = int(load_robot("scaler").hash[:8], 16) if hash_ is None else hash_
         self.limb_of = list(range(LIMBS))
         self.last_cycle = last_cycle
@@ -140,5 +142,6 @@ class FakeNodes:
             if cycle > self.last_cycle:
                 self.done.set()
                 continue
+            time.sleep(self.late_s)
             self._answer(limb, cycle)
             self.answered = max(self.answered, cycle)

@@ -247,10 +247,11 @@ def test_a_silent_node_costs_the_guard_time_and_is_counted(start: Starter) -> No
         assert [i for i, fresh in enumerate(given.joint_fresh) if not fresh] == [6 * 2 + 2]
 
 
-def test_sigterm_ends_with_a_hold_and_a_whole_log(start: Starter) -> None:
+def test_sigterm_ends_with_a_hold_and_a_whole_log_of_late_nodes_too(start: Starter) -> None:
     runtime = start()
     with FakeNodes(runtime.ports.bus_urls(), 10_000) as nodes:
         nodes.await_cycle(20)
+        nodes.late_s = 0.25
         runtime.process.send_signal(signal.SIGTERM)
         status, stderr = runtime.end()
     assert (status, stderr) == (0, "")

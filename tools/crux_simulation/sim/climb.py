@@ -39,7 +39,7 @@ from crux_simulation.sim.ports import run_ports
 from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
 from crux_simulation.sim.recorder import Truth, recorded
 from crux_simulation.sim.runtime_here import RuntimeHere
-from crux_simulation.sim.runtime_process import GUARD_TIME_S, STOP_TIMEOUT_S, RuntimeProcess, runtime_arguments
+from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
 from crux_simulation.sim.truth_log import log_truth
 from crux_simulation.sim.world_file import World
 from crux_simulation.sim.world_model import change_robot, loosen_holds, plant_world, true_wall
@@ -48,8 +48,8 @@ PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the ru
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
 EXTRA_TIME_SHARE = 1.0  # of the plan's duration
 INTERFACES = [f"can{bus}" for bus in range(4)]
+RETURN_CYCLES = 20  # nodes may need so many after a fault until they answer again
 WATCHED_S = 10.0  # what becomes of a robot that stops in a world that is not the plan
-FAULT_GUARD_S = 0.02  # lockstep with faults: nodes that cannot answer are waited for in every cycle
 
 
 @dataclass(frozen=True)
@@ -293,8 +293,8 @@ def _power_on(
         return runtime, link, nodes
     ports = stack.enter_context(run_ports())
     buses = ports.bus_urls() if options.bus == "udp" else [f"socketcan:{interface}" for interface in INTERFACES]
-    breaks_buses = any(fault.kind not in OF_THE_RUNTIME for fault in options.faults)
-    guard_s = FAULT_GUARD_S if breaks_buses else GUARD_TIME_S
+    on_buses = [fault for fault in options.faults if fault.kind not in OF_THE_RUNTIME]
+    guard_s = guard_time_s(sum(fault.for_s / robot.can.dt_s + RETURN_CYCLES for fault in on_buses))
     runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
     link = stack.enter_context(OperatorLink(ports.lcm_url))
     _start(runtime, link, plan)  # before there are nodes: they would make it begin

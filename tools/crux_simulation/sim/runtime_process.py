@@ -22,8 +22,15 @@ LOG_STATUS = 1  # of the runtime: the log could not be written
 LOG_TROUBLE = re.compile(r"log .*: cannot be \w+: (.*?)( \(os error \d+\))?(;|$)", re.MULTILINE)
 START_TRIES, START_TRY_S = 400, 0.05
 GUARD_TIME_S = 10.0  # lockstep: a busy machine must not make the runtime go on without its nodes
+LEAST_GUARD_TIME_S = 0.02  # in each of the cycles in which nodes cannot answer; all of them together: GUARD_TIME_S
 STOP_TIMEOUT_S = 20.0
 STDERR_SHOWN = 400  # characters of a dead runtime's last words
+
+
+def guard_time_s(mute_cycles: float) -> float:
+    """How long the runtime is to wait for its nodes in lockstep, in s of wall time, where faults keep some of them from
+    answering for so many cycles: as long as a run can afford, for nodes may just be late."""
+    return max(LEAST_GUARD_TIME_S, GUARD_TIME_S / max(1.0, mute_cycles))
 
 
 def runtime_arguments(
