@@ -195,6 +195,15 @@ class CentreOfMass:
             nodes.known[new] = True
         return nodes.rest[pairs]
 
+    def within(self, nodes: Grasps, pairs: Indices, box: tuple[Array, Array]) -> Array:
+        """(len(pairs), T, 2, 3) of pairs with the body within a box, too."""
+        shift = self._about.shift_m[-1] * np.array([1.0, 1.0, 0.0])
+        low, high = np.maximum(nodes.low[pairs], box[0] - shift), np.minimum(nodes.high[pairs], box[1] + shift)
+        near = replace(nodes, low=low, high=np.maximum(low, high), node=nodes.node[pairs], cell=nodes.cell[pairs])
+        found = self.of(near, np.arange(len(pairs))) + np.array([[-_ROUNDING_M], [_ROUNDING_M]])
+        known = (found[:, :, 0] <= found[:, :, 1]).all(axis=2)[..., None, None]
+        return np.asarray(np.where(known, found, self.anywhere))
+
     def of(self, nodes: Grasps, pairs: Indices) -> Array:
         """(len(pairs), T, 2, 3); least above most where no limb reaches so."""
         about = self._about

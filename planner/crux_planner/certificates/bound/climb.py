@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, range_at, yaw_range
-from crux_planner.certificates.bound.grasps import Grasps, Groups, by_faces, grasps
+from crux_planner.certificates.bound.grasps import Grasps, by_faces, grasps
 from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
@@ -63,8 +63,7 @@ def lower_bound(
     problem = replace(problem, boxes=problem.limb_reach.outer, friction_share=1.0)
     bound = floor(problem) + quickest_way(problem)
     report(min(bound, cost))
-    begun = (_Search.begin(problem, cost, by_faces(problem, pairs), limits) for pairs in (2, 1))
-    search = next((each for each in begun if each is not None), None)
+    search = _Search.begin(problem, cost, limits)
     if search is not None:
         bound = max(bound, search.run(lambda better: report(min(max(better, bound), cost))))
     return float(min(bound, cost))
@@ -105,14 +104,17 @@ class _Search:
     _tables: dict[int, Array] = field(default_factory=dict)
 
     @staticmethod
-    def begin(problem: Problem, cost: float, groups: Groups, limits: _Limits) -> _Search | None:
-        """The nodes that may lie on ways that cost less than `cost`; None where there are too many."""
+    def begin(problem: Problem, cost: float, limits: _Limits) -> _Search | None:
+        """The nodes that may lie on ways that cost less than `cost`: by faces, else by holds; None where those are too
+        many.
+        """
         spare = cost - floor(problem)
         box = body_range(problem, spare)
         about = orientations(problem, *yaw_range(problem, spare))
-        nodes = grasps(problem, about, *box, groups, LARGEST)
-        if nodes is None:
+        of_holds = grasps(problem, about, *box, by_faces(problem, 1), LARGEST)
+        if of_holds is None:  # by faces there are more
             return None
+        nodes = grasps(problem, about, *box, by_faces(problem), LARGEST) or of_holds
         multipliers = Multipliers(problem, about, nodes)
         qp = KnotQp(multipliers)
         everything = np.arange(len(nodes.options))
@@ -185,10 +187,12 @@ class _Search:
         for k in outer:
             others = np.flatnonzero(on_way[k])[:many]
             new = [int(node) for node in others if (k, int(node)) not in self.known_at]
+            box = range_at(self.problem, k, self.box)
+            rest = self.multipliers.rest_within(others, box) if new else None
             for node in new[:_ROUND]:
                 self.known_at.add((k, node))
                 found = True
-                self._value_at(k, node, others)
+                self._value_at(k, node, others, box, rest)
                 if self.limits.reached:
                     return True
         inner = [k for k in range(len(through)) if k not in outer]
@@ -209,26 +213,31 @@ class _Search:
         self._raise(others, self._values(self.similarity.taken_to(proposed[near], wanted[near], others), others))
         return True
 
-    def _values(self, multipliers: Array, which: Indices, box: tuple[Array, Array] | None = None) -> Array:
+    def _values(
+        self,
+        multipliers: Array,
+        which: Indices,
+        box: tuple[Array, Array] | None = None,
+        rest: Array | None = None,
+    ) -> Array:
         pairs = np.append(self.nodes.first, len(self.nodes.node))
         self.limits.spend(_QP_S + _PAIR_S * float((pairs[which + 1] - pairs[which]).sum()))
-        return self.multipliers.values(multipliers, which, box)
+        return self.multipliers.values(multipliers, which, box, rest)
 
     def _raise(self, which: Indices, value: Array) -> None:
         self.value[which] = np.maximum(self.value[which], value)
         for window in self.windows.values():
             window[which] = np.maximum(window[which], value)
 
-    def _value_at(self, knot: int, node: int, others: Indices) -> None:
-        box = range_at(self.problem, knot, self.box)
+    def _value_at(self, knot: int, node: int, others: Indices, box: tuple[Array, Array], rest: Array | None) -> None:
         proposed = self._proposed(node, box)
         window = self.windows.setdefault(knot, self.value.copy())
-        window[others] = np.maximum(window[others], self._values(proposed, others, box))
+        window[others] = np.maximum(window[others], self._values(proposed, others, box, rest))
 
     def _proposed(self, node: int, box: tuple[Array, Array]) -> Array:
         nodes = self.nodes
         level = (int(nodes.first[node]) + int(np.append(nodes.first, len(nodes.node))[node + 1])) // 2
-        rest = self.multipliers.masses.rest(nodes, np.array([level]))[0, 0]
+        rest = self.multipliers.masses.within(nodes, np.array([level]), box)[0, 0]
         return self.qp.multipliers(nodes.held(node), box, rest)
 
 

@@ -70,22 +70,37 @@ class Multipliers:
         other._take(nodes)
         return other
 
-    def values(self, multipliers: Array, which: Indices, box: tuple[Array, Array] | None = None) -> Array:
+    def values(
+        self,
+        multipliers: Array,
+        which: Indices,
+        box: tuple[Array, Array] | None = None,
+        rest: Array | None = None,
+    ) -> Array:
         """Lower bounds (len(which),) of a knot's cost on nodes, the body within `box` too; inf if it cannot.
 
-        Multipliers (6,) are for all of them, (len(which), 6) for one each.
+        Multipliers (6,) are for all of them, (len(which), 6) for one each; `rest` of `rest_within`, where it is known.
         """
         nodes = self.nodes
-        counts = self._ends[which + 1] - self._ends[which]
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        pairs = np.repeat(self._ends[which] - first, counts) + np.arange(counts.sum())
+        pairs, first, counts = self._pairs(which)
         low, high = nodes.low[pairs], nodes.high[pairs]
         if multipliers.ndim == 2:
             multipliers_of_pairs, held = np.repeat(multipliers, counts, axis=0), self._held_each(multipliers, which)
         else:
             multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
-        body = self._body(multipliers_of_pairs, low, high, pairs, box)
+        rest = self.masses.rest(nodes, pairs) if rest is None else rest
+        body = self._body(multipliers_of_pairs, low, high, pairs, box, rest)
         return np.asarray(held + np.minimum.reduceat(body, first))
+
+    def rest_within(self, which: Indices, box: tuple[Array, Array]) -> Array:
+        """Bounds (P, T, 2, 3) of the centre of mass for the pairs of nodes, with the body within a box, too."""
+        return self.masses.within(self.nodes, self._pairs(which)[0], box)
+
+    def _pairs(self, which: Indices) -> tuple[Indices, Indices, Indices]:
+        """Those of nodes, the first of each node among them, and how many each has."""
+        counts = self._ends[which + 1] - self._ends[which]
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        return np.repeat(self._ends[which] - first, counts) + np.arange(counts.sum()), first, counts
 
     def places(self, which: Indices) -> Array:
         """Least (len(which),) of Q for the body at a knot, whatever holds it."""
@@ -124,7 +139,7 @@ class Multipliers:
         return np.asarray(FOLLOW * np.minimum(slope * low, slope * high).sum(axis=-1))
 
     def _body(
-        self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None
+        self, multipliers: Array, low: Array, high: Array, pairs: Indices, box: tuple[Array, Array] | None, rest: Array
     ) -> Array:
         """Least of the body's part for boxes (P, 3) of pairs (P,), multipliers (6,) or (P, 6), and accelerations."""
         problem, about, cell = self.problem, self.about, self.nodes.cell[pairs]
@@ -132,7 +147,6 @@ class Multipliers:
         weight = problem.weight_N
         slope = np.cross(weight, moment)  # of  pi_M . (c x M g)  in c
         by_body = self._follow[self.nodes.node[pairs]] * slope
-        rest = self.masses.rest(self.nodes, pairs)
         total = about.yaw_cost[cell] + force @ weight
         arm_low, arm_high, options = low.copy(), high.copy(), []
         for t, shift in enumerate(about.shift_m):
