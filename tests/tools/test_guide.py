@@ -66,7 +66,7 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
 
 
 def test_fingers_that_close_when_another_hold_breaks_are_waited_for(plan: plan_t, tmp_path: Path) -> None:
-    result, channels = guided(plan, tmp_path / "log.mcap", "{left-rear-low: {breaks_at_s: 27.9}}")
+    result, channels = guided(plan, tmp_path / "log.mcap", "{left-rear-low: {breaks_at_s: 25.0}}")
     state = channels.tables["/robot_state"]
     broke = state["time_s"][np.argmax((state["supervisor_state"] == HOLDING) & (state["time_s"] > BREAKS_S))]
     phases = channels.tables["/limb_reference"]["phase"].reshape(-1, 4)

@@ -12,18 +12,26 @@ from crux_planner.solvers import clock
 
 State = TypeVar("State")
 Planned = TypeVar("Planned", bound=Session)
+Way = TypeVar("Way")
 
 
 def without_waits(
-    session: Planned, shorter: Planned | None, finish: Callable[[Planned, bool], PlanResult | InfeasibleError]
+    session: Planned,
+    way: Way,
+    shorter: Sequence[tuple[Planned, Way]],
+    finish: Callable[[Planned, Way], PlanResult | InfeasibleError],
 ) -> PlanResult | InfeasibleError:
-    """What `finish` makes of the session without its waits; with them (True) where that fails or they are wanted."""
-    if shorter is not None and session.scenario.planner.idle != "keep":
-        found = finish(shorter, False)
+    """What `finish` makes of the first of the `shorter` ways that works, each with a session for so many steps; of the
+    way with its waits where none does or they are wanted.
+    """
+    found = None
+    for fewer, moving in shorter if session.scenario.planner.idle != "keep" else ():
+        found = finish(fewer, moving)
         if isinstance(found, PlanResult):
             return found
+    if found is not None:
         session.work.log(f"refused without its waits: {found}")
-    return finish(session, True)
+    return finish(session, way)
 
 
 def attempts(

@@ -4,29 +4,36 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from crux_planner.certificates.bound.bound_worker import ClimbBoundWorker
+from crux_planner.certificates.other_sequences import MOST_MOVES
 from crux_planner.checker import check_plan
 from crux_planner.errors import TIME_LIMIT, HorizonError, InfeasibleError, wrong
 from crux_planner.model.build import build_problem
+from crux_planner.model.schedule import Move, Stance
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.pipeline.attempt import attempts
 from crux_planner.pipeline.cause import cause
 from crux_planner.pipeline.explanation import check_start, explain, level_stance_at_goal, no_way_to
 from crux_planner.pipeline.fallback import disproved, farther, plan_wider, without_blamed
 from crux_planner.pipeline.message import PlanResult, plan_message
-from crux_planner.pipeline.session import Session, Work, method_settings
-from crux_planner.pipeline.solve_and_check import Climb, finish, solve_and_check
+from crux_planner.pipeline.session import Session, method_settings
+from crux_planner.pipeline.solve_and_check import Climb, finish, least_steps, solve_and_check
 from crux_planner.search.equilibrium import StaticEquilibrium
-from crux_planner.search.stances import ANY, Oracles, search
+from crux_planner.search.stances import ANY, Oracles, SearchReport, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers.worker import Worker
 
 QUICKEST = (200.0, 5.0)  # stances looked at for the quickest sequence of contacts: on any way, and for each knot
+JUST_THE_START = (0.0, 0.0)  # looked at
+FEW_MOVES = 5  # of a sequence in all of the inner reach that the MIP looks at: there it takes far longer for each
 GREED = 2.0  # the factor by which a sequence may be slower after that
 LEVEL_SHARE = 0.6  # of the time goes at most into the search for plans of a level body with one heading
 REASON_SHARE = 0.1  # of the time is kept to find out why there is no plan
 TWO_AT_ONCE_HELPS = ("horizon", "passage")  # with two limbs in the air: quicker, and out of each other's way
 TIGHTER = 0.8  # of the usual share of the limit surface, where the check finds too little between the knots
 ATTEMPTS = 6  # sequences of contacts tried, each without the move on which the one before failed
+
+Found = tuple[list[Move] | None, SearchReport]
+"""Moves to the goal, and what the search for them saw."""
 
 
 def plan(session: Session, worker: Worker, prove_s: float | None = None) -> PlanResult:
@@ -59,12 +66,12 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
 
 
 def _plan_anyhow(climb: Climb) -> PlanResult:
-    """A level body, first with limbs in their boxes, then in all of their inner reach, then with other headings; where
-    the level search takes long, other headings before it goes on.
+    """A level body, with limbs in their boxes or in all of their inner reach, then with other headings; where the level
+    search takes long, other headings before it goes on.
     """
     work = climb.work
     try:
-        return _plan_level(climb, True, climb.share_of_time(LEVEL_SHARE))
+        return _plan_near_or_far(climb, climb.share_of_time(LEVEL_SHARE))
     except InfeasibleError as none_near:
         none_level = none_near
     proof = disproved(climb, none_level)
@@ -108,22 +115,58 @@ def _level_has_plan(climb: Climb) -> bool:
     return True
 
 
-def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:
+def _plan_near_or_far(climb: Climb, until: float) -> PlanResult:
+    """A plan with limbs in their boxes, or one of the quickest sequence in all of their inner reach: the latter where
+    the body alone gets to the goal, or, on a climb of few moves, where it takes fewer steps and costs less. Raises
+    InfeasibleError where the boxes allow none.
+    """
+    near, far = (_within_torques(each, climb.problem.friction_share) for each in (climb, farther(climb)))
+    for each in (near, far):
+        alone, _ = _searched(each, until, JUST_THE_START)
+        if alone is not None and isinstance(found := solve_and_check(each, alone), PlanResult):
+            return _with_gap(climb, found)
+    begun = _searched(near, until, QUICKEST)
+    plan = _plan_level(climb, True, until, begun)
+    if len(plan.gait) > MOST_MOVES or climb.late:
+        return plan
+    moves, _ = _searched(far, until, QUICKEST)
+    if moves is None or _steps(moves) == _steps(begun[0] or []) or least_steps(far, moves) >= plan.steps:
+        return plan
+    unbounded = replace(far, work=replace(climb.work, bound=None))
+    found = solve_and_check(unbounded, moves)
+    if not isinstance(found, PlanResult) or found.cost >= plan.cost:
+        return plan
+    if len(moves) <= FEW_MOVES and isinstance(others := solve_and_check(far, moves), PlanResult):
+        found = others
+    return _with_gap(climb, found)
+
+
+def _steps(moves: list[Move]) -> list[tuple[tuple[int, ...], Stance]]:
+    return [(move.limbs, move.after) for move in moves]
+
+
+def _searched(climb: Climb, until: float, most: tuple[float, float], at_once: int = 1, greed: float = 1.0) -> Found:
+    with climb.work.part("contacts", 0.1):
+        return search(climb, at_once=at_once, greed=greed, deadline=until, most=most)
+
+
+def _plan_level(climb: Climb, quick: bool, until: float, begun: Found | None = None) -> PlanResult:
     """The body level, with one heading, and grasps in the middle of their faces; by sequences of contacts that are
-    found until then.
+    found until then, the first of them `begun` where it is found already.
 
     `quick`: only by the quickest sequences of contacts, and only while these are found soon.
     """
     failures: list[InfeasibleError] = []
     tighter = _tighter(climb)
+    greed, most = (1.0, QUICKEST) if quick else (GREED, ANY)
     for at_once in (1, 2):
         if failures and failures[0].constraint not in TWO_AT_ONCE_HELPS:
             break
 
         def attempt(climb: Climb, at_once: int = at_once) -> PlanResult | InfeasibleError | None:
-            with climb.work.part("contacts", 0.1):
-                greed, most = (1.0, QUICKEST) if quick else (GREED, ANY)
-                moves, seen = search(climb, at_once=at_once, greed=greed, deadline=until, most=most)
+            nonlocal begun
+            moves, seen = begun or _searched(climb, until, most, at_once, greed)
+            begun = None
             if moves is not None:
                 return solve_and_check(climb, moves)
             failures.append(explain(climb, seen, at_once))
@@ -132,8 +175,7 @@ def _plan_level(climb: Climb, quick: bool, until: float) -> PlanResult:
         climb = _within_torques(climb, climb.problem.friction_share)
         result, climb = attempts(climb, attempt, (tighter, without_blamed), failures, most=ATTEMPTS, until=until)
         if result is not None:
-            result.gap = _proven_gap(climb.work, result.cost)
-            return result
+            return _with_gap(climb, result)
         climb.swings.allow_all()
     raise failures[0]
 
@@ -178,8 +220,7 @@ def _plan_by_method(climb: Climb) -> PlanResult:
             reached_report = check_plan(reached, climb.robot)
         found = finish(climb, knots.schedule, knots.start())
         if isinstance(found, PlanResult):
-            found.gap = _proven_gap(work, found.cost)
-            found.found_by(decided, reached_report)
+            _with_gap(climb, found).found_by(decided, reached_report)
         else:
             work.log(f"refused: {found}")
         return found
@@ -191,9 +232,10 @@ def _plan_by_method(climb: Climb) -> PlanResult:
     return result
 
 
-def _proven_gap(work: Work, cost: float) -> float | None:
-    """How far above a proven lower bound the cost is; None where there is no bound."""
-    if work.bound is None:
-        return None
-    with work.part("bound", 0.95):
-        return work.bound.gap(cost)
+def _with_gap(climb: Climb, plan: PlanResult) -> PlanResult:
+    """The plan, and how far above a proven lower bound its cost is, where one is worked out."""
+    if (bound := climb.work.bound) is not None:
+        with climb.work.part("bound", 0.95):
+            bound.start_with(plan.steps, plan.cost)  # unless it is about so many already
+            plan.gap = bound.gap(plan.cost)
+    return plan

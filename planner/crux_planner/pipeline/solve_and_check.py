@@ -27,7 +27,7 @@ from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
 from crux_planner.trajectory.solution import Solution, Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
-from crux_planner.trajectory.waiting import without_waiting
+from crux_planner.trajectory.waiting import PACES, without_waiting
 
 FAR_CUTS = 1  # times that a plan which uses all of the reach is mended before limbs keep to their boxes instead
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
@@ -137,14 +137,20 @@ def evenly(climb: Climb, moves: list[Move]) -> Schedule:
     return scheduled(problem, climb.swings, moves, SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s)
 
 
+def least_steps(climb: Climb, moves: list[Move]) -> int:
+    """Steps that the moves need, with the body where it has short ways."""
+    problem = climb.problem
+    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+    durations = least_durations(problem, climb.swings, smooth_events(climb, moves), step)
+    return int(sum(part.sum() for part in durations))
+
+
 def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:
     """The same over the steps that the moves need, if these are more than the problem's, and `spare` more."""
-    problem, swings = climb.problem, climb.swings
-    moves = smooth_events(climb, moves)
-    step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    needed = int(sum(part.sum() for part in least_durations(problem, swings, moves, step)))
-    problem = replace(problem, steps=max(problem.steps, needed) + spare)
-    return replace(climb, problem=problem), scheduled(problem, swings, moves, step)
+    climb = replace(
+        climb, problem=replace(climb.problem, steps=max(climb.problem.steps, least_steps(climb, moves)) + spare)
+    )
+    return climb, evenly(climb, moves)
 
 
 def path_to_goal(
@@ -162,12 +168,11 @@ def finish(
     """The exact NLP and the check for a schedule, whatever method found it: first with all of the limbs' inner reach,
     where the body leans farther than their boxes allow. `functions` are those of the problem with that reach.
     """
-    problem, moving, begun = without_waiting(climb.problem, schedule, start)
-    shorter = replace(climb, problem=problem) if problem.steps < climb.problem.steps else None
-    first = shorter if shorter is not None and climb.scenario.planner.idle != "keep" else climb
+    ways = [without_waiting(climb.problem, schedule, start, pace) for pace in PACES]
+    shorter = [(replace(climb, problem=w[0]), w[1:]) for w in ways if w[0].steps < climb.problem.steps]
+    first = shorter[0][0] if shorter and climb.scenario.planner.idle != "keep" else climb
 
-    def finish_as_it_is(session: Climb, wait: bool) -> PlanResult | InfeasibleError:
-        given = (schedule, start) if wait else (moving, begun)
+    def finish_as_it_is(session: Climb, given: tuple[Schedule, Start]) -> PlanResult | InfeasibleError:
         far = session.problem.farther()
         if far is session.problem:
             return _finish_as_it_is(session, *given, functions, CUTS)
@@ -178,7 +183,7 @@ def finish(
                 return found
         return _finish_as_it_is(session, *given, None, CUTS)
 
-    return without_waits(climb, shorter, finish_as_it_is)
+    return without_waits(climb, (schedule, start), shorter, finish_as_it_is)
 
 
 def _finish_as_it_is(

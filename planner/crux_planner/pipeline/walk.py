@@ -21,7 +21,7 @@ from crux_planner.pipeline.restart import edited
 from crux_planner.pipeline.session import Session, method_settings
 from crux_planner.pipeline.walk_contacts import WalkContacts
 from crux_planner.solvers.worker import Worker, spare_cores
-from crux_planner.trajectory.waiting import walk_without_waiting
+from crux_planner.trajectory.waiting import PACES, walk_without_waiting
 from crux_planner.trajectory.walk_qp import WalkKnots, of_knots, solve
 
 FRICTION_SHARE, SPEED_SHARE = 0.7, 0.85  # of its friction or its speeds a walk is left where the check refuses it
@@ -197,9 +197,9 @@ def _first_good(walk: Walk, found: Iterator[WalkKnots]) -> PlanResult | Infeasib
 
 def _finish(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:
     """The exact problem and the check for a gait, whatever found it."""
-    shorter, moving = walk_without_waiting(walk.problem, knots)
-    shorter_walk = replace(walk, problem=shorter) if shorter.steps < walk.problem.steps else None
-    return without_waits(walk, shorter_walk, lambda of, wait: _finish_as_it_is(of, bound, knots if wait else moving))
+    ways = [walk_without_waiting(walk.problem, knots, pace) for pace in PACES]
+    shorter = [(replace(walk, problem=less), moving) for less, moving in ways if less.steps < walk.problem.steps]
+    return without_waits(walk, knots, shorter, lambda of, way: _finish_as_it_is(of, bound, way))
 
 
 def _finish_as_it_is(walk: Walk, bound: BoundWorker, knots: WalkKnots) -> PlanResult | InfeasibleError:

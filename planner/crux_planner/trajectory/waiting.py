@@ -15,19 +15,22 @@ from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.trajectory.solution import Start
 from crux_planner.trajectory.walk_qp import WalkKnots
 
-PACE = 0.25  # of its largest speeds: a body that is slower over a knot waits
+PACES = (
+    0.8,
+    0.25,
+)  # of its largest speeds: a body that is slower over a knot waits; the next where the first gives no plan
 
 
-def moving_knots(standing: Flags, body: Array, limits: BodyBounds, dt_s: float) -> Indices:
+def moving_knots(standing: Flags, body: Array, limits: BodyBounds, dt_s: float, pace: float) -> Indices:
     """The knots to keep of `standing` (N + 1,), all limbs on, and body states (N + 1, 6 or more).
 
-    The body goes from one to the next no faster than at PACE, or as before. All knots stay that a swing or a limb's
+    The body goes from one to the next no faster than at `pace`, or as before. All knots stay that a swing or a limb's
     load needs, and the first and the last two, at which the body rests.
     """
     last = len(standing) - 1
     inner = np.zeros(last + 1, dtype=bool)
     inner[2 : last - 1] = (standing[1:-1] & standing[:-2] & standing[2:])[1:-1]
-    step = PACE * dt_s * np.repeat([limits.max_speed_m_s, limits.max_rate_rad_s], 3)
+    step = pace * dt_s * np.repeat([limits.max_speed_m_s, limits.max_rate_rad_s], 3)
     kept = [0]
     for k in range(1, last + 1):
         if not inner[k] or (np.abs(body[k + 1, :6] - body[kept[-1], :6]) > step).any():
@@ -42,10 +45,10 @@ def states_at(kept: Indices, body: Array, dt_s: float) -> Array:
     return states
 
 
-def without_waiting(problem: Problem, schedule: Schedule, start: Start) -> tuple[Problem, Schedule, Start]:
+def without_waiting(problem: Problem, schedule: Schedule, start: Start, pace: float) -> tuple[Problem, Schedule, Start]:
     """The same moves over the knots in which something moves, and where to start solving them from."""
     standing = np.array([None not in knot for knot in schedule.contacts])
-    kept = moving_knots(standing, start.body, problem.body, problem.dt_s)
+    kept = moving_knots(standing, start.body, problem.body, problem.dt_s, pace)
     if len(kept) == len(standing):
         return problem, schedule, start
     shorter = replace(
@@ -59,10 +62,10 @@ def without_waiting(problem: Problem, schedule: Schedule, start: Start) -> tuple
     return replace(problem, steps=len(kept) - 1), shorter, begun
 
 
-def walk_without_waiting(problem: WalkProblem, knots: WalkKnots) -> tuple[WalkProblem, WalkKnots]:
+def walk_without_waiting(problem: WalkProblem, knots: WalkKnots, pace: float) -> tuple[WalkProblem, WalkKnots]:
     """The same steps over the knots in which something moves, near their solution."""
     gait = knots.gait
-    kept = moving_knots(np.asarray(gait.stance.all(axis=1)), knots.body, problem.body, problem.dt_s)
+    kept = moving_knots(np.asarray(gait.stance.all(axis=1)), knots.body, problem.body, problem.dt_s, pace)
     if len(kept) == gait.knots:
         return problem, knots
     place = {int(k): i for i, k in enumerate(kept)}

@@ -126,7 +126,7 @@ def test_slippery_faces_are_not_gripped(robot: Robot) -> None:
     for grasp in (*wall["start"]["grasps"].values(), *wall["goal"]["grasps"].values()):
         grasp["faces"] = "y"
     wall["goal"].pop("grasps")
-    wall["goal"]["body"]["position_m"][0] = 0.2
+    wall["goal"]["body"]["position_m"][0] = 0.28
     result = crux_planner.plan(scenario(wall), robot)
     assert result.gait
     for knot in result.plan.knots:

@@ -22,9 +22,12 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline import fallback
 from crux_planner.pipeline.explanation import level_stance_at_goal
+from crux_planner.pipeline.message import PlanResult
 from crux_simulation.benchmarks.random_fields import random_field
+from crux_simulation.benchmarks.random_walls import random_wall
 from walls import scenario, two_rows
 
+SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 LIMBS = {"LF": (1, 1), "RF": (1, -1), "LR": (0, 1), "RR": (0, -1)}
 
 
@@ -66,6 +69,38 @@ def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
     assert result.check.ok
     body = np.array([knot.body_position_w_m for knot in result.plan.knots])
     assert body[-1, 0] - body[0, 0] > gap_m - 0.01
+
+
+def near_and_chosen(text: str, robot: Robot, monkeypatch: pytest.MonkeyPatch) -> tuple[PlanResult, PlanResult]:
+    """The plan that boxes alone give, and the one that is given."""
+    chosen = crux_planner.plan(parse_scenario(text), robot)
+    with monkeypatch.context() as patch:
+        patch.setattr("crux_planner.pipeline.climb.farther", lambda climb: climb)
+        near = crux_planner.plan(parse_scenario(text), robot)
+    assert near.check.ok
+    assert chosen.check.ok
+    return near, chosen
+
+
+def test_the_body_alone_moves_where_all_of_the_reach_lets_it(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    near, chosen = near_and_chosen(random_wall(9001), robot, monkeypatch)
+    assert near.gait
+    assert chosen.gait == []
+    assert chosen.steps < near.steps
+    assert chosen.cost < 0.5 * near.cost
+    assert chosen.gap is not None
+    assert chosen.gap < 0.16  # 0.18 where the centre of mass at start and goal is as anywhere
+
+
+def test_of_the_reach_and_the_boxes_the_cheaper_plan_counts(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the field it is that of all of the reach; where spines carry the robot, a sequence of it takes more steps."""
+    near, chosen = near_and_chosen((SCENES / "climb-field.yaml").read_text(), robot, monkeypatch)
+    assert chosen.steps < near.steps
+    assert chosen.cost < 0.85 * near.cost
+    assert chosen.others is not None
+    near, chosen = near_and_chosen((SCENES / "climb-spines-only.yaml").read_text(), robot, monkeypatch)
+    assert chosen.gait == near.gait
+    assert chosen.cost == near.cost
 
 
 @pytest.mark.parametrize(("start_deg", "goal_deg"), [((5, -6), (0, 0)), ((0, 10), (0, -8)), ((0, 0), (-7, 7))])

@@ -16,7 +16,7 @@ from crux_planner.checker import check_plan
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import BodyBounds
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.trajectory.waiting import moving_knots
+from crux_planner.trajectory.waiting import PACES, moving_knots
 from walls import scenario, two_rows
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -108,15 +108,16 @@ def test_the_check_allows_fewer_steps_than_the_horizon_but_not_where_they_are_ke
         assert [v.constraint for v in worst] == ["scenario_match"]
 
 
-def test_knots_are_left_out_only_where_nothing_moves() -> None:
+@pytest.mark.parametrize("pace", PACES)
+def test_knots_are_left_out_only_where_nothing_moves(pace: float) -> None:
     """All limbs on at 0..9 and 13..20; the body rests at 4..8 and drifts slowly from 15 on; 0.02 m/s, 1 s a knot."""
     standing = np.ones(21, dtype=bool)
     standing[10:13] = False
     body = np.zeros((21, 6))
     body[:, 0] = [0, 0, 0.02, 0.04, *[0.05] * 11, *0.05 + 0.001 * np.arange(1, 7)]
-    kept = moving_knots(standing, body, LIMITS, 1.0)
+    kept = moving_knots(standing, body, LIMITS, 1.0, pace)
     assert kept.tolist()[:4] == [0, 1, 2, 3]
     assert {9, 10, 11, 12, 13, 19, 20} <= set(kept.tolist())
     swings = np.abs(np.diff(body[kept, 0]))
     assert len(kept) < 17
-    assert all(way <= 0.25 * 0.02 + 1e-12 or b == a + 1 for way, a, b in zip(swings, kept, kept[1:], strict=False))
+    assert all(way <= pace * 0.02 + 1e-12 or b == a + 1 for way, a, b in zip(swings, kept, kept[1:], strict=False))
