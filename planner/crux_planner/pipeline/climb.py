@@ -121,15 +121,15 @@ def _plan_near_or_far(climb: Climb, until: float) -> PlanResult:
     InfeasibleError where the boxes allow none.
     """
     near, far = (_within_torques(each, climb.problem.friction_share) for each in (climb, farther(climb)))
-    for each in (near, far):
-        alone, _ = _searched(each, until, JUST_THE_START)
-        if alone is not None and isinstance(found := solve_and_check(each, alone), PlanResult):
-            return _with_gap(climb, found)
     begun = _searched(near, until, QUICKEST)
+    if begun[0] != []:
+        alone, _ = _searched(far, until, JUST_THE_START)
+        if alone is not None and isinstance(found := solve_and_check(far, alone), PlanResult):
+            return _with_gap(climb, found)
     plan = _plan_level(climb, True, until, begun)
     if len(plan.gait) > MOST_MOVES or climb.late:
         return plan
-    moves, _ = _searched(far, until, QUICKEST)
+    moves, _ = _searched(far, until, (begun[1].expanded, 0.0))  # a quicker one is found sooner
     if moves is None or _steps(moves) == _steps(begun[0] or []) or least_steps(far, moves) >= plan.steps:
         return plan
     unbounded = replace(far, work=replace(climb.work, bound=None))
