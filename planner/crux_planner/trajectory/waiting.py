@@ -15,10 +15,7 @@ from crux_planner.model.walk_problem import WalkProblem
 from crux_planner.trajectory.solution import Start
 from crux_planner.trajectory.walk_qp import WalkKnots
 
-PACES = (
-    0.8,
-    0.25,
-)  # of its largest speeds: a body that is slower over a knot waits; the next where the first gives no plan
+PACES = (0.8, 0.25)  # of its largest speeds: a slower body waits; the second where the first gives no plan
 
 
 def moving_knots(standing: Flags, body: Array, limits: BodyBounds, dt_s: float, pace: float) -> Indices:

@@ -90,9 +90,9 @@ def test_the_torque_margin_bounds_the_joints(robot: Robot) -> None:
 
 
 def test_the_torque_margin_holds_between_the_knots_too(robot: Robot) -> None:
-    result = planned(robot, margins={"torque": 0.55})
+    result = planned(robot, idle="cut", margins={"torque": 0.55})
     shares = [joint.peak_torque_Nm / joint.effort_limit_Nm for joint in result.check.joints]
-    assert 0.43 < max(shares) < 0.459  # it binds, and between the knots a load may be a fiftieth above them
+    assert 0.43 < max(shares) < 0.4545  # it binds, and between the knots a load may be a hundredth above them
 
 
 def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
@@ -104,7 +104,7 @@ def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
     result = plan(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
     assert result.check.ok
     (mended,) = [line for line in lines if "fails the check" in line]  # and its own next attempt passes
-    assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.\d+ N m \w\w_joint\d; once more with less", mended)
+    assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.1\d* N m \w\w_joint\d; once more with less", mended)
 
 
 def test_only_the_joints_that_lack_torque_are_eased_and_none_that_has_nothing_to_give(robot: Robot) -> None:

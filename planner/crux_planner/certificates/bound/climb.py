@@ -26,7 +26,7 @@ import numpy as np
 
 from crux_planner.certificates.bound.excursion import body_range, excursion_cost, quickest_way, range_at, yaw_range
 from crux_planner.certificates.bound.grasps import Grasps, by_faces, grasps
-from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers
+from crux_planner.certificates.bound.multipliers import KnotQp, Multipliers, Window
 from crux_planner.certificates.bound.places import orientations
 from crux_planner.certificates.bound.similarity import Similarity
 from crux_planner.certificates.bound.swings import detours, earned, ends, floor, knot_floor, shared_weight
@@ -187,12 +187,12 @@ class _Search:
         for k in outer:
             others = np.flatnonzero(on_way[k])[:many]
             new = [int(node) for node in others if (k, int(node)) not in self.known_at]
-            box = range_at(self.problem, k, self.box)
-            rest = self.multipliers.rest_within(others, box) if new else None
+            if not new:
+                continue
+            window, found = self.multipliers.window(others, range_at(self.problem, k, self.box)), True
             for node in new[:_ROUND]:
                 self.known_at.add((k, node))
-                found = True
-                self._value_at(k, node, others, box, rest)
+                self._value_at(k, node, others, window)
                 if self.limits.reached:
                     return True
         inner = [k for k in range(len(through)) if k not in outer]
@@ -213,26 +213,20 @@ class _Search:
         self._raise(others, self._values(self.similarity.taken_to(proposed[near], wanted[near], others), others))
         return True
 
-    def _values(
-        self,
-        multipliers: Array,
-        which: Indices,
-        box: tuple[Array, Array] | None = None,
-        rest: Array | None = None,
-    ) -> Array:
+    def _values(self, multipliers: Array, which: Indices, window: Window | None = None) -> Array:
         pairs = np.append(self.nodes.first, len(self.nodes.node))
         self.limits.spend(_QP_S + _PAIR_S * float((pairs[which + 1] - pairs[which]).sum()))
-        return self.multipliers.values(multipliers, which, box, rest)
+        return self.multipliers.values(multipliers, which, window)
 
     def _raise(self, which: Indices, value: Array) -> None:
         self.value[which] = np.maximum(self.value[which], value)
         for window in self.windows.values():
             window[which] = np.maximum(window[which], value)
 
-    def _value_at(self, knot: int, node: int, others: Indices, box: tuple[Array, Array], rest: Array | None) -> None:
-        proposed = self._proposed(node, box)
-        window = self.windows.setdefault(knot, self.value.copy())
-        window[others] = np.maximum(window[others], self._values(proposed, others, box, rest))
+    def _value_at(self, knot: int, node: int, others: Indices, window: Window) -> None:
+        proposed = self._proposed(node, window.box)
+        value = self.windows.setdefault(knot, self.value.copy())
+        value[others] = np.maximum(value[others], self._values(proposed, others, window))
 
     def _proposed(self, node: int, box: tuple[Array, Array]) -> Array:
         nodes = self.nodes

@@ -12,6 +12,7 @@ small convex QP of one knot; it need not be trusted.
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,6 +32,14 @@ _BODY = 9  # r, roll, pitch, yaw, centre of mass off where r and the grasps have
 _GRIP = 5  # s1, s2, m / k, n1, n2
 _MISSING = 1e-2  # weight of what balance lacks, squared [1/N^2]: multipliers stay finite where there is no balance
 _FORCE_N = 300.0
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where the body of some nodes is at a knot, and for their pairs the centre of mass with it."""
+
+    box: tuple[Array, Array]  # (3,) and (3,)
+    rest: Array  # (P, T, 2, 3) as CentreOfMass.within has it
 
 
 class Multipliers:
@@ -70,16 +79,10 @@ class Multipliers:
         other._take(nodes)
         return other
 
-    def values(
-        self,
-        multipliers: Array,
-        which: Indices,
-        box: tuple[Array, Array] | None = None,
-        rest: Array | None = None,
-    ) -> Array:
-        """Lower bounds (len(which),) of a knot's cost on nodes, the body within `box` too; inf if it cannot.
+    def values(self, multipliers: Array, which: Indices, window: Window | None = None) -> Array:
+        """Lower bounds (len(which),) of a knot's cost on nodes, the body in their `window` too; inf if it cannot.
 
-        Multipliers (6,) are for all of them, (len(which), 6) for one each; `rest` of `rest_within`, where it is known.
+        Multipliers (6,) are for all of them, (len(which), 6) for one each.
         """
         nodes = self.nodes
         pairs, first, counts = self._pairs(which)
@@ -88,13 +91,13 @@ class Multipliers:
             multipliers_of_pairs, held = np.repeat(multipliers, counts, axis=0), self._held_each(multipliers, which)
         else:
             multipliers_of_pairs, held = multipliers, self._held(multipliers, which)
-        rest = self.masses.rest(nodes, pairs) if rest is None else rest
+        box, rest = (None, self.masses.rest(nodes, pairs)) if window is None else (window.box, window.rest)
         body = self._body(multipliers_of_pairs, low, high, pairs, box, rest)
         return np.asarray(held + np.minimum.reduceat(body, first))
 
-    def rest_within(self, which: Indices, box: tuple[Array, Array]) -> Array:
-        """Bounds (P, T, 2, 3) of the centre of mass for the pairs of nodes, with the body within a box, too."""
-        return self.masses.within(self.nodes, self._pairs(which)[0], box)
+    def window(self, which: Indices, box: tuple[Array, Array]) -> Window:
+        """Of nodes whose body is within a box, too."""
+        return Window(box, self.masses.within(self.nodes, self._pairs(which)[0], box))
 
     def _pairs(self, which: Indices) -> tuple[Indices, Indices, Indices]:
         """Those of nodes, the first of each node among them, and how many each has."""
