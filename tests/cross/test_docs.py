@@ -17,6 +17,7 @@ from crux_tools.paths import ROOT
 from test_readme import PAGES
 
 SOURCES = ("planner", "runtime", "firmware", "tools", "msgs")
+READERS = ["Plan a climb", "Operate a robot", "Find a cause", "Change crux"]
 GENERATOR = ROOT / ".venv-docs" / "bin" / "python"
 CITED = re.compile(r"(?:(?i:equations?|of|and|to|by|satisf\w+|bounds?|under)) \((\d+[a-c]?)\)")
 
@@ -64,7 +65,11 @@ def test_the_site_has_no_warning_and_needs_no_network(pages: Path, tmp_path: Pat
     environment = {"PYTHONPATH": ":".join(filter(None, sys.path)), "PATH": "/usr/bin:/bin"}
     done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "index.html").is_file()
+    landing = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for shown in ("climb.png", "data-flow.svg", "landing.css"):
+        assert re.search(rf'(?:src|href)="[^"]*{re.escape(shown)}', landing), shown
+    assert re.findall(r'<div class="reader[^"]*">\s*<p><strong>([^<]+)', landing) == READERS
+    assert "make climb" in re.sub(r"<[^>]+>", "", landing)
     for page in tmp_path.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"<(?:script|img|iframe)[^>]* src=\"(?:https?:)?//", text), page.name
