@@ -13,7 +13,9 @@ DESCRIBE = ("git", "describe", "--always", "--exclude=*", "--abbrev=12", "--dirt
 
 
 def commit() -> str:
-    """Twelve digits, with -dirty where a tracked file differs; `unknown` outside a git repository."""
+    """Twelve digits, with -dirty where a tracked file differs; `unknown` in an archive of the sources."""
+    if not (REPOSITORY / ".git").exists():  # a repository further up would be another project's
+        return "unknown"
     try:
         return subprocess.run(DESCRIBE, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):

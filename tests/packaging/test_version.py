@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,27 @@ def test_a_tagged_commit_has_the_tags_version(sources: Path) -> None:
     assert version(sources).stdout == f"0.3.0~g{git(sources, 'rev-parse', '--short=7', 'HEAD')}\n"
     git(sources, "tag", "v0.3.0")
     assert version(sources).stdout == "0.3.0\n"
+
+
+def test_an_archive_of_the_sources_says_that_its_commit_is_unknown(sources: Path, tmp_path: Path) -> None:
+    """Also below a repository of somebody else's, whose commit it must not take."""
+    archive = tmp_path / "home" / "crux"
+    shutil.copytree(sources / "tools", archive / "tools")
+    shutil.copy(sources / "pyproject.toml", archive)
+    assert version(archive).stdout == "0.3.0~unknown\n"
+    shutil.copytree(ROOT / "msgs" / "generate", archive / "msgs" / "generate")
+    words = [sys.executable, "-m", "generate.commit", "--out", archive / "gen"]
+    subprocess.run(words, cwd=archive / "msgs", check=True)
+    assert (archive / "gen" / "python" / "crux_commit.py").read_text() == 'COMMIT: str = "unknown"\n'
+    assert '"unknown"' in (archive / "gen" / "cpp" / "commit.cpp").read_text()
+
+
+def test_a_repository_that_git_refuses_has_no_version(sources: Path) -> None:
+    (sources / ".git" / "HEAD").write_text("broken")
+    refused = version(sources)
+    assert refused.returncode != 0
+    assert refused.stdout == ""
+    assert "fatal" in refused.stderr
 
 
 def test_a_tag_that_is_not_the_declared_version_is_refused(sources: Path) -> None:
