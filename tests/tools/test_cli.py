@@ -234,4 +234,4 @@ def test_a_package_that_is_not_installed_is_named(
     monkeypatch.delitem(sys.modules, "crux_simulation.campaign.engine", raising=False)
     spec = ROOT / "examples" / "four-hold-walls.yaml"
     assert main(["campaign", str(spec), "--out", str(tmp_path / "out")]) == 2
-    assert "crux campaign: needs dask, which is not installed: make setup\n" in capsys.readouterr().err
+    assert "crux campaign: needs dask, which is not installed: make extras\n" in capsys.readouterr().err

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.paths import CHECKOUT, SCENARIOS, version_and_requirements
+from crux_tools.paths import CHECKOUT, SCENARIOS, make_target_with, version_and_requirements
 
 DONE, FAILED, USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -146,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and not (CHECKOUT and str(error.name).startswith("crux_")):
-            cure = "make setup" if CHECKOUT else "install crux-sim, or by pip 'crux[sim,campaign]'"
+            cure = make_target_with(str(error.name)) if CHECKOUT else "install crux-sim, or by pip 'crux[sim,campaign]'"
             return _error(chosen, f"needs {error.name}, which is not installed: {cure}", as_json, USAGE)
         if isinstance(error, (UsageError, *_imported(WRONG_INPUT))):
             return _error(chosen, str(error), as_json, USAGE)

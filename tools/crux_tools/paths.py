@@ -23,7 +23,9 @@ def built(relative: str) -> Path:
 
     Where crux is installed, it is the file of that name in bin or lib/crux under the prefix of this Python.
     """
-    cure, places = "build the project first (make build)", [BUILD_DIR / relative]
+    development = relative.endswith((".elf", "emulated.so"))
+    cure = f"build the project first (make {'build' if development else 'programs'})"
+    places = [BUILD_DIR / relative]
     if not CHECKOUT:
         cure = "install crux-sim (emulated boards: only in a checkout)"
         places = [Path(sys.prefix) / folder / places[0].name for folder in ("lib/crux", "bin")]
@@ -31,6 +33,13 @@ def built(relative: str) -> Path:
         if place.exists():
             return place
     raise UsageError(f"{places[0]} is missing: {cure}")
+
+
+def make_target_with(module: str) -> str:
+    """The least that installs a package which `make climb` does not: its lock says so; only in a checkout."""
+    extras = (ROOT / "tools" / "setup" / "campaign.lock").read_text(encoding="utf-8")
+    package = module.split(".", maxsplit=1)[0].replace("_", "-")
+    return "make extras" if f"\n{package}==" in f"\n{extras}" else "make setup"
 
 
 def version_and_requirements() -> tuple[str, list[str]]:

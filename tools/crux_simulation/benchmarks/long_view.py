@@ -10,7 +10,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import psutil
 from crux_tools.arguments import positive
 from crux_tools.output import note, print_json, progress
 from crux_tools.view.browser import open_page
@@ -98,6 +97,8 @@ def _log(options: argparse.Namespace) -> Path:
 
 def _cpu_s() -> float:
     """Of this process and of what it has started, Chromium's processes among them."""
+    import psutil
+
     found = 0.0
     for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
         with suppress(psutil.Error):  # one that has ended
