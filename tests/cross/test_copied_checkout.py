@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -22,6 +23,7 @@ def small_checkout(folder: Path) -> None:
     """The project's own Makefile over a CMake project that copies one file; nothing to install."""
     (folder / "tools" / "setup").mkdir(parents=True)
     shutil.copy(ROOT / "Makefile", folder)
+    shutil.copy(ROOT / "tools" / "setup" / "configure", folder / "tools" / "setup")
     (folder / "CMakeLists.txt").write_text(PROJECT)
     for path in ("tools/setup/setup", ".venv/bin/python"):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -38,8 +40,8 @@ def make(folder: Path, *targets: str) -> None:
 
 @pytest.mark.parametrize("old_place", ["stays", "goes"])
 def test_a_copy_builds_its_own_sources(old_place: str, tmp_path: Path) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    targets = ("programs", "build/asan/build.ninja")
+    first, second = tmp_path / "my first", tmp_path / "my second"
+    targets = ("programs", "configure-sanitized")
     small_checkout(first)
     (first / "source").write_text("first")
     make(first, *targets)
@@ -57,7 +59,20 @@ def test_a_copy_builds_its_own_sources(old_place: str, tmp_path: Path) -> None:
         assert (first / "build" / "cmake" / "built").read_text() == "first"
 
 
-@pytest.mark.parametrize(("target", "levels"), [("climb", {"programs"}), ("test-native", {"programs", ""})])
+def test_more_is_configured_when_it_is_asked_for_and_stays(tmp_path: Path) -> None:
+    cache = tmp_path / "my checkout" / "build" / "cmake" / "CMakeCache.txt"
+    small_checkout(tmp_path / "my checkout")
+    (tmp_path / "my checkout" / "source").touch()
+    make(tmp_path / "my checkout", "programs")
+    assert "CRUX_TESTS" not in cache.read_text()
+    make(tmp_path / "my checkout", "configure-development")
+    assert re.search("^CRUX_TESTS:[A-Z]*=ON$", cache.read_text(), re.MULTILINE)
+    configured = cache.stat().st_mtime_ns
+    make(tmp_path / "my checkout", "programs", "configure-development")
+    assert cache.stat().st_mtime_ns == configured
+
+
+@pytest.mark.parametrize(("target", "levels"), [("climb", {"programs"}), ("test-native", {""}), ("docs", {"programs"})])
 def test_a_target_sets_up_what_it_needs_and_no_more(target: str, levels: set[str]) -> None:
     done = subprocess.run(["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=True)
     words = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("tools/setup/setup")]

@@ -24,12 +24,13 @@ function(crux_cargo_staticlib target)
   file(CREATE_LINK ${ARG_MANIFEST_DIR}/src ${work}/src SYMBOLIC)
 
   # Where the crates lay says nothing to a user. For another architecture the standard library is that of its packages.
-  set(flags "--remap-path-prefix=$ENV{HOME}/.cargo/registry/src=crates --remap-path-prefix=${work}=${target}")
+  string(ASCII 31 next) # what cargo parts flags by, since paths have spaces
+  set(flags "--remap-path-prefix=$ENV{HOME}/.cargo/registry/src=crates${next}--remap-path-prefix=${work}=${target}")
   set(built ${work}/target)
   if(CMAKE_CROSSCOMPILING)
     set(cargo ${CRUX_CARGO})
     set(triple ${CMAKE_SYSTEM_PROCESSOR}-unknown-linux-gnu)
-    string(APPEND flags " -L ${CMAKE_SYSROOT}/usr/lib/rustlib/${triple}/lib")
+    string(APPEND flags "${next}-L${next}${CMAKE_SYSROOT}/usr/lib/rustlib/${triple}/lib")
     set(environment RUSTC=${CRUX_RUSTC})
     set(choice --target ${triple})
     set(library ${built}/${triple}/release/lib${ARG_LIBRARY}.a)
@@ -38,7 +39,7 @@ function(crux_cargo_staticlib target)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${ARG_MANIFEST_DIR}/src/*.rs)
   add_custom_command(
     OUTPUT ${library}
-    COMMAND ${CMAKE_COMMAND} -E env "RUSTFLAGS=${flags}" ${environment}
+    COMMAND ${CMAKE_COMMAND} -E env "CARGO_ENCODED_RUSTFLAGS=${flags}" ${environment}
             ${cargo} build --release --locked --quiet --jobs 2 ${choice}
             --manifest-path ${work}/Cargo.toml --target-dir ${built}
     COMMAND ${CMAKE_COMMAND} -E touch ${library}

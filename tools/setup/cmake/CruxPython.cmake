@@ -4,7 +4,7 @@ set(CRUX_PYTHON ${CRUX_VENV}/bin/python)
 if(NOT EXISTS ${CRUX_PYTHON})
   message(FATAL_ERROR "No virtual environment at ${CRUX_VENV}: run `make setup` first.")
 endif()
-# What make setup installed since decides what is found.
+# Packages of other versions lie elsewhere.
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${CRUX_VENV}/crux-lock.sha256)
 if(NOT CRUX_PLATLIB) # told where it is another architecture's
   execute_process(
