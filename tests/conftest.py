@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
+from shared_plans import SharedPlans
 
 LONG_FIRST = ("tests/socketcan", "tests/firmware", "tests/planner")  # so that no long file begins last
 
@@ -18,6 +20,13 @@ slow = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("same", derandomize=True, **slow)
 settings.register_profile("other", **slow)
 settings.load_profile("same")
+
+
+@pytest.fixture(scope="session")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> SharedPlans:
+    """Plans that the session's processes share."""
+    own = tmp_path_factory.getbasetemp()
+    return SharedPlans((own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "plans")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import read_plan
 from crux_tools import cli
-from crux_tools.paths import ROOT
 from crux_tools.telemetry.margins import planned_margin_n
+from shared_plans import SharedPlans
 
 
 @pytest.fixture(scope="module")
-def walk_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walk_path(tmp_path_factory: pytest.TempPathFactory, planned: SharedPlans) -> Path:
     """A plan with feet on the ground instead of grippers on holds."""
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
-    assert cli.main(["plan", str(ROOT / "msgs" / "scenarios" / "walk-flat.yaml"), "-o", str(path)]) == 0
+    planned.write("walk-flat", path)
     return path
 
 

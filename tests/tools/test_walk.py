@@ -12,21 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_contracts.plan_file import write_plan
-from crux_contracts.robot import load_robot
-from crux_contracts.scenario import load_scenario
 from crux_msgs import truth_contacts_t
-from crux_planner import plan
 from crux_simulation.sim.judge import pad_travel
 from crux_tools.report.command import write_report
 from crux_tools.telemetry.reader import read_channels, read_log
+from shared_plans import SharedPlans
 
 SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
 
 
-def test_the_flat_walk_reaches_its_goal(tmp_path: Path) -> None:
+def test_the_flat_walk_reaches_its_goal(tmp_path: Path, planned: SharedPlans) -> None:
     path, log = tmp_path / "walk.mcap", tmp_path / "log.mcap"
-    write_plan(path, plan(load_scenario(SCENES / "walk-flat.yaml"), load_robot("scaler")).plan)
+    planned.write("walk-flat", path)
     words = [sys.executable, "-m", "crux_tools.cli", "climb", str(path), "-o", str(log), "--json"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
     result = json.loads(done.stdout)

@@ -13,12 +13,13 @@ from crux_contracts.interpolation import PlanReference
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_planner.pipeline.message import PlanResult
+from shared_plans import SharedPlans
 from walls import hold, scenario, three_rows, two_rows
 
 
 @pytest.fixture(scope="module")
-def climb(robot: Robot) -> PlanResult:
-    return crux_planner.plan(scenario(two_rows()), robot)
+def climb(robot: Robot, planned: SharedPlans) -> PlanResult:
+    return planned(scenario(two_rows()), robot)
 
 
 def test_a_climb_passes_the_independent_check(climb: PlanResult) -> None:

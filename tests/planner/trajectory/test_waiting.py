@@ -9,7 +9,7 @@ from typing import Any
 import crux_planner
 import numpy as np
 import pytest
-from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario, parse_scenario
 from crux_planner.certificates.bound.climb import EFFORT, lower_bound
 from crux_planner.checker import check_plan
@@ -17,6 +17,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.model.problem import BodyBounds
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.trajectory.waiting import PACES, moving_knots
+from shared_plans import SharedPlans
 from walls import scenario, two_rows
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -48,8 +49,8 @@ def readme_wall() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def wall() -> PlanResult:
-    return crux_planner.plan(readme_wall(), load_robot("scaler"))
+def wall(robot: Robot, planned: SharedPlans) -> PlanResult:
+    return planned(readme_wall(), robot)
 
 
 def test_the_wall_of_the_readme_does_not_stand_still(wall: PlanResult) -> None:
@@ -69,27 +70,25 @@ def test_the_gap_is_about_plans_of_as_many_steps(wall: PlanResult, robot: Robot)
     assert wall.to_json()["steps"] == wall.steps
 
 
-def test_more_time_makes_no_longer_plan(robot: Robot) -> None:
-    some, more = (crux_planner.plan(scenario(two_rows(steps=steps)), robot) for steps in (40, 80))
+def test_more_time_makes_no_longer_plan(robot: Robot, planned: SharedPlans) -> None:
+    some, more = (planned(scenario(two_rows(steps=steps)), robot) for steps in (40, 80))
     assert some.check.ok
     assert more.check.ok
     assert more.steps <= some.steps + 2 < 40
 
 
-def test_a_scenario_may_keep_the_waits(robot: Robot) -> None:
+def test_a_scenario_may_keep_the_waits(robot: Robot, planned: SharedPlans) -> None:
     kept = crux_planner.plan(scenario({**two_rows(), "planner": {"idle": "keep"}}), robot)
-    short = crux_planner.plan(scenario(two_rows()), robot)
+    short = planned(scenario(two_rows()), robot)
     assert kept.steps == 40 > short.steps
     assert kept.gait == short.gait
     assert kept.cost > short.cost
 
 
 @pytest.mark.parametrize("goal", ["[0.1, 0.0, 0.185]", "[0.05, 0.0, 0.185]"])
-def test_a_walk_does_not_wait(goal: str, robot: Robot) -> None:
+def test_a_walk_does_not_wait(goal: str, robot: Robot, planned: SharedPlans) -> None:
     text = FLAT.replace("[0.1, 0.0, 0.185]", goal)
-    some, more = (
-        crux_planner.plan(parse_scenario(text.replace("steps: 40", f"steps: {steps}")), robot) for steps in (40, 60)
-    )
+    some, more = (planned(parse_scenario(text.replace("steps: 40", f"steps: {steps}")), robot) for steps in (40, 60))
     assert some.steps < 40
     assert more.steps < 60
     assert longest_wait(some.plan, 0.001) <= 3
@@ -98,8 +97,10 @@ def test_a_walk_does_not_wait(goal: str, robot: Robot) -> None:
     assert kept.steps == 40
 
 
-def test_the_check_allows_fewer_steps_than_the_horizon_but_not_where_they_are_kept(robot: Robot) -> None:
-    short = crux_planner.plan(scenario(two_rows()), robot).plan
+def test_the_check_allows_fewer_steps_than_the_horizon_but_not_where_they_are_kept(
+    robot: Robot, planned: SharedPlans
+) -> None:
+    short = planned(scenario(two_rows()), robot).plan
     assert check_plan(short, robot).ok
     text = short.scenario_yaml
     for other in (text + "planner: {idle: keep}\n", text.replace("steps: 40", f"steps: {short.n_knots - 2}")):

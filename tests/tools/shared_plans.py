@@ -1,0 +1,41 @@
+"""Plans that several tests look at, each planned once a session."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import pickle
+from pathlib import Path
+from typing import cast
+
+import crux_planner
+from crux_contracts.plan_file import write_plan
+from crux_contracts.robot import Robot, load_robot
+from crux_contracts.scenario import Scenario, load_scenario
+from crux_planner.pipeline.message import PlanResult
+
+SCENES = Path(__file__).resolve().parents[2] / "msgs" / "scenarios"
+
+
+class SharedPlans:
+    """Plans as `crux_planner.plan` does; what it gave back for the same scenario and robot is kept in a folder that all
+    processes of the session share. Not for tests that change the planner, nor for those of what it says on the way.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self._folder = folder
+
+    def __call__(self, scenario: Scenario, robot: Robot) -> PlanResult:
+        """A copy of the plan of its own for every caller."""
+        path = self._folder / hashlib.sha256(f"{robot.hash} {scenario.yaml_text}".encode()).hexdigest()
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                path.write_bytes(pickle.dumps(crux_planner.plan(scenario, robot)))
+        return cast(PlanResult, pickle.loads(path.read_bytes()))
+
+    def write(self, scene: str, path: Path) -> None:
+        """The plan of a shipped scene and its robot, as a file."""
+        scenario = load_scenario(SCENES / f"{scene}.yaml")
+        write_plan(path, self(scenario, load_robot(scenario.robot)).plan)
