@@ -27,7 +27,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 @pytest.mark.parametrize("method", ["two_block", "multi_block"])
 def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     lines: list[str] = []
-    result = plan(parse_scenario(wall(30)), load_robot("scaler"), method=method, log=lines.append)
+    result = plan(parse_scenario(wall(22)), load_robot("scaler"), method=method, log=lines.append)
     shown = result.to_json()
     assert result.ok
     assert result.check.ok

@@ -56,9 +56,9 @@ def check(seeds: range, walls: int, *, certified: bool) -> tuple[int, list[float
 
 
 def test_walls_with_a_motion_are_neither_denied_nor_overrated() -> None:
-    walls, ratios = check(range(100_000), 100, certified=False)
-    assert walls == 100
-    assert len(ratios) > 30
+    walls, ratios = check(range(100_000), 20, certified=False)
+    assert walls == 20
+    assert len(ratios) > 6
 
 
 def test_the_checkers_search_denies_none_either() -> None:

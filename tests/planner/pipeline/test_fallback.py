@@ -17,6 +17,7 @@ from crux_planner.model.build import build_problem
 from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.ends import aimed
 from crux_simulation.benchmarks.random_fields import random_field
+from shared_plans import unproven
 from walls import hold, scenario, two_rows
 
 
@@ -74,14 +75,14 @@ def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
 ) -> None:
     """Not the reach of a level body, which is what the search before that lacks; and as many steps as named do."""
     with pytest.raises(InfeasibleError, match=rf"horizon\.steps: .* {short} steps of 2 s, but one in \d+") as error:
-        crux_planner.plan(scenario(wall(short)), robot)
+        unproven(scenario(wall(short)), robot)
     assert error.value.constraint == "horizon"
     assert isinstance(error.value, HorizonError)
-    assert crux_planner.plan(scenario(wall(error.value.needed)), robot).check.ok
+    assert unproven(scenario(wall(error.value.needed)), robot).check.ok
 
 
 def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
-    result = crux_planner.plan(scenario(hold_beyond_reach(40)), robot)
+    result = unproven(scenario(hold_beyond_reach(40)), robot)
     assert result.check.ok
     aside = 0.447 - result.plan.knots[-1].limbs[0].gripper_position_w_m[1]
     assert 0.02 < aside <= 0.03
@@ -90,7 +91,7 @@ def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
 def test_what_only_rounding_keeps_from_the_tolerance_is_a_solution(robot: Robot) -> None:
     """At joints' limits multipliers are large; three moves suffice, and were refused for the slope that is left."""
     said: list[str] = []
-    result = crux_planner.plan(parse_scenario(random_field(414)), robot, log=said.append)
+    result = unproven(parse_scenario(random_field(414)), robot, log=said.append)
     assert result.gait == ["RR", "RF", "LR"]
     (mended,) = said  # the check asks for less of a joint, once
     assert re.search(r"joint_torque\w* of RF .* RF_joint2; once more with less", mended)
@@ -101,7 +102,7 @@ def test_grippers_in_each_others_way_start_off_the_middle_of_their_holds(robot: 
     del wall["holds"][6]  # LR stays
     for i, x in ((0, 0.065), (2, -0.065)):  # palms of 140 mm, end to end
         wall["holds"][i] = hold(wall["holds"][i]["name"], x, 0.36, size_m=[0.06, 0.1, 0.06])
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     assert result.check.ok
     first = result.plan.knots[0].limbs
     assert abs(first[0].gripper_position_w_m[1] - first[2].gripper_position_w_m[1]) > 0.024

@@ -13,7 +13,7 @@ from crux_contracts.interpolation import PlanReference
 from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import Robot
 from crux_planner.pipeline.message import PlanResult
-from shared_plans import SharedPlans
+from shared_plans import SharedPlans, unproven
 from walls import hold, scenario, three_rows, two_rows
 
 
@@ -90,7 +90,7 @@ def test_fingers_keep_their_clearance_between_the_knots(climb: PlanResult, robot
 
 def test_a_body_that_starts_turned_plans_the_same_climb(robot: Robot) -> None:
     """On the flat nothing depends on the heading: the wall turned by 40 degrees gives the plan turned by 40 degrees."""
-    straight = crux_planner.plan(scenario(two_rows(slope_deg=0.0)), robot)
+    straight = unproven(scenario(two_rows(slope_deg=0.0)), robot)
     wall, turn = two_rows(slope_deg=0.0), math.radians(40)
     c, s = math.cos(turn), math.sin(turn)
     for part in wall["holds"]:
@@ -100,7 +100,7 @@ def test_a_body_that_starts_turned_plans_the_same_climb(robot: Robot) -> None:
     for body in (wall["start"]["body"], wall["goal"]["body"]):
         x, y, z = body["position_m"]
         body.update(position_m=[c * x - s * y, s * x + c * y, z], rpy_deg=[0, 0, 40])
-    turned = crux_planner.plan(scenario(wall), robot)
+    turned = unproven(scenario(wall), robot)
     assert turned.cost == pytest.approx(straight.cost, rel=1e-3)
     assert turned.gait == straight.gait
     assert turned.steps == straight.steps
@@ -112,7 +112,7 @@ def test_a_body_that_starts_turned_plans_the_same_climb(robot: Robot) -> None:
 
 @pytest.mark.parametrize("slope_deg", [0.0, 90.0])
 def test_other_slopes(robot: Robot, slope_deg: float) -> None:
-    result = crux_planner.plan(scenario(two_rows(slope_deg=slope_deg)), robot)
+    result = unproven(scenario(two_rows(slope_deg=slope_deg)), robot)
     assert result.ok
     assert all(joint.peak_torque_Nm <= joint.effort_limit_Nm for joint in result.check.joints)
 
@@ -128,7 +128,7 @@ def test_slippery_faces_are_not_gripped(robot: Robot) -> None:
         grasp["faces"] = "y"
     wall["goal"].pop("grasps")
     wall["goal"]["body"]["position_m"][0] = 0.28
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     assert result.gait
     for knot in result.plan.knots:
         assert all(limb.finger1_face in (-1, 2, 3) for limb in knot.limbs)
@@ -137,7 +137,7 @@ def test_slippery_faces_are_not_gripped(robot: Robot) -> None:
 def test_an_obstacle_on_the_way_is_passed_with_clearance(robot: Robot) -> None:
     wall = three_rows()
     wall["obstacles"] = [{"name": "pillar", "position_m": [0.28, 0.365], "size_m": [0.05, 0.05, 0.3]}]
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     assert result.ok
     assert least_clearance(result.plan, robot) >= robot.grasp.swing_clearance_m - 1e-9
 
@@ -147,7 +147,7 @@ def test_spines_alone_carry_the_robot_where_faces_have_no_friction(robot: Robot)
     for part in wall["holds"]:
         part["friction"] = 0.0
     wall["contact"].update(spine_shear_N=40, spine_twist_Nm=0.5)
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     assert result.ok
     for knot in result.plan.knots:
         for limb in knot.limbs:
@@ -160,7 +160,7 @@ def test_a_finger_that_may_not_press_hangs_by_its_spines(robot: Robot) -> None:
     wall = two_rows(slope_deg=90.0)
     hanging = {"LF": 2, "RF": 2, "LR": 2, "RR": 2}
     wall["contact"].update(spine_shear_N=30, spines_only=hanging)
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     assert sorted(result.gait) == sorted(LIMB_NAMES)
     shears = []
     for knot in result.plan.knots:
@@ -177,7 +177,7 @@ def test_grasps_named_by_the_goal_are_honoured(robot: Robot) -> None:
     wall["holds"].append(hold("aside", 0.32, -0.30, yaw_deg=85))
     wall["goal"]["grasps"] = {"RF": {"hold": "aside", "faces": "y"}}
     wall["holds"] = [part for part in wall["holds"] if part["name"] != "RF-high"]
-    result = crux_planner.plan(scenario(wall), robot)
+    result = unproven(scenario(wall), robot)
     last = result.plan.knots[-1].limbs[1]
     assert result.plan.holds[last.hold].name == "aside"
     assert last.finger1_face in (2, 3)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import crux_planner
 import numpy as np
 import pytest
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario, load_scenario
 from crux_planner.pipeline.message import PlanResult
+from shared_plans import unproven
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 
 def planned(name: str, robot: Robot) -> tuple[Scenario, PlanResult]:
     scenario = load_scenario(SCENES / f"{name}.yaml")
-    result = crux_planner.plan(scenario, robot)
+    result = unproven(scenario, robot)
     assert result.ok
     assert result.check.violations == []
     return scenario, result

@@ -20,10 +20,10 @@ from crux_planner.model.schedule import Schedule
 from crux_planner.model.walk_problem import build_walk
 from crux_planner.physics.bounds import reach_bounds
 from crux_planner.pipeline import climb
-from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.refusals import eased, nearer
 from crux_planner.solvers import clock
+from shared_plans import unproven
 from walls import scenario, two_rows
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
@@ -32,7 +32,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
     content = two_rows(slope_deg=slope_deg)
     content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
-    result = plan(scenario(content), robot)
+    result = unproven(scenario(content), robot)
     assert result.check.ok
     return result
 
@@ -101,7 +101,7 @@ def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
     """Without a margin, motors of 60 % are asked for more between the knots and as the controller shares the load."""
     lines: list[str] = []
     content = two_rows(slope_deg=70.0) | {"planner": {"margins": {"torque": 0.0}}}
-    result = plan(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
+    result = unproven(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
     assert result.check.ok
     (mended,) = [line for line in lines if "fails the check" in line]  # and its own next attempt passes
     assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.1\d* N m \w\w_joint\d; once more with less", mended)
@@ -149,9 +149,9 @@ def test_the_body_leans_farther_than_boxes_let_it_where_that_is_cheaper(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wall = load_scenario(SCENES / "climb-obstacles.yaml")
-    leaning = plan(wall, robot)
+    leaning = unproven(wall, robot)
     monkeypatch.setattr(Problem, "farther", lambda problem: problem)
-    kept = plan(wall, robot)
+    kept = unproven(wall, robot)
     assert leaning.check.ok
     assert leaning.steps == kept.steps
     assert leaning.cost < 0.97 * kept.cost
@@ -173,7 +173,7 @@ def test_the_time_limit_leaves_time_for_the_check(robot: Robot, monkeypatch: pyt
     content["planner"] = {"time_limit_s": 4.0}
     began = clock.now()
     with pytest.raises(InfeasibleError, match="as made up"):
-        plan(scenario(content), robot)
+        unproven(scenario(content), robot)
     assert len(deadlines) == 2  # the quickest sequence, and after other headings any
     assert max(deadlines) - began < 4.0 - 0.8 + 0.1
 

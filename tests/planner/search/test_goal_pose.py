@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import crux_planner
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_planner.model.build import build_problem
 from crux_planner.physics.reachable_set import ReachableSet
+from shared_plans import unproven
 from walls import scenario, two_rows
 
 
 def end_error_m(content: dict[str, Any], robot: Robot) -> np.ndarray:
-    result = crux_planner.plan(scenario(content), robot)
+    result = unproven(scenario(content), robot)
     assert result.check.ok
     error: np.ndarray = np.array(result.plan.knots[-1].body_position_w_m) - content["goal"]["body"]["position_m"]
     return error
