@@ -12,12 +12,22 @@ DEVELOPMENT = {"CRUX_TESTS", "CRUX_FIRMWARE", "CRUX_EMULATED", "CRUX_CCACHE"}
 
 
 def configure(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    words = ["cmake", "-S", ROOT, "-B", folder / "cmake", "-G", "Ninja", "-DCMAKE_MESSAGE_LOG_LEVEL=ERROR", *options]
+    words = [
+        "cmake",
+        "-S",
+        str(ROOT),
+        "-B",
+        str(folder / "cmake"),
+        "-G",
+        "Ninja",
+        "-DCMAKE_MESSAGE_LOG_LEVEL=ERROR",
+        *options,
+    ]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
 def targets(folder: Path) -> set[str]:
-    words = ["ninja", "-C", folder / "cmake", "-t", "targets", "all"]
+    words = ["ninja", "-C", str(folder / "cmake"), "-t", "targets", "all"]
     shown = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     return {line.split(":")[0] for line in shown.splitlines()}
 

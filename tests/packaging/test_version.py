@@ -47,7 +47,7 @@ def test_an_archive_of_the_sources_says_that_its_commit_is_unknown(sources: Path
     shutil.copy(sources / "pyproject.toml", archive)
     assert version(archive).stdout == "0.3.0~unknown\n"
     shutil.copytree(ROOT / "msgs" / "generate", archive / "msgs" / "generate")
-    words = [sys.executable, "-m", "generate.commit", "--out", archive / "gen"]
+    words = [sys.executable, "-m", "generate.commit", "--out", str(archive / "gen")]
     subprocess.run(words, cwd=archive / "msgs", check=True)
     assert (archive / "gen" / "python" / "crux_commit.py").read_text() == 'COMMIT: str = "unknown"\n'
     assert '"unknown"' in (archive / "gen" / "cpp" / "commit.cpp").read_text()
