@@ -13,7 +13,7 @@ from crux_tools.paths import ROOT
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-LINKED, STATIC, IMAGES, USER, DEVELOPMENT, DOCS = range(1, 7)  # the tables of NOTICE
+LINKED, STATIC, IMAGES, USER, DEVELOPMENT, DOCS, COPIED = range(1, 8)  # the tables of NOTICE
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PROGRAMS = ("runtime/app/crux-runtime", "runtime/app/crux-recompute", "firmware/libcrux_nodes.so")
 INSTALLED = ("operator.lock", "simulation.lock", "campaign.lock", "development.lock", "uv.lock.txt")
@@ -77,6 +77,13 @@ def test_every_locked_package_is_in_notice_and_no_other() -> None:
     assert set(table(STATIC)) - {"Eigen", "Monocypher", "PIQP"} == set(crates) - {"mcap_c"}
 
 
+def test_what_is_copied_into_the_repository_is_named_with_its_licence() -> None:
+    folder = ROOT / "tools/crux_tools/view/page/three"
+    assert table(COPIED) == {"three.js": "MIT"}
+    assert "The MIT License" in (folder / "LICENSE").read_text(encoding="utf-8")
+    assert "@license\n * Copyright 2010" in (folder / "three.core.min.js").read_text(encoding="utf-8")[:60]
+
+
 def test_licences_are_those_that_the_packages_name() -> None:
     licences = table(USER) | table(DEVELOPMENT)
     named = {name: distribution(name).metadata.get_all("License-Expression") for name in locked()}
@@ -94,7 +101,7 @@ def test_what_a_user_needs_is_listed_apart_and_free_of_the_gpl() -> None:
         known |= locked(lock)
     assert set(table(USER)) == known
     assert is_gpl(table(DEVELOPMENT)["unicorn"])
-    for section in (LINKED, STATIC, IMAGES, USER):
+    for section in (LINKED, STATIC, IMAGES, USER, COPIED):
         assert not {name: licence for name, licence in table(section).items() if is_gpl(licence)}
 
 

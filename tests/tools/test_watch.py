@@ -98,12 +98,12 @@ def test_the_page_follows(url: str, log_path: Path) -> None:
     viewer = Viewer([live.recording], "127.0.0.1", 0)
     try:
         with open_page(viewer.url, (900, 600)) as page:
-            page.wait_until("typeof view !== 'undefined' && view.connected === true && view.shown > 0")
+            page.wait_until("window.crux?.view.connected === true && crux.view.shown > 0")
             play(log_path, url, "0.6", "1.2")
             heard(live, 1.1)
-            page.wait_until("view.time > 1.1")
+            page.wait_until("crux.view.time > 1.1")
             page.press("ArrowLeft")
-            assert page.value("byId('follow').checked") is False
+            assert page.value("crux.byId('follow').checked") is False
             assert page.errors == []
     finally:
         viewer.close()

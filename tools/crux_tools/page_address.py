@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
+import fcntl
 import socket
+import struct
 
 from crux_tools.errors import UsageError
 
 DEFAULT_PORT = 8737
+SIOCGIFADDR = 0x8915  # of linux/sockios.h: the IPv4 address of an interface
 
 
 def port(text: str) -> int:
@@ -25,6 +29,20 @@ def add_address(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
     )
+
+
+def addresses(host: str) -> list[str]:
+    """Where a browser finds what is served on `host`, as they stand in a URL; of a wildcard this machine's own."""
+    if host not in {"0.0.0.0", "::", ""}:
+        return [f"[{host}]" if ":" in host else host]
+    found = ["127.0.0.1"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        for _, interface in socket.if_nameindex():
+            request = struct.pack("256s", interface.encode())
+            with contextlib.suppress(OSError):  # an interface without an address
+                answer = fcntl.ioctl(probe, SIOCGIFADDR, request)
+                found.append(socket.inet_ntoa(answer[20:24]))
+    return list(dict.fromkeys(found))
 
 
 def check_address(host: str, port: int) -> None:

@@ -29,11 +29,12 @@ SCRUB_S = 5.0
 _CYCLE_AT = 4  # of a message that begins with its cycle, behind the CDR header
 # Seeks from moment to moment as somebody who drags the cursor does, the next when the last one is shown.
 _SCRUB = """(async () => {
-  const shown = view.shown, start = performance.now(), past = () => (performance.now() - start) / 1000;
+  const { view, page, begin, end, seek } = crux, shown = view.shown;
+  const start = performance.now(), past = () => (performance.now() - start) / 1000;
   for (let i = 1; past() < %g; i++) {
     seek(begin() + (end() - begin()) * ((i * 0.618) %% 1));
     await new Promise(requestAnimationFrame);
-    while (asking) await new Promise((done) => setTimeout(done, 1));
+    while (page.asking) await new Promise((done) => setTimeout(done, 1));
   }
   return (view.shown - shown) / past();
 })()"""
@@ -127,9 +128,9 @@ def looked_at(log: Path) -> dict[str, Any]:
         }
         with open_page(viewer.url, SIZE_PX) as page:
             page.wait_until(READY)
-            before_s, shown = _cpu_s(), page.value("view.shown")
+            before_s, shown = _cpu_s(), page.value("crux.view.shown")
             scrubbed = page.value(_SCRUB % SCRUB_S)
-            cpu_ms = 1e3 * (_cpu_s() - before_s) / (page.value("view.shown") - shown)
+            cpu_ms = 1e3 * (_cpu_s() - before_s) / (page.value("crux.view.shown") - shown)
         return {**opened, **served, "scrubbed_a_s": scrubbed, "scrubbed_cpu_ms": cpu_ms}
     finally:
         viewer.close()

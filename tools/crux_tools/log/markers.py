@@ -22,7 +22,7 @@ WALL_BEYOND_M = 0.3  # the wall is drawn so far beyond the outermost hold
 HOLD_RGBA, OBSTACLE_RGBA, WALL_RGBA = (0.62, 0.53, 0.42, 1.0), (0.35, 0.35, 0.38, 1.0), (0.80, 0.79, 0.74, 1.0)
 TEXT_RGBA = (0.1, 0.1, 0.1, 1.0)
 FORCES = {"measured": ("", (0.14, 0.40, 0.69, 1.0)), "planned": ("_reference", (0.90, 0.59, 0.16, 1.0))}
-SAFE_MARGIN_N = 10.0  # green from here on, red at 0
+USED_RGB = ((0.0, (0.18, 0.63, 0.35)), (0.7, (0.93, 0.73, 0.15)), (1.0, (0.83, 0.14, 0.14)))  # by share of the surface
 NO_MARGIN = "       "
 
 
@@ -59,14 +59,15 @@ def wall_markers(plan: Any) -> bytes:
     return encoded("visualization_msgs/MarkerArray", {"markers": markers})
 
 
-def margin_colours(margin_n: np.ndarray) -> np.ndarray:
-    """(n, 4) red, green, blue, opacity: from red where a finger slips to green."""
-    share = np.clip(np.nan_to_num(margin_n) / SAFE_MARGIN_N, 0, 1)
-    return np.stack([1 - share, 0.8 * share, 0 * share + 0.1, 0 * share + 1], axis=-1)
+def used_colours(used: np.ndarray) -> np.ndarray:
+    """(n, 4) red, green, blue, opacity by the share of the limit surface that a grip uses: red where it slips."""
+    shares, channels = [share for share, _ in USED_RGB], np.array([rgb for _, rgb in USED_RGB]).T
+    rgb = [np.interp(np.nan_to_num(used, posinf=1.0), shares, channel) for channel in channels]
+    return np.stack([*rgb, np.ones_like(used)], axis=-1)
 
 
 def force_markers(seen: Seen) -> list[bytes]:
-    """A MarkerArray a row: arrows of measured and planned forces, balls coloured by the margin and its newtons."""
+    """A MarkerArray a row: arrows of measured and planned forces, balls by the share used, margins in newtons."""
     blank = {"points": [vector((0, 0, 0))] * 2, "scale": vector((SHAFT_M, HEAD_M, 0))}
     arrows = [
         (f"{name}/{limb}", _marker(f"{name}/{limb}", 0, ARROW, color=vector(rgba, "rgba"), **blank))
@@ -93,6 +94,7 @@ def force_markers(seen: Seen) -> list[bytes]:
             rows.put(f"markers.{number * len(LIMB_NAMES) + limb}.points.0", ends)
     for limb in range(len(LIMB_NAMES)):
         _put_margin(rows, len(arrows) + limb, len(arrows) + len(LIMB_NAMES) + limb, at[:, limb], seen.margin_n[:, limb])
+        rows.put(f"markers.{len(arrows) + limb}.color", used_colours(seen.used[:, limb]))
     return rows.payloads()
 
 
@@ -102,6 +104,5 @@ def _put_margin(rows: Rows, ball: int, text: int, at: np.ndarray, margin_n: np.n
     rows.put(f"markers.{text}.action", hidden)
     rows.put(f"markers.{ball}.pose.position", at)
     rows.put(f"markers.{text}.pose.position", at + np.array([0, 0, TEXT_ABOVE_M]))
-    rows.put(f"markers.{ball}.color", margin_colours(margin_n))
     words = [NO_MARGIN if np.isnan(value) else f"{np.clip(value, -99, 999):5.1f} N" for value in margin_n]
     rows.put_text(f"markers.{text}.text", words)

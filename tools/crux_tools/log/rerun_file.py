@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from crux_contracts import LIMB_NAMES
 
-from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, margin_colours
+from crux_tools.log.markers import FORCE_SCALE_M_PER_N, FORCES, HOLD_RGBA, OBSTACLE_RGBA, used_colours
 from crux_tools.log.seen import ERROR, INFO, NS, WARN, WORLD, Seen
 from crux_tools.telemetry.summary import STATE_NAMES, name_of
 
@@ -133,7 +133,7 @@ def _moments(recording: rr.RecordingStream, seen: Seen, utc: bool) -> None:
         send(f"/margins/{limb_name}", rr.Scalars.columns(scalars=margin))
         entity = f"/margins_3d/{limb_name}"
         recording.log(entity, rr.CoordinateFrame(WORLD), rr.Points3D.from_fields(radii=[0.015]), static=True)
-        colours = (255 * margin_colours(margin)).astype(np.uint8)
+        colours = (255 * used_colours(seen.used[:, limb])).astype(np.uint8)
         colours[np.isnan(margin), 3] = 0
         send(entity, rr.Points3D.columns(positions=grippers[:, limb], colors=colours))
     for i, joint in enumerate(seen.joints):

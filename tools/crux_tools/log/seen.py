@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from crux_tools.errors import UsageError
 from crux_tools.telemetry import Channels, Telemetry
-from crux_tools.telemetry.margins import measured_margin_n
+from crux_tools.telemetry.margins import Grip, measured_grip
 from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, is_realtime, name_of, runs, summarise
 from crux_tools.telemetry.wording import fault_line
 
@@ -63,6 +63,7 @@ class Seen:
     joints: list[str]
     joint_state: np.ndarray  # (n, len(joints), 3): position, velocity, effort
     margin_n: np.ndarray  # (n, 4) the least of a limb's two fingers since the moment before; NaN: not in full stance
+    used: np.ndarray  # (n, 4) the largest share of the limit surface that they used since then
     events: list[Event]
 
     def limb_of_joint(self, joint: int) -> str:
@@ -73,7 +74,7 @@ class Seen:
 
     def block(self, first: int, end: int) -> Seen:
         """Some of the moments."""
-        names = ("rows", "times_ns", "moving_at", "joint_state", "margin_n")
+        names = ("rows", "times_ns", "moving_at", "joint_state", "margin_n", "used")
         return replace(self, **{name: getattr(self, name)[first:end] for name in names})
 
     def wrench(self, kind: str) -> np.ndarray:
@@ -93,6 +94,7 @@ def seen(log: Telemetry, channels: Channels, robot: Robot, rate_Hz: float, clock
     moving = [joint for joint in joints if joint.name in moved]
     fixed = [joint for joint in joints if joint.name not in moved]
     state = log.state[rows]
+    margin_n, used = _grips(log, robot, rows)
     body = [(WORLD, robot.body_link, "body"), (WORLD, BODY_REFERENCE, "body_reference")]
     bodies = [_pose(state[f"{field}_position_w_m"], state[f"{field}_quaternion_w"]) for *_, field in body]
     contacts = np.zeros((len(rows), len(LIMB_NAMES), 7))
@@ -116,7 +118,8 @@ def seen(log: Telemetry, channels: Channels, robot: Robot, rate_Hz: float, clock
         fixed_at=np.array([_at(joint, np.zeros(1))[0] for joint in fixed]).reshape(-1, 7),
         joints=names,
         joint_state=values,
-        margin_n=_margins(log, robot, rows),
+        margin_n=margin_n,
+        used=used,
         events=events_of(log, channels, clock),
     )
 
@@ -146,19 +149,17 @@ def _joint_values(log: Telemetry, robot: Robot, rows: np.ndarray) -> tuple[list[
     return names, np.concatenate([joints, np.repeat(fingers, 2, axis=1)], axis=1)
 
 
-def least_margin_n(log: Telemetry, robot: Robot) -> np.ndarray:
-    """(n, 4) of every cycle, the least of a limb's two fingers [N]; NaN: not in full stance. The log has a plan."""
-    return np.asarray(measured_margin_n(log, robot.control.force_filter_s).min(axis=2))
+def grip_of_limbs(log: Telemetry, robot: Robot) -> Grip:
+    """(n, 4) of every cycle; NaN: not in full stance. The log has a plan."""
+    return measured_grip(log, robot.control.force_filter_s).limbs()
 
 
-def _margins(log: Telemetry, robot: Robot, rows: np.ndarray) -> np.ndarray:
+def _grips(log: Telemetry, robot: Robot, rows: np.ndarray) -> Grip:
     """(n, 4) so that a dip of one cycle between two rows is seen."""
     if log.plan is None:
-        return np.full((len(rows), len(LIMB_NAMES)), np.nan)
-    margin = np.nan_to_num(least_margin_n(log, robot), nan=np.inf)
-    ends = np.append(rows[1:], len(margin))
-    least = np.array([margin[first:end].min(axis=0) for first, end in zip(rows, ends, strict=True)])
-    return np.where(np.isfinite(least), least, np.nan)
+        return Grip(*np.full((2, len(rows), len(LIMB_NAMES)), np.nan))
+    grip = grip_of_limbs(log, robot)
+    return Grip(np.fmin.reduceat(grip.margin_n, rows), np.fmax.reduceat(grip.used, rows))
 
 
 def events_of(log: Telemetry, channels: Channels, clock: Clock) -> list[Event]:

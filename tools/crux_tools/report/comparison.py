@@ -38,13 +38,13 @@ class Climb(NamedTuple):
 
 
 def _climb(path: Path) -> Climb:
-    from crux_tools.log.seen import least_margin_n
+    from crux_tools.log.seen import grip_of_limbs
 
     log = read_log(path)
     if log.plan is None:
         raise UsageError(f"{path}: no plan was accepted in this log, so there is no climb to compare")
     with robot_of(log.plan.robot_name, log.robot_files) as robot:
-        margin_n = least_margin_n(log, robot)
+        margin_n = grip_of_limbs(log, robot).margin_n
     return Climb(log, summarise(log), np.fmin.reduce(margin_n, axis=1))
 
 

@@ -9,7 +9,7 @@ A foot on the wall itself stands on both pads alike, and bears no moment (msgs/P
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from crux_planner.checker.limit_surface import cone_excess
@@ -42,24 +42,42 @@ def _surfaces(plan: Any, series: PlanSeries) -> tuple[np.ndarray, np.ndarray]:
     return friction, spines
 
 
-def _margin(
+class Grip(NamedTuple):
+    """How near fingers are to slipping; both NaN where they do not grip."""
+
+    margin_n: np.ndarray
+    """mu fz - demand of the limit surface (1)-(3), after the micro-spines' share"""
+    used: np.ndarray
+    """demand / (mu fz): 0 unloaded, 1 on the limit surface, beyond it slips; inf without normal force"""
+
+    def limbs(self) -> Grip:
+        """Of a limb's two fingers, the last axis, the one that is nearer to slipping by each."""
+        return Grip(self.margin_n.min(axis=-1), self.used.max(axis=-1))
+
+    def where(self, gripping: np.ndarray) -> Grip:
+        """NaN elsewhere."""
+        return Grip(*(np.where(gripping, values, np.nan) for values in self))
+
+
+def _grip(
     plan: Any, force: np.ndarray, moment: np.ndarray, outward: np.ndarray, friction: np.ndarray, spines: np.ndarray
-) -> np.ndarray:
-    """mu fz - demand [N] of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
+) -> Grip:
+    """Of wrenches (..., 3), (..., 3) on faces with outward normals (..., 3)."""
     on_wall = (outward[..., 2] > FLAT)[..., None]
     tangent = np.where(on_wall, X, np.cross(Z, outward))
     other_tangent = np.cross(outward, tangent)
-    return np.asarray(
-        -cone_excess(
-            np.stack([(force * tangent).sum(axis=-1), (force * other_tangent).sum(axis=-1)], axis=-1),
-            (moment * outward).sum(axis=-1),
-            (force * outward).sum(axis=-1),
-            friction=friction,
-            patch_k_m=plan.patch_k_m,
-            spine_shear_N=plan.spine_shear_n * spines,
-            spine_twist_Nm=plan.spine_twist_nm * spines,
-        )
+    normal = (force * outward).sum(axis=-1)
+    margin = -cone_excess(
+        np.stack([(force * tangent).sum(axis=-1), (force * other_tangent).sum(axis=-1)], axis=-1),
+        (moment * outward).sum(axis=-1),
+        normal,
+        friction=friction,
+        patch_k_m=plan.patch_k_m,
+        spine_shear_N=plan.spine_shear_n * spines,
+        spine_twist_Nm=plan.spine_twist_nm * spines,
     )
+    most = friction * np.maximum(normal, 0.0)
+    return Grip(margin, np.divide(most - margin, most, out=np.full_like(margin, np.inf), where=most > 0))
 
 
 def _outward(axis: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
@@ -69,12 +87,17 @@ def _outward(axis: np.ndarray, on_wall: np.ndarray) -> np.ndarray:
 
 def planned_margin_n(plan: Any) -> np.ndarray:
     """Margin of fingers 1 and 2 of every limb at every knot, (K, 4, 2) [N]; NaN in the air."""
+    return planned_grip(plan).margin_n
+
+
+def planned_grip(plan: Any) -> Grip:
+    """Of fingers 1 and 2 of every limb at every knot, (K, 4, 2); NaN in the air."""
     series = plan_series(plan)
     friction, spines = _surfaces(plan, series)
     axis = series.opening_axis
     outward = _outward(axis, series.on_wall)
-    margin = _margin(plan, series.finger_force_n, series.finger_moment_nm, outward, friction, spines)
-    return np.where(series.stance[..., None], margin, np.nan)
+    grip = _grip(plan, series.finger_force_n, series.finger_moment_nm, outward, friction, spines)
+    return grip.where(series.stance[..., None])
 
 
 def split_between_fingers(
@@ -107,7 +130,12 @@ def _gripper_wrenches(log: Telemetry, filter_s: float, rotation: np.ndarray) -> 
 
 
 def measured_margin_n(log: Telemetry, filter_s: float) -> np.ndarray:
-    """Margin of fingers 1 and 2 of every limb in every cycle, (n, 4, 2) [N], with the squeeze measured in that cycle.
+    """Margin of `measured_grip`, (n, 4, 2) [N]."""
+    return measured_grip(log, filter_s).margin_n
+
+
+def measured_grip(log: Telemetry, filter_s: float) -> Grip:
+    """Of fingers 1 and 2 of every limb in every cycle, (n, 4, 2), with the squeeze measured in that cycle.
 
     NaN unless climbing in full stance. The faces are those of the plan's knot at the logged plan time. `filter_s`: time
     constant of the runtime's filter of the F/T reading.
@@ -124,5 +152,5 @@ def measured_margin_n(log: Telemetry, filter_s: float) -> np.ndarray:
     force = np.where(on_wall, np.stack([whole[0], whole[0]], axis=2) / 2, force)
     moment = np.where(on_wall, 0.0, moment)  # two pads beside each other bear what a point does not
     outward = _outward(axis, series.on_wall[knot])
-    margin = _margin(plan, force, moment, outward, friction[knot], spines[knot])
-    return np.where((in_full_stance(log) & series.stance[knot])[..., None], margin, np.nan)
+    grip = _grip(plan, force, moment, outward, friction[knot], spines[knot])
+    return grip.where((in_full_stance(log) & series.stance[knot])[..., None])

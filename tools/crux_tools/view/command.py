@@ -78,13 +78,20 @@ def _serving(viewer: Viewer) -> Iterator[None]:
         viewer.close()
 
 
+def _tell(viewer: Viewer, at_s: float = math.nan) -> None:
+    from crux_tools.view.server import moment
+
+    here, *others = (url + moment(at_s) for url in viewer.urls)
+    note("\n      ".join([f"view: {here} (Ctrl-C ends it)", *(f"{url} from other machines" for url in others)]))
+
+
 def serve(sources: list[Source], host: str, port: int, at_s: float = math.nan) -> None:
     """Until Ctrl-C. `at_s`: where the page begins, NaN: at the recording's begin."""
-    from crux_tools.view.server import Viewer, moment
+    from crux_tools.view.server import Viewer
 
     viewer = Viewer(sources, host, port)
     with _serving(viewer):
-        note(f"view: {viewer.url}{moment(at_s)} (Ctrl-C ends it)")
+        _tell(viewer, at_s)
         viewer.wait()
 
 
@@ -155,6 +162,6 @@ def run_watch(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         return 0
     with _serving(viewer):
-        note(f"view: {viewer.url} (Ctrl-C ends it)")
+        _tell(viewer)
         viewer.wait()
     return 0

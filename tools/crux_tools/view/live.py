@@ -26,12 +26,13 @@ from crux_msgs import (
 )
 
 from crux_tools.errors import UsageError
-from crux_tools.log.seen import NS, Event, events_of, least_margin_n
+from crux_tools.log.seen import NS, Event, events_of, grip_of_limbs
 from crux_tools.operator_link import NO_NETWORK
 from crux_tools.plan_robot import robot_named
 from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Channels, Telemetry
+from crux_tools.telemetry.margins import Grip
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.view.recording import Recording, blank, made_telemetry
 
@@ -114,7 +115,8 @@ class Live:
         self._states, self._inputs = (Table(blank(topic, FIRST_ROWS)) for topic in ("/robot_state", "/control_input"))
         self._references, self._limbs = (Table(blank(topic, shape)) for topic in ("/limb_reference", "/limb_telemetry"))
         self._newest = {topic: blank(topic, len(LIMB_NAMES)) for topic in ("/limb_reference", "/limb_telemetry")}
-        self._faults, self._margin_n = Table(blank("/fault", FIRST_ROWS)), Table(np.zeros(shape))
+        self._faults = Table(blank("/fault", FIRST_ROWS))
+        self._grip = Table(np.zeros(shape)), Table(np.zeros(shape))
         self._told = Channels({}, {}, {}, {}, {}, None, [])
         self._came = list[tuple[str, int]]()  # of `_newest`, since the last state
         self._state: Any = None
@@ -191,12 +193,14 @@ class Live:
             self._shown = count
             log = self._telemetry()
             assert self._robot is not None
-            for margin_n in least_margin_n(_rows_from(log, self._margin_n.count), self._robot.robot):
-                self._margin_n.add(margin_n)
+            new = grip_of_limbs(_rows_from(log, self._grip[0].count), self._robot.robot)
+            for table, rows in zip(self._grip, new, strict=True):
+                for row in rows:
+                    table.add(row)
             if time.monotonic() - self._events_at > EVENTS_EVERY_S:
                 self._events = events_of(log, self._told, lambda times_ns: times_ns)
                 self._events_at = time.monotonic()
-            self._known = Recording(log, self._margin_n.view, self._events, "live")
+            self._known = Recording(log, Grip(*(table.view for table in self._grip)), self._events, "live")
             return self._known
 
     def _telemetry(self) -> Telemetry:

@@ -18,9 +18,9 @@ from crux_tools.view.server import Source, Viewer, moment
 
 SIZE_PX = (1500, 950)
 FRAMES_A_S = 10
-READY = "typeof view !== 'undefined' && view.connected === true && !asking && wanted === null"
-_SHARP = "spaces.forEach((space) => space.draw(true))"
-_PLOTTED = "plots.every((plot) => plot.names.every((name) => plot.curves[name]))"
+READY = "window.crux?.view.connected === true && !crux.page.asking && crux.page.wanted === null"
+_SHARP = "crux.page.spaces.forEach((space) => space.draw(true))"
+_PLOTTED = "crux.plots.every((plot) => plot.names.every((name) => plot.curves[name]))"
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def write_video(path: Path, sources: list[Source], from_s: float, to_s: float, s
     pictures = []
     with _page(sources, from_s) as page, progress("filming", len(times_s)) as bar:
         for i, time_s in enumerate(times_s):
-            page.value(f"seek({time_s})")
+            page.value(f"crux.seek({time_s})")
             page.wait_until(READY)
             page.value(_SHARP)
             pictures.append(page.picture())

@@ -12,7 +12,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_contracts.interpolation import PlanReference
 
-from crux_tools.log.seen import INFO, NS, Event, events_of, least_margin_n
+from crux_tools.log.seen import INFO, NS, Event, events_of, grip_of_limbs
 from crux_tools.plan_robot import robot_of_plan
 from crux_tools.report.evidence import evidence, moment_of, stories
 from crux_tools.robot3d.robot_model import build_model
@@ -20,7 +20,7 @@ from crux_tools.robot3d.start_pose import RobotPose, take_pose
 from crux_tools.telemetry import Channels, Telemetry, is_log, read_channels, telemetry_of
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.description import robot_of
-from crux_tools.telemetry.margins import planned_margin_n
+from crux_tools.telemetry.margins import Grip, planned_grip
 from crux_tools.telemetry.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry.summary import CLIMBING, STANCE, SWING, summarise
 
@@ -34,7 +34,7 @@ class Recording:
     """`log` has a plan; its limbs and references are those of every row."""
 
     log: Telemetry
-    margin_n: np.ndarray  # (n, 4) the least of a limb's two fingers; NaN: not in full stance
+    grip: Grip  # (n, 4) of the finger nearer to slipping; NaN: not in full stance
     events: list[Event]
     what: str = "log"  # log, plan or live
 
@@ -78,9 +78,9 @@ def recording_of_log(log: Telemetry, channels: Channels) -> Recording | None:
     if log.plan is None:
         return None
     with robot_of(log.plan.robot_name, log.robot_files) as robot:
-        margin = least_margin_n(log, robot)
+        grip = grip_of_limbs(log, robot)
     events = events_of(log, channels, lambda times_ns: times_ns) + _causes(log)
-    return Recording(log, margin, sorted(events, key=lambda event: event.log_ns))
+    return Recording(log, grip, sorted(events, key=lambda event: event.log_ns))
 
 
 def _causes(log: Telemetry) -> list[Event]:
@@ -91,7 +91,7 @@ def _causes(log: Telemetry) -> list[Event]:
 
 
 def recording_of_plan(path: Path, plan: Any) -> Recording:
-    """The plan played as it stands, joints by inverse kinematics."""
+    """The plan played as it stands, joints by inverse kinematics; what only a climb has is zero."""
     robot = build_model(robot_of_plan(plan, path), plan)
     reference, series = PlanReference(plan), plan_series(plan)
     end_s = reference.end_s
@@ -129,7 +129,8 @@ def recording_of_plan(path: Path, plan: Any) -> Recording:
     along = (series.finger_force_n * series.opening_axis[:, :, None]).sum(axis=-1)
     limbs["grasp_force_n"] = ((along[..., 0] - along[..., 1]) / 2)[knot]
     log = made_telemetry(path, plan, time_s, (state, inputs, references, limbs))
-    return Recording(log, planned_margin_n(plan).min(axis=2)[knot], _swings(series), "plan")
+    grip = Grip(*(values[knot] for values in planned_grip(plan).limbs()))
+    return Recording(log, grip, _swings(series), "plan")
 
 
 def _swings(series: PlanSeries) -> list[Event]:

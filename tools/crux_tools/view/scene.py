@@ -13,16 +13,19 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_planner.checker.limb_model import load_model
 
-from crux_tools.log.markers import margin_colours
+from crux_tools.log.markers import USED_RGB, used_colours
 from crux_tools.report.pictures import place_measured
 from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.plan_series import PlanSeries, plan_series
-from crux_tools.telemetry.summary import STATE_NAMES, WAIT_NAMES, name_of
+from crux_tools.telemetry.rotations import rotations_from_quaternions
+from crux_tools.view.caption import caption
 from crux_tools.view.meshes import drawn_mesh, meshes_of
+from crux_tools.view.reach import reach_on_wall
 from crux_tools.view.recording import Recording
 
 FORCE_SCALE_M_PER_N = 0.008
@@ -34,14 +37,13 @@ ARROWS = {  # name -> (field of limb_telemetry, length of a unit, colour)
     "planned moment": ("moment_reference_w_nm", MOMENT_SCALE_M_PER_NM, (250, 205, 130)),
 }
 CAMERAS = {  # name -> where the eye is from what it looks at, frame W [m]: a gripper, or the body
-    "overview": (-0.7, -0.55, 0.75),
+    "overview": (-0.79, -0.63, 0.86),
     "wall": (-0.1, 0.0, 1.7),
     "right": (0.0, -1.4, 0.2),
     "left": (0.0, 1.4, 0.2),
     "below": (-1.5, 0.0, 0.35),
     **{limb: (-0.3, -0.25 if limb[0] == "R" else 0.25, 0.3) for limb in LIMB_NAMES},
 }
-PLANE_M = 0.002  # as thick a plane is drawn
 DIGITS = 6  # of positions [m] and quaternions
 Shape = dict[str, Any]
 
@@ -65,18 +67,35 @@ class Scene:
         self._plan: PlanSeries = plan_series(plan)
         with robot_of(plan.robot_name, recording.log.robot_files) as described:
             self._robot = build_model(described, plan)
+            self._whole = load_model(described)
             meshes = {link: [drawn_mesh(mesh) for mesh in found] for link, found in meshes_of(described).items()}
         self._data, self._ghost_data = (mujoco.MjData(self._robot.model) for _ in range(2))
         mujoco.mj_kinematics(self._robot.model, self._data)
         self._moving = np.flatnonzero(self._robot.model.body_weldid != 0)
         up = -np.array(plan.gravity_w_m_s2)
+        frames = [self._robot.body, *self._robot.gripper_bodies]
         self.description: dict[str, Any] = {
             "up": _numbers(up / np.linalg.norm(up)),
             "shapes": self._shapes(meshes),
             "arrows": {name: rgb for name, (_, _, rgb) in ARROWS.items()},
             "cameras": CAMERAS,
             "grippers": LIMB_NAMES,
+            "holds": [
+                {"name": hold.name, "top": _numbers(np.add(hold.position_w_m, (0.0, 0.0, hold.size_m[2])))}
+                for hold in plan.holds
+            ],
+            "joints": self._joints(),
+            "frames": dict(zip(("body", *LIMB_NAMES), np.searchsorted(self._moving, frames).tolist(), strict=True)),
+            "used_rgb": [[share, _rgb(np.array(rgb))] for share, rgb in USED_RGB],
         }
+
+    def _joints(self) -> list[dict[str, Any]]:
+        """Names and limits [rad], limb by limb, in the order of `at`'s "joints"."""
+        model = self._robot.model
+        numbers = model.dof_jntid[self._robot.joint_dof]
+        return [
+            {"name": model.joint(int(number)).name, "limits": _numbers(model.jnt_range[number])} for number in numbers
+        ]
 
     def _shapes(self, meshes: dict[str, list[Shape]]) -> list[Shape]:
         """Those of a body that moves stand in its frame, `body` counting such bodies; all others, -1, in W."""
@@ -103,7 +122,7 @@ class Scene:
         radius, length = size[0], 2 * size[1]
         kind = mujoco.mjtGeom(model.geom_type[geom])
         parts: list[tuple[str, Any, float]] = {  # kind, size, how far along its axis
-            mujoco.mjtGeom.mjGEOM_PLANE: [("box", (2 * size[0], 2 * size[1], PLANE_M), 0.0)],
+            mujoco.mjtGeom.mjGEOM_PLANE: [("plane", (2 * size[0], 2 * size[1], 1.0), 0.0)],
             mujoco.mjtGeom.mjGEOM_BOX: [("box", 2 * size, 0.0)],
             mujoco.mjtGeom.mjGEOM_SPHERE: [("sphere", [2 * radius] * 3, 0.0)],
             mujoco.mjtGeom.mjGEOM_CYLINDER: [("cylinder", (2 * radius, 2 * radius, length), 0.0)],
@@ -132,9 +151,7 @@ class Scene:
         """Poses of the bodies that move, measured and planned (x, y, z, then w, x, y, z, each), arrows from the
         grippers, and colours of the holds that are held. `recording` may have grown since the last time.
         """
-        if recording.log.plan is not self._recording.log.plan:
-            self._plan = plan_series(recording.log.plan)
-        self._recording = recording
+        self._follow(recording)
         log, model, data = recording.log, self._robot.model, self._data
         place_measured(self._robot, data, log, row)
         mujoco.mj_kinematics(model, data)
@@ -147,7 +164,28 @@ class Scene:
             "grippers": _numbers(data.site_xpos[self._robot.gripper_sites]),
             "arrows": {name: _numbers(scale * log.limbs[field][row]) for name, (field, scale, _) in ARROWS.items()},
             "holds": self._hold_colours(row),
+            "joints": _numbers(log.inputs["joint_position_rad"][row]),
         }
+
+    def caption(self, row: int, recording: Recording) -> dict[str, Any]:
+        """A moment in words and figures."""
+        self._follow(recording)
+        return caption(recording, row, self._plan)
+
+    def reach(self, row: int, recording: Recording) -> dict[str, list[float]]:
+        """Where every gripper can stand while the body stays, at its present height and yaw: (3 m,) places by limb."""
+        self._follow(recording)
+        state, references = recording.log.state[row], recording.log.references[row]
+        rotation = rotations_from_quaternions(state["body_quaternion_w"][None])[0]
+        grippers, yaws = recording.log.limbs["gripper_position_w_m"][row], references["gripper_yaw_w_rad"]
+        found = reach_on_wall(self._whole, state["body_position_w_m"], rotation, grippers, yaws)
+        return {limb.name: _numbers(places) for limb, places in zip(self._whole.limbs, found, strict=True)}
+
+    def _follow(self, recording: Recording) -> None:
+        """It may have grown since the last time, or have another plan on the same wall."""
+        if recording.log.plan is not self._recording.log.plan:
+            self._plan = plan_series(recording.log.plan)
+        self._recording = recording
 
     def _poses(self, data: mujoco.MjData) -> list[float]:
         return _numbers(np.hstack([data.xpos[self._moving], data.xquat[self._moving]]))
@@ -164,14 +202,14 @@ class Scene:
         mujoco.mj_kinematics(self._robot.model, ghost)
 
     def _hold_colours(self, row: int) -> dict[int, list[int]]:
-        """Those that are held, by the least margin of the limbs on them; the others are as they are."""
-        margin = self._recording.margin_n[row]
+        """Those that are held, by the largest share of the limit surface that a limb uses; others are as they are."""
+        used = self._recording.grip.used[row]
         knot = self._plan.knot_at(self._recording.log.state["plan_time_s"][row])
         wanted: dict[int, list[int]] = {}
-        for limb in np.argsort(-margin):  # the least last; NaN comes last of all
+        for limb in np.argsort(used):  # the largest last; NaN comes last of all
             hold = int(self._plan.hold[knot, limb])
-            if hold >= 0 and np.isfinite(margin[limb]):
-                wanted[hold] = _rgb(margin_colours(margin[limb : limb + 1])[0])
+            if hold >= 0 and not np.isnan(used[limb]):
+                wanted[hold] = _rgb(used_colours(used[limb : limb + 1])[0])
         return wanted
 
 
@@ -179,25 +217,3 @@ def _quaternion(matrix: np.ndarray) -> np.ndarray:
     found = np.empty(4)
     mujoco.mju_mat2Quat(found, matrix.ravel())
     return found
-
-
-def caption(recording: Recording, row: int) -> list[str]:
-    """One row in words, a line each."""
-    log = recording.log
-    state = log.state[row]
-    error_mm = 1e3 * np.linalg.norm(state["body_position_w_m"] - state["body_reference_position_w_m"])
-    waiting = int(state["waiting_for"])
-    limb = int(state["waiting_limb"])
-    wait = f"waits for {LIMB_NAMES[limb] if limb >= 0 else 'all limbs'} to {name_of(WAIT_NAMES, waiting)}"
-    grasp = ", ".join(
-        f"{name} {force:.0f}" for name, force in zip(LIMB_NAMES, log.limbs["grasp_force_n"][row], strict=True)
-    )
-    margins = zip(LIMB_NAMES, recording.margin_n[row], strict=True)
-    margin = ", ".join(f"{name} {'–' if np.isnan(value) else f'{value:.1f}'}" for name, value in margins)
-    return [
-        f"{name_of(STATE_NAMES, int(state['supervisor_state']))}, cycle {state['cycle']}, plan time "
-        f"{state['plan_time_s']:.2f} s" + (f", {wait}" if waiting else ""),
-        f"body {error_mm:.1f} mm off its reference",
-        f"margin [N]: {margin}",
-        f"grasp [N]: {grasp}",
-    ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -16,20 +17,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from crux_tools.page_address import addresses
 from crux_tools.view.recording import Recording
-from crux_tools.view.scene import Scene, caption
-from crux_tools.view.signals import Signal, difference, reduced, signals_of
+from crux_tools.view.scene import Scene
+from crux_tools.view.signals import Signal, difference, reduced, signals_of, unit_of
 from crux_tools.view.story import start_s, story_of
 
-HERE = Path(__file__).parent
-FILES = {
-    "/": ("page.html", "text/html"),
-    "/page.css": ("page.css", "text/css"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/drawing.js": ("drawing.js", "text/javascript"),
-    "/shapes.js": ("shapes.js", "text/javascript"),
-    "/space.js": ("space.js", "text/javascript"),
-}
+PAGE = Path(__file__).parent / "page"
+KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+FILES = {f"/{path.relative_to(PAGE)}": path for path in PAGE.rglob("*") if path.suffix in KINDS}
+FILES["/"] = FILES["/page.html"]
 MOST_POINTS = 4000
 PORTS = 100  # that are tried, from the wished one on
 Query = dict[str, str]
@@ -71,26 +68,37 @@ class Side:
         """What is to be drawn at a time of the page, which shows a span about it, or of the newest row."""
         recording = self.source(*ALL) if time_s is None else self.between(time_s - span_s / 2, time_s + span_s / 2)
         row = recording.row_at(math.inf if time_s is None else time_s - self.shift_s)
-        told = {"time_s": float(recording.log.time_s[row]) + self.shift_s, "lines": caption(recording, row)}
+        told = {"time_s": float(recording.log.time_s[row]) + self.shift_s, **self.scene.caption(row, recording)}
         return told | self.scene.at(row, recording)
+
+    def reach(self, time_s: float, span_s: float) -> dict[str, list[float]]:
+        """Where every gripper can stand from where the body is at a time of the page."""
+        recording = self.between(time_s - span_s / 2, time_s + span_s / 2)
+        return self.scene.reach(recording.row_at(time_s - self.shift_s), recording)
 
 
 class Viewer:
-    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `url`."""
+    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `urls`."""
 
     def __init__(self, sources: list[Source], host: str, port: int) -> None:
         self._working = threading.Lock()  # one request a thread
         begins = [start_s(source(*ALL)) for source in sources]
         self._server = _listening(host, port, self)
-        self._host, self.port = host, self._server.server_port
+        self.port = self._server.server_port
+        self.urls = [f"http://{address}:{self.port}" for address in addresses(host)]
         self.sides = [Side(source, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)]
         self._thread = threading.Thread(target=self._server.serve_forever, name="viewer", daemon=True)
         self._thread.start()
 
     @property
     def url(self) -> str:
-        """Where a browser finds the page."""
-        return f"http://{self._host}:{self.port}"
+        """Where a browser on this machine finds the page."""
+        return self.urls[0]
+
+    def reach(self, time_s: float, span_s: float) -> list[dict[str, list[float]]]:
+        """Of every side at a time of the page: see `Scene.reach`."""
+        with self._working:
+            return [side.reach(time_s, span_s) for side in self.sides]
 
     def at(self, time_s: float | None, span_s: float = math.inf) -> list[dict[str, Any]]:
         """What every side shows at a time of the page, which shows so much of it; None: each its newest row."""
@@ -103,6 +111,8 @@ class Viewer:
             return self._story()
         if path == "/at":
             return self.at(float(query["time_s"]), float(query["span_s"])) if query else self.at(None)
+        if path == "/reach":
+            return self.reach(float(query["time_s"]), float(query["span_s"]))
         if path == "/signal":
             return self._signal(query["name"], float(query["from_s"]), float(query["to_s"]), int(query["points"]))
         if path == "/scene":
@@ -111,7 +121,7 @@ class Viewer:
 
     def _story(self) -> dict[str, Any]:
         stories = [story_of(side.source(*ALL), side.shift_s) for side in self.sides]
-        return {"sides": stories, "signals": list(self.sides[0].signals())}
+        return {"sides": stories, "signals": {name: unit_of(name) for name in self.sides[0].signals()}}
 
     def _signal(self, name: str, from_s: float, to_s: float, points: int) -> list[dict[str, Any]]:
         """The course on each side, and the difference where there are two."""
@@ -151,8 +161,8 @@ class _Handler(BaseHTTPRequestHandler):
         """A file of the page, or JSON."""
         parts = urlsplit(self.path)
         if parts.path in FILES:
-            name, kind = FILES[parts.path]
-            self._send(200, kind, (HERE / name).read_bytes())
+            path = FILES[parts.path]
+            self._send(200, KINDS[path.suffix], path.read_bytes())
             return
         try:
             query = {key: values[-1] for key, values in parse_qs(parts.query).items()}
@@ -179,6 +189,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, address: tuple[str, int], viewer: Viewer) -> None:
+        self.address_family = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0][0]
         super().__init__(address, _Handler)
         self.viewer = viewer
 

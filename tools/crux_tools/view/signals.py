@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,16 @@ from crux_tools.view.recording import Recording
 
 PER_CYCLE = {"robot_state": "state", "control_input": "inputs", "control_output": "outputs"}
 PER_LIMB = {"limb_telemetry": "limbs", "limb_reference": "references"}
+UNITS = {
+    "rad_s": "rad/s", "m_s": "m/s", "m_n": "m/N", "nm": "Nm", "mm": "mm", "ns": "ns", "deg": "°", "rad": "rad",
+    "n": "N", "m": "m", "s": "s",
+}  # fmt: skip
+UNIT = re.compile(rf"_({'|'.join(UNITS)})(?:_(?:{'|'.join(LIMB_NAMES)}))?(?:_(?:joint\d+|[wxyz]|\d+))?(?:\.\w+)?$")
+OF_PLAN = re.compile(  # of the others a plan has nothing
+    r"margin_n|surface_used|robot_state\.(plan_time_s|body_position|body_quaternion)"
+    r"|control_input\.(joint_position|finger_opening)|.*\.limb_reference\.(phase|gripper_yaw)"
+    r"|.*\.limb_telemetry\.(gripper_position|force_w|moment_w|grasp_force_n)"
+)
 
 
 @dataclass(frozen=True)
@@ -27,7 +38,8 @@ class Signal:
 def signals_of(recording: Recording) -> dict[str, Signal]:
     """All of them. Nothing is copied: values are views of the recording's tables but for a few that are computed."""
     log = recording.log
-    found = {f"margin_n.{limb}": recording.margin_n[:, i] for i, limb in enumerate(LIMB_NAMES)}
+    found = {f"margin_n.{limb}": recording.grip.margin_n[:, i] for i, limb in enumerate(LIMB_NAMES)}
+    found |= {f"surface_used.{limb}": recording.grip.used[:, i] for i, limb in enumerate(LIMB_NAMES)}
     found["body_error_mm"] = body_error_m(log) * 1e3
     found["body_error_deg"] = np.degrees(body_error_rad(log))
     for i, limb in enumerate(LIMB_NAMES):
@@ -43,7 +55,13 @@ def signals_of(recording: Recording) -> dict[str, Signal]:
     if len(log.timing):
         time_s = log.timing["cycle"] * float(log.inputs["dt_s"][0])
         signals |= {f"cycle_timing.{name}": Signal(time_s, values) for name, values in columns(log.timing)}
-    return signals
+    return {name: signal for name, signal in signals.items() if recording.what != "plan" or OF_PLAN.match(name)}
+
+
+def unit_of(name: str) -> str:
+    """Of a signal, as the end of its field's name says it; empty for one without."""
+    found = UNIT.search(name)
+    return "" if found is None else UNITS[found[1]]
 
 
 def difference(a: Signal, b: Signal, shift_s: float) -> Signal:

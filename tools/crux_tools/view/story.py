@@ -26,9 +26,14 @@ def _lane(name: str, kind: str, time_s: np.ndarray, values: np.ndarray, words: t
 
 
 def lanes(recording: Recording) -> list[Lane]:
-    """From top to bottom."""
+    """From top to bottom; a plan has neither states nor waits."""
     log = recording.log
     state, time_s = log.state, log.time_s
+    gait = [
+        _lane(limb, "gait", time_s, log.references["phase"][:, i], PHASE_NAMES) for i, limb in enumerate(LIMB_NAMES)
+    ]
+    if recording.what == "plan":
+        return gait
     waits = [NOTHING] + [f"{limb} {reason}" for reason in WAIT_NAMES[1:] for limb in ("all", *LIMB_NAMES)]
     waiting = np.where(
         state["waiting_for"] > 0,
@@ -38,7 +43,7 @@ def lanes(recording: Recording) -> list[Lane]:
     return [
         _lane("state", "state", time_s, state["supervisor_state"], STATE_NAMES),
         _lane("waits", "wait", time_s, waiting, tuple(waits)),
-        *(_lane(limb, "gait", time_s, log.references["phase"][:, i], PHASE_NAMES) for i, limb in enumerate(LIMB_NAMES)),
+        *gait,
     ]
 
 
