@@ -271,7 +271,7 @@ def test_without_graphics_the_page_says_so(
     monkeypatch.setattr(pictures, "Renderer", NoRenderer)
     page, output = _report(log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
-    assert "No pictures: this machine has no OpenGL" in page.words
+    assert "No pictures: this machine has no OpenGL to render with (no EGL); on Debian: apt-get install" in page.words
     assert cli.main(["report", str(log_path), "-o", str(output), "--picture", str(tmp_path / "p.png")]) == 1
     assert "no OpenGL" in capsys.readouterr().err
     assert not (tmp_path / "p.png").exists()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.paths import CHECKOUT, SCENARIOS, make_target_with, version_and_requirements
+from crux_tools.paths import CHECKOUT, SCENARIOS, how_to_add, version_and_requirements
 
 DONE, FAILED, USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -30,6 +30,7 @@ class Command:
 
 _OPERATOR = "crux_tools.operator_commands"
 COMMANDS: dict[str, Command] = {
+    "demo": Command("plan a wall of four holds and climb it in simulation", "crux_simulation.sim.demo_command"),
     "plan": Command("plan a climb for a scenario", "crux_planner.cli", "add_plan_parser", "run_plan"),
     "check": Command(
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
@@ -60,7 +61,8 @@ COMMANDS: dict[str, Command] = {
     "bench": Command("reproduce a figure of merit", "crux_simulation.benchmarks.command"),
     "completion": Command("print a script that completes this command in a shell", "crux_tools.completion"),
 }
-EPILOG = f"""a first climb:
+EPILOG = f"""a first climb, and the same step by step:
+  crux demo
   crux plan {SCENARIOS}/climb-four-holds.yaml -o out/plan.mcap
   crux check out/plan.mcap
   crux climb out/plan.mcap -o out/climb.mcap
@@ -146,8 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _error(chosen, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json, USAGE)
     except Exception as error:
         if isinstance(error, ModuleNotFoundError) and not (CHECKOUT and str(error.name).startswith("crux_")):
-            cure = make_target_with(str(error.name)) if CHECKOUT else "install crux-sim, or by pip 'crux[sim,campaign]'"
-            return _error(chosen, f"needs {error.name}, which is not installed: {cure}", as_json, USAGE)
+            text = f"needs {error.name}, which is not installed: {how_to_add(str(error.name))}"
+            return _error(chosen, text, as_json, USAGE)
         if isinstance(error, (UsageError, *_imported(WRONG_INPUT))):
             return _error(chosen, str(error), as_json, USAGE)
         if isinstance(error, _imported(NO_SUCCESS)):

@@ -10,11 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import lcm
 from crux_contracts import channels
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t, status_t
 
 from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.lcm_binding import lcm
 from crux_tools.operator_key import OperatorKey, default_path
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"

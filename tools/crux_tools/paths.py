@@ -1,17 +1,28 @@
-"""Where the other components put what the tools start or read: in a checkout, or where crux is installed."""
+"""Where the other components put what the tools start or read: in a checkout, or where crux is installed.
+
+crux is installed from a Debian package, or by pip: from its wheel, which carries the programs, or from a clone.
+"""
 
 from __future__ import annotations
 
+import json
+import shlex
 import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 from crux_contracts.places import MSGS
 
 from crux_tools.errors import UsageError
 
+DISTRIBUTION = "crux-climb"  # the name for pip, that of pyproject.toml
 ROOT = Path(__file__).resolve().parents[2]
+DEBIAN = Path(__file__).is_relative_to("/usr/lib/crux/python")  # packaging/packages
+IN_DEBIAN = "install the Debian package crux-sim"
+NO_PROGRAMS = "this crux was installed without its programs; install the wheel for this kind of machine, or a clone"
+PROGRAMS = Path(__file__).resolve().parent / "programs"  # of the wheel: packaging/wheel_programs.py
 CHECKOUT = (ROOT / "pyproject.toml").is_file()
 BUILD_DIR = ROOT / "build" / "cmake"
 SCENARIOS = MSGS / "scenarios"
@@ -21,18 +32,32 @@ WORLDS = ROOT / "tools" / "worlds" if CHECKOUT else MSGS / "worlds"
 def built(relative: str) -> Path:
     """A product of the build, e.g. runtime/app/crux-runtime; raises UsageError when it has not been built.
 
-    Where crux is installed, it is the file of that name in bin or lib/crux under the prefix of this Python.
+    Where crux is installed, it is the file of that name in the wheel, or in bin or lib/crux under this Python's prefix.
     """
+    name, places = Path(relative).name, [BUILD_DIR / relative]
     development = relative.endswith((".elf", "emulated.so"))
-    cure = f"build the project first (make {'build' if development else 'programs'})"
-    places = [BUILD_DIR / relative]
+    advice = f"build the project first (make {'build' if development else 'programs'})"
     if not CHECKOUT:
-        cure = "install crux-sim (emulated boards: only in a checkout)"
-        places = [Path(sys.prefix) / folder / places[0].name for folder in ("lib/crux", "bin")]
+        advice = f"{IN_DEBIAN if DEBIAN else NO_PROGRAMS} (emulated boards: only in a checkout)"
+        places = [PROGRAMS / name, *(Path(sys.prefix) / folder / name for folder in ("lib/crux", "bin"))]
     for place in places:
         if place.exists():
             return place
-    raise UsageError(f"{places[0]} is missing: {cure}")
+    raise UsageError(f"{places[0]} is missing: {advice}")
+
+
+def how_to_add(module: str) -> str:
+    """What installs a Python module that not every level or extra has, for the way in which crux was installed."""
+    if CHECKOUT:
+        return make_target_with(module)
+    return IN_DEBIAN if DEBIAN else f"pip install {shlex.quote(f'{_installed_from()}[sim,campaign]')}"
+
+
+def _installed_from() -> str:
+    """The wheel or the clone that pip installed; the distribution's name where it came from a package index."""
+    told = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}").get("url", "")
+    url = urlsplit(told)
+    return unquote(url.path) if url.scheme == "file" else told or DISTRIBUTION
 
 
 def make_target_with(module: str) -> str:
@@ -43,9 +68,9 @@ def make_target_with(module: str) -> str:
 
 
 def version_and_requirements() -> tuple[str, list[str]]:
-    """Of the checkout's pyproject.toml, or of the installed package; requirements as in `numpy==2.4.6`."""
+    """Of the checkout's pyproject.toml, or of the installed package; requirements as in `numpy~=2.1`."""
     if not CHECKOUT:
-        return metadata.version("crux"), metadata.requires("crux") or []
+        return metadata.version(DISTRIBUTION), metadata.requires(DISTRIBUTION) or []
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"].values()
     return str(project["version"]), [*project["dependencies"], *(name for extra in extras for name in extra)]

@@ -11,9 +11,9 @@ import sys
 import time
 from itertools import count
 
-import lcm
 from crux_contracts import channels
 from crux_msgs import command_t, plan_piece_t
+from crux_tools.lcm_binding import lcm
 
 BURST, PAUSE_S = 100, 0.001
 FIRST_REQUEST = 1 << 40  # nobody else's

@@ -130,8 +130,7 @@ def _is_somebody_there(link: Any) -> bool:
 
 def run_lcm(options: argparse.Namespace) -> int:
     """Exit status 0 when it was played to its end."""
-    import lcm
-
+    from crux_tools.lcm_binding import lcm
     from crux_tools.operator_link import NO_NETWORK
 
     found = messages(options.log, options.from_s, options.to_s)

@@ -6,9 +6,9 @@ import itertools
 import time
 from collections.abc import Callable
 
-import lcm
 import numpy as np
 
+from crux_tools.lcm_binding import lcm
 from crux_tools.operator_link import NO_NETWORK
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, RUNTIME_PRIORITY, Finding
 from crux_tools.priority import realtime_priority

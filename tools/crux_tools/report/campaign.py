@@ -95,7 +95,7 @@ def _failures(folder: Path, rows: list[Row]) -> list[Section]:
     try:
         section.pictures = [_picture(folder, row) for row in with_log[:MAX_PICTURES]]
     except NoGraphicsError as error:
-        section.notes.append(f"No pictures: this machine has no OpenGL to render them with ({error}).")
+        section.notes.append(f"No pictures: {error}.")
     return [section]
 
 

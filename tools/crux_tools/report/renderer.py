@@ -6,10 +6,14 @@ import mujoco
 import numpy as np
 
 MAX_GEOMS = 2000
+LIBRARIES = "apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri"
 
 
 class NoGraphicsError(Exception):
-    """This machine cannot render; the message says why."""
+    """This machine cannot render; the argument says why, the message also what to do."""
+
+    def __str__(self) -> str:
+        return f"this machine has no OpenGL to render with ({super().__str__()}); on Debian: {LIBRARIES}"
 
 
 class Renderer:

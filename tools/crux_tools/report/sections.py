@@ -59,7 +59,7 @@ def _pictures(plan: Any, robot_files: dict[str, bytes], take: Callable[[Stage], 
         with open_stage(plan, PICTURE_PX, robot_files) as stage:
             section.pictures = take(stage)
     except NoGraphicsError as error:
-        section.notes.append(f"No pictures: this machine has no OpenGL to render them with ({error}).")
+        section.notes.append(f"No pictures: {error}.")
     return section
 
 

@@ -41,7 +41,7 @@ def showpiece(plan: Any, log: Telemetry | None) -> bytes:
                 stage.show_pose(RobotPose.of_knot(plan.knots[knot], stage.robot))
             image = stage.image()
     except NoGraphicsError as error:
-        raise WorkFailed(f"no picture: this machine has no OpenGL to render it with ({error})") from error
+        raise WorkFailed(f"no picture: {error}") from error
     buffer = io.BytesIO()
     image.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import lcm
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES, channels
@@ -26,6 +25,7 @@ from crux_msgs import (
 )
 
 from crux_tools.errors import UsageError
+from crux_tools.lcm_binding import lcm
 from crux_tools.log.seen import NS, Event, events_of, grip_of_limbs
 from crux_tools.operator_link import NO_NETWORK
 from crux_tools.plan_robot import robot_named
