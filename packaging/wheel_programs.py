@@ -54,7 +54,7 @@ class ProgramsHook(BuildHookInterface[Any]):
         stage = root / "build" / "wheel"
         shutil.rmtree(stage, ignore_errors=True)
         for component in ("runtime", "sim"):
-            install = ["cmake", "--install", root / "build" / "cmake", "--prefix", stage, "--strip"]
+            install = ["cmake", "--install", f"{root}/build/cmake", "--prefix", str(stage), "--strip"]
             subprocess.run([*install, "--component", component], check=True, stdout=subprocess.DEVNULL)
         programs = [stage / "bin" / "crux-runtime", *(stage / "lib" / "crux").iterdir()]
         used = {name: path for program in programs for name, path in shared_libraries(program).items()}

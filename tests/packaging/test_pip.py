@@ -93,7 +93,7 @@ def test_pip_is_advised_from_where_crux_came(monkeypatch: pytest.MonkeyPatch, ur
 def climb_of(folder: Path) -> None:
     """The demo in an environment that knows nothing of the checkout: standard output is one JSON object."""
     environment = {"PATH": "/usr/bin:/bin", "HOME": os.environ["HOME"]}
-    words = [folder / "bin" / "crux", "demo", "--json"]
+    words = [str(folder / "bin" / "crux"), "demo", "--json"]
     done = subprocess.run(words, env=environment, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["ok"] is True
@@ -123,8 +123,8 @@ def test_pip_installs_the_wheel_and_it_climbs(portable_wheel: Path, version: str
 def test_the_oldest_packages_of_the_ranges_climb(portable_wheel: Path, version: str, tmp_path: Path) -> None:
     folder = tmp_path / "venv"
     subprocess.run([interpreter(version), "-m", "venv", "--without-pip", folder], check=True)
-    words = [BIN / "uv", "pip", "install", "-q", "--no-config", "--system-certs", "--resolution", "lowest-direct"]
-    words += ["--only-binary", ":all:", "--python", folder / "bin" / "python"]
+    words = [str(BIN / "uv"), "pip", "install", "-q", "--no-config", "--system-certs", "--resolution", "lowest-direct"]
+    words += ["--only-binary", ":all:", "--python", str(folder / "bin" / "python")]
     subprocess.run([*words, f"{portable_wheel}[sim]"], check=True)
     climb_of(folder)
 
@@ -146,8 +146,8 @@ def test_the_wheel_climbs_on_a_debian_with_python_alone(portable_wheel: Path, su
     venv/bin/pip install -q --no-cache-dir --cert {CERTIFICATES} /{portable_wheel.name}[sim]
     venv/bin/crux demo -o out --json >demo.json; venv/bin/crux replay out/climb.mcap --check --json >replay.json
     ! venv/bin/crux status 2>status.txt"""
-    hooks = (f"copy-in {portable_wheel} /", f"copy-in {CERTIFICATES} {CERTIFICATES.parent}")
-    hooks += (f'chroot "$1" sh -c {shlex.quote(steps)}',)
+    hooks = [f"copy-in {portable_wheel} /", f"copy-in {CERTIFICATES} {CERTIFICATES.parent}"]
+    hooks += [f'chroot "$1" sh -c {shlex.quote(steps)}']
     words = ["mmdebstrap", "-q", "--variant=minbase", "--include=python3-venv,ca-certificates"]
     system = tmp_path / "root"
     subprocess.run([*words, *(f"--customize-hook={hook}" for hook in hooks), suite, system], check=True)
