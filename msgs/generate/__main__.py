@@ -11,7 +11,7 @@ from pathlib import Path
 
 from crux_contracts import node_parameters, node_services
 
-from . import can_c, cdr_cpp, parameters_c, python_side, ros2msg, services_c, tables_cpp, write_changed
+from . import can_c, cdr_cpp, parameters_c, python_side, robot_cpp, ros2msg, services_c, tables_cpp, write_changed
 from .lcm_types import LcmSyntaxError, Struct, parse_files
 from .tables import TableError, read_channels, read_faults, read_log_format
 
@@ -44,6 +44,7 @@ def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     runtimes = [channel for channel in channels if channel.writer != "simulation"]
     write_changed(cpp / "channels.hpp", tables_cpp.channels_header(runtimes, structs, log_format))
     write_changed(cpp / "faults.hpp", tables_cpp.faults_header(faults))
+    write_changed(cpp / "robot.hpp", robot_cpp.header())
     write_changed(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
     python = out / "python/crux_msgs"
     write_changed(python / "__init__.pyi", python_side.stub(structs))

@@ -102,6 +102,12 @@ void print_report(const CycleReport& report, const CycleLoop& loop) {
 int run(const Options& options) {
   Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
+  if (options.check) {
+    const RobotDescription& read = loaded.value();
+    std::printf("%s: robot %s, %.3g kg, %s\n", options.robot.c_str(), read.name.c_str(), read.total_mass_kg,
+                read.sha256.c_str());
+    return kDone;
+  }
   loaded.value().calibrates = options.calibrate;
   const RobotDescription& robot = loaded.value();
   CommandGate gate(options.insecure ? std::vector<AuthorizedKey>() : read_keys(options.keys), unpredictable);

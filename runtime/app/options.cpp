@@ -83,7 +83,8 @@ Options parse_options(std::span<const char* const> arguments) {
       options.version = true;
       return options;
     }
-    const std::array<std::pair<std::string_view, bool*>, 4> switches = {{{"--overwrite", &options.overwrite},
+    const std::array<std::pair<std::string_view, bool*>, 5> switches = {{{"--check", &options.check},
+                                                                         {"--overwrite", &options.overwrite},
                                                                          {"--insecure", &options.insecure},
                                                                          {"--log-frames", &options.log_frames},
                                                                          {"--calibrate", &options.calibrate}}};
@@ -111,6 +112,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--note") options.tags.emplace_back("note", value);
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
+  if (options.check) return options;
   complete_buses(options);
   check_authority(options);
   return options;
@@ -121,6 +123,8 @@ const char* usage() {
 
 usage: crux-runtime [options]
   --robot DIR       folder with robot.yaml and the URDF it names       (msgs/robots/scaler)
+  --check           says what is wrong with that description, or that
+                    nothing is, and exits; needs no keys
   --bus LIMB=NAME   the bus of LF, RF, LR or RR; four times            NAME: socketcan:can0 or udp:GROUP:PORT
   --bus-base NAME   four UDP buses on consecutive ports                (udp:239.74.163.2:43113)
   --commands HOW    each: a frame a node and a Sync; broadcast: one

@@ -21,6 +21,7 @@ class OptionError : public std::runtime_error {
 struct Options {
   bool help = false;
   bool version = false;
+  bool check = false;                        ///< read the robot's description only
   std::string robot = "msgs/robots/scaler";  ///< folder with robot.yaml
   std::array<std::string, kLimbs> buses;     ///< by limb, in the order LF, RF, LR, RR
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";

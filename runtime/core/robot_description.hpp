@@ -9,6 +9,7 @@
 
 #include "core/geometry.hpp"
 #include "core/result.hpp"
+#include "crux_msgs/robot.hpp"
 
 namespace crux {
 
@@ -77,7 +78,7 @@ struct AdmittanceParameters {
 };
 
 /// The longest delay that calibration can reckon with.
-inline constexpr int kMostDelay_cycles = 64;
+inline constexpr int kMostDelay_cycles = crux_msgs::robot::kMaxDelayCycles;
 
 /// Of the calibration of those gains.
 struct CalibrationParameters {

@@ -18,7 +18,7 @@ from crux_tools.view.recording import recording_of
 from crux_tools.view.server import Viewer, still
 from made_up_climb import made_up_plan, write_log
 
-LINK = '<parent link="LF_link2"/>\n    <child link="LF_link3"/>\n    <origin xyz="0.15 0 0"'
+ELBOW = '<origin xyz="0.15 0 0"'  # of each limb
 LENGTH_M = 0.15
 CHANGED = "the description of scaler has changed since"
 
@@ -39,7 +39,8 @@ def change(robots: Path, file: str, right: str, other: str) -> None:
 
 
 def lengthen(robots: Path) -> None:
-    change(robots, "scaler.urdf", LINK, LINK.replace("0.15", "0.25"))
+    for _ in range(4):
+        change(robots, "scaler.urdf", ELBOW, ELBOW.replace("0.15", "0.25"))
 
 
 def report(source: Path, page: Path) -> str:

@@ -7,47 +7,19 @@ import typing
 from collections.abc import Iterator
 
 from .robot_sections import GripperMotor, JointMotor, Motor
-from .yaml_document import DocumentError, Problem
+from .yaml_document import Problem
 
 if typing.TYPE_CHECKING:
     from .robot import Robot
 
-MIN_ENCODER_COUNTS, MAX_ENCODER_COUNTS = 64, 65536
-MAX_POLE_PAIRS = 50
 
-
-def check_motors(robot: Robot, path: str, error: type[DocumentError]) -> None:
-    """Raises `error` with everything that is wrong."""
-    problems = [*_drive(robot), *_joints(robot, robot.motor), *_gripper(robot, robot.gripper_motor)]
-    if problems:
-        raise error(path, problems)
-
-
-def _drive(robot: Robot) -> Iterator[Problem]:
-    drive = robot.drive
-    if drive.supply_V <= 0:
-        yield Problem("drive.supply_V", f"{drive.supply_V:g}", "expected a voltage above 0")
-    if not MIN_ENCODER_COUNTS <= drive.encoder_counts <= MAX_ENCODER_COUNTS:
-        expected = f"expected {MIN_ENCODER_COUNTS}..{MAX_ENCODER_COUNTS} a turn"
-        yield Problem("drive.encoder_counts", str(drive.encoder_counts), expected)
-    if robot.servo.torque_time_constant_s <= 0:
-        yield Problem("servo.torque_time_constant_s", "0", "expected a time above 0: the current loop's")
-
-
-def _motor(section: str, motor: Motor, shares: tuple[str, ...]) -> Iterator[Problem]:
-    if not 1 <= motor.pole_pairs <= MAX_POLE_PAIRS:
-        yield Problem(f"{section}.pole_pairs", str(motor.pole_pairs), f"expected 1..{MAX_POLE_PAIRS}")
-    for name, value in vars(motor).items():
-        if name != "pole_pairs" and not 0 < value <= (1.0 if name in shares else math.inf):
-            expected = "a share, above 0 and at most 1" if name in shares else "a number above 0"
-            yield Problem(f"{section}.{name}", f"{value:g}", f"expected {expected}")
+def motor_problems(robot: Robot) -> Iterator[Problem]:
+    """Everything that is wrong."""
+    yield from _joints(robot, robot.motor)
+    yield from _gripper(robot, robot.gripper_motor)
 
 
 def _joints(robot: Robot, motor: JointMotor) -> Iterator[Problem]:
-    wrong = list(_motor("motor", motor, ("gear_efficiency",)))
-    yield from wrong
-    if wrong:
-        return
     asked_Nm = max(robot.servo.continuous_torque_Nm)
     if motor.continuous_torque_Nm < asked_Nm:
         expected = f"expected at least {motor.current_A(asked_Nm):.3g}, for the {asked_Nm:g} Nm of continuous_torque_Nm"
@@ -58,14 +30,13 @@ def _joints(robot: Robot, motor: JointMotor) -> Iterator[Problem]:
 
 
 def _gripper(robot: Robot, motor: GripperMotor) -> Iterator[Problem]:
-    wrong = list(_motor("gripper_motor", motor, ("screw_efficiency", "screw_release_torque")))
-    yield from wrong
-    if wrong:
-        return
+    low, high = robot.gripper.opening_m
+    if not low <= robot.gripper.open_opening_m <= high:
+        expected = f"expected {low:g}..{high:g}, opening_m"
+        yield Problem("gripper.open_opening_m", f"{robot.gripper.open_opening_m:g}", expected)
     if motor.screw_efficiency >= 0.5:
         expected = "expected below 0.5: the screw must hold a squeeze by itself"
         yield Problem("gripper_motor.screw_efficiency", f"{motor.screw_efficiency:g}", expected)
-    low, high = robot.gripper.opening_m
     if motor.coarse_travel_m <= high - low:
         expected = f"expected more than the travel of the fingers, {high - low:g}: the encoder must not repeat in it"
         yield Problem("gripper_motor.coarse_travel_m", f"{motor.coarse_travel_m:g}", expected)

@@ -11,6 +11,7 @@ from .yaml_document import DocumentError, Node, Problem
 
 MAX_TEXT = 64
 MAX_LISTED = 16
+OTHER_UNITS = {"m": ((1e-3, "millimetres"), (1e-2, "centimetres")), "rad": ((math.pi / 180, "degrees"),)}
 
 
 class Checker:
@@ -122,11 +123,10 @@ class Checker:
 
 
 def _magnitude_hint(value: float, low: float, high: float, unit: str) -> str:
-    """A length that would be right in another unit is most likely written in it."""
-    if unit == "m":
-        for factor, name in ((1e-3, "millimetres"), (1e-2, "centimetres")):
-            if low <= value * factor <= high:
-                return f"; looks like {name}: {value * factor:g}?"
+    """A number that would be right in another unit is most likely written in it."""
+    for factor, name in OTHER_UNITS.get(unit, ()):
+        if low <= value * factor <= high:
+            return f"; looks like {name}: {value * factor:g}?"
     return ""
 
 

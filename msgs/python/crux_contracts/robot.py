@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import typing
 from dataclasses import dataclass, field
@@ -16,20 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import LIMB_NAMES, robot_sections
-from .motor_checks import check_motors
+from .gain_checks import gain_problems
+from .motor_checks import motor_problems
 from .places import MSGS
 from .reading import Checker
+from .robot_bounds import MAX_BUS
 from .robot_meaning import robot_meaning
-from .robot_sections import SECTIONS, Interval, PerJoint
-from .urdf import Joint, Urdf, UrdfError, parse_urdf, parse_xml
-from .yaml_document import DocumentError, Node, Problem, parse_mapping, read_bytes
+from .robot_rules import JOINTS, RobotRules
+from .robot_sections import SECTIONS, Interval, KeyRule, key_rules
+from .urdf import Joint, Urdf, parse_urdf, parse_xml
+from .yaml_document import DocumentError, Node, parse_mapping, read_bytes
 
 ROBOTS = MSGS / "robots"
-JOINTS = 6
-MAX_NUMBER = 1e9
-
-# Joint axes the closed-form kinematics stand on: yaw, pitch, pitch, then a spherical wrist pitch, roll, yaw.
-_AXES = ((0, 0, 1), (0, -1, 0), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 0, 1))
 
 Array = NDArray[np.float64]
 
@@ -152,20 +149,17 @@ def _load(folder: Path) -> Robot:
     texts = {name: check.text(keys[name]) for name in ("name", "urdf", "body_link") if name in keys}
     if "urdf" in texts and Path(texts["urdf"]).name != texts["urdf"]:
         check.note(keys["urdf"], "expected a file name in the same folder")
-    sections = {name: reader.section(kind, keys[name]) for name, kind in SECTIONS.items() if name in keys}
     limbs = reader.limbs(keys)
     parts = reader.limb_parts(keys)
+    sections = {name: reader.section(name, keys[name], parts.joints) for name in SECTIONS if name in keys}
     check.finish(RobotError)
 
     urdf_path = folder / texts["urdf"]
     xml = parse_xml(read_bytes(urdf_path), str(urdf_path))
     urdf = parse_urdf(xml, str(urdf_path))
-    if texts["body_link"] not in urdf.links:
-        raise UrdfError(str(urdf_path), [Problem("", texts["body_link"], "has no such link (body_link of robot.yaml)")])
-    built = tuple(
-        _limb(urdf, str(urdf_path), texts["body_link"], name, bus, prefix, parts)
-        for name, (bus, prefix) in limbs.items()
-    )
+    rules = RobotRules(urdf, str(urdf_path), texts["body_link"])
+    rules.check_tree()
+    built = tuple(_limbs(rules, limbs, parts, sections["gripper"].opening_m))
     robot = Robot(
         name=texts["name"],
         folder=folder,
@@ -176,7 +170,9 @@ def _load(folder: Path) -> Robot:
         hash=hashlib.sha256(robot_meaning(root, xml).encode()).hexdigest(),
         **sections,
     )
-    check_motors(robot, str(yaml_path), RobotError)
+    problems = [*motor_problems(robot), *gain_problems(robot)]
+    if problems:
+        raise RobotError(str(yaml_path), problems)
     return robot
 
 
@@ -191,41 +187,56 @@ class _Reader:
     def __init__(self, path: str) -> None:
         self.check = Checker(path)
 
-    def section(self, kind: type[Any], node: Node) -> Any:
+    def section(self, name: str, node: Node, joints: tuple[str, ...]) -> Any:
         """A dataclass of robot_sections from a mapping with exactly its keys; None after a problem."""
-        hints = typing.get_type_hints(kind)
-        names = [f.name for f in dataclasses.fields(kind)]
-        keys = self.check.members(node, names)
-        values = {name: self._value(hints[name], member) for name, member in keys.items()}
-        return kind(**values) if len(values) == len(names) else None
+        rules = {rule.key: rule for rule in key_rules() if rule.section == name}
+        keys = self.check.members(node, list(rules))
+        values = {key: self._value(rules[key], member, joints) for key, member in keys.items()}
+        return SECTIONS[name](**values) if len(values) == len(rules) else None
 
-    def _value(self, hint: Any, node: Node) -> Any:
-        check = self.check
-        if hint is float:
-            return check.number(node, 0.0, MAX_NUMBER)
-        if hint is int:
-            return check.integer(node, 0, int(MAX_NUMBER))
-        if hint == PerJoint:
-            return check.numbers(node, JOINTS, 0.0, MAX_NUMBER)
-        if hint == Interval:
-            low, high = check.numbers(node, 2, -MAX_NUMBER, MAX_NUMBER)
-            if isinstance(node.content, list) and not low < high:
+    def _value(self, rule: KeyRule, node: Node, joints: tuple[str, ...]) -> Any:
+        check, bounds = self.check, rule.range
+        if rule.kind == "number":
+            return check.number(node, bounds.low, bounds.high, rule.unit)
+        if rule.kind == "integer":
+            return check.integer(node, int(bounds.low), int(bounds.high))
+        if rule.kind == "per_joint":
+            return check.numbers(node, JOINTS, bounds.low, bounds.high, rule.unit)
+        if rule.kind == "interval":
+            before = len(check.problems)
+            low, high = (v + 0.0 for v in check.numbers(node, 2, bounds.low, bounds.high, rule.unit))  # -0 is 0
+            if len(check.problems) == before and not low < high:
                 check.note_at(node, "", f"[{low:g}, {high:g}]", "expected [low, high] with low below high")
             return (low, high)
-        if isinstance(node.content, dict):
-            return {name: check.integer(member, 0, 127) for name, member in node.content.items()}
-        check.note(node, "expected a mapping of names to whole numbers")
-        return {}
+        return self._nodes(node, joints)
+
+    def _nodes(self, node: Node, joints: tuple[str, ...]) -> dict[str, int]:
+        """Numbers on the bus, which the CAN database fixes: from the shoulder outwards, the gripper last."""
+        if not all(joints):
+            return {}
+        keys = self.check.members(node, [*joints, "gripper"])
+        numbers = {}
+        for number, name in enumerate((*joints, "gripper"), start=1):
+            if name in keys:
+                if keys[name].content != number or isinstance(keys[name].content, (bool, float)):
+                    self.check.note(keys[name], f"expected {number}: nodes count from the shoulder outwards")
+                numbers[name] = number
+        return numbers
 
     def limbs(self, keys: dict[str, Node]) -> dict[str, tuple[int, str]]:
         """Bus and prefix by limb, in the order used everywhere."""
         members = self.check.members(keys["limbs"], LIMB_NAMES) if "limbs" in keys else {}
-        limbs = {}
+        limbs: dict[str, tuple[int, str]] = {}
         for name in LIMB_NAMES:
             if name in members:
                 entry = self.check.members(members[name], ["bus", "prefix"])
-                bus = self.check.integer(entry["bus"], 0, 15) if "bus" in entry else 0
-                limbs[name] = (bus, self.check.text(entry["prefix"]) if "prefix" in entry else "")
+                bus = self.check.integer(entry["bus"], 0, MAX_BUS) if "bus" in entry else 0
+                if "bus" in entry and bus in [other for other, _ in limbs.values()]:
+                    self.check.note(entry["bus"], "expected a bus of its own for each limb")
+                prefix = self.check.text(entry["prefix"]) if "prefix" in entry else ""
+                if prefix and prefix in [other for _, other in limbs.values()]:
+                    self.check.note(entry["prefix"], "expected a prefix of its own for each limb")
+                limbs[name] = (bus, prefix)
         return limbs
 
     def limb_parts(self, keys: dict[str, Node]) -> _LimbParts:
@@ -244,66 +255,39 @@ class _Reader:
         return tuple(self.check.text(item) for item in items) if len(items) == count else ("",) * count
 
 
-def _limb(urdf: Urdf, path: str, body_link: str, name: str, bus: int, prefix: str, parts: _LimbParts) -> Limb:
-    def fail(what: str, value: str, expected: str) -> RobotError:
-        return RobotError(path, [Problem(what, value, expected)])
+def _limbs(rules: RobotRules, limbs: dict[str, tuple[int, str]], parts: _LimbParts, opening_m: Interval) -> list[Limb]:
+    chains, built = {}, []
+    for name, (bus, prefix) in limbs.items():
+        gripper_link = f"{prefix}_{parts.gripper_frame}"
+        chains[name] = chain = rules.chain(name, gripper_link, [f"{prefix}_{joint}" for joint in parts.joints])
+        fingers = (f"{prefix}_{parts.finger_joints[0]}", f"{prefix}_{parts.finger_joints[1]}")
+        rules.check_fingers(gripper_link, fingers, opening_m)
+        built.append(_limb(rules.urdf, name, bus, chain, fingers))
+    joints = rules.urdf.joints
+    fingers_too = (joints[finger] for limb in built for finger in limb.finger_joints)
+    rules.check_bodies([*(joint for chain in chains.values() for joint in chain), *fingers_too])
+    rules.check_mirrored(chains)
+    return built
 
-    gripper_link = f"{prefix}_{parts.gripper_frame}"
-    try:
-        chain = urdf.chain(body_link, gripper_link)
-    except KeyError:
-        raise fail(f"link {gripper_link}", "", f"expected it to hang on {body_link}") from None
-    wanted = [f"{prefix}_{joint}" for joint in parts.joints]
-    moving = [joint for joint in chain if joint.kind != "fixed"]
-    if [joint.name for joint in moving] != wanted:
-        found = ", ".join(joint.name for joint in moving)
-        raise fail(f"limb {name}", found, f"expected the joints {', '.join(wanted)} from the body outwards")
-    if len(chain) != JOINTS + 1 or chain[-1].kind != "fixed":
-        raise fail(f"limb {name}", "", f"expected {JOINTS} revolute joints and then the fixed mount of the gripper")
-    for joint, axis in zip(moving, _AXES, strict=True):
-        if joint.kind != "revolute" or not np.allclose(joint.axis, axis, atol=1e-9):
-            raise fail(f"joint {joint.name}", f"{joint.kind} about {joint.axis}", f"expected revolute about {axis}")
-    _check_origins(fail, moving, chain[-1])
-    fingers = (f"{prefix}_{parts.finger_joints[0]}", f"{prefix}_{parts.finger_joints[1]}")
-    for finger in fingers:
-        if finger not in urdf.joints or urdf.joints[finger].parent != gripper_link:
-            raise fail(f"joint {finger}", "", f"expected a prismatic joint on {gripper_link}")
-    hand_mass, hand_com = _hand(urdf, gripper_link, fingers)
+
+def _limb(urdf: Urdf, name: str, bus: int, chain: list[Joint], fingers: tuple[str, str]) -> Limb:
+    *joints, mount = chain
+    hand_mass, hand_com = _hand(urdf, mount.child, fingers)
     return Limb(
         name=name,
         bus=bus,
-        joints=tuple(moving),
-        gripper_link=gripper_link,
+        joints=tuple(joints),
+        gripper_link=mount.child,
         finger_joints=fingers,
-        shoulder_b_m=np.array(moving[0].xyz_m),
-        mount_rad=moving[0].rpy_rad[2],
-        upper_link_m=moving[2].xyz_m[0],
-        lower_link_m=moving[3].xyz_m[0],
-        wrist_to_gripper_m=-chain[-1].xyz_m[2],
-        gripper_mount_rad=chain[-1].rpy_rad[2],
+        shoulder_b_m=np.array(joints[0].xyz_m),
+        mount_rad=joints[0].rpy_rad[2],
+        upper_link_m=joints[2].xyz_m[0],
+        lower_link_m=joints[3].xyz_m[0],
+        wrist_to_gripper_m=-mount.xyz_m[2],
+        gripper_mount_rad=mount.rpy_rad[2],
         hand_mass_kg=hand_mass,
         hand_com_g_m=hand_com,
     )
-
-
-def _check_origins(fail: typing.Callable[[str, str, str], RobotError], joints: list[Joint], mount: Joint) -> None:
-    """The frames the closed form needs: links along x, a wrist in one point, the gripper on the last axis."""
-    for index, joint in enumerate(joints):
-        x, y, z = joint.xyz_m
-        roll, pitch, yaw = joint.rpy_rad
-        if index == 0:
-            if abs(roll) > 1e-9 or abs(pitch) > 1e-9:
-                raise fail(f"joint {joint.name}", f"rpy {joint.rpy_rad}", "expected a turn about z only")
-            continue
-        is_link = index in (2, 3)
-        if abs(y) > 1e-9 or abs(z) > 1e-9 or (x <= 0 if is_link else abs(x) > 1e-9):
-            expected = "a link along x" if is_link else "0 0 0: the axes meet in one point"
-            raise fail(f"joint {joint.name}", f"xyz {joint.xyz_m}", f"expected {expected}")
-        if max(abs(roll), abs(pitch), abs(yaw)) > 1e-9:
-            raise fail(f"joint {joint.name}", f"rpy {joint.rpy_rad}", "expected 0 0 0")
-    x, y, z = mount.xyz_m
-    if abs(x) > 1e-9 or abs(y) > 1e-9 or z >= 0 or max(abs(mount.rpy_rad[0]), abs(mount.rpy_rad[1])) > 1e-9:
-        raise fail(f"joint {mount.name}", f"xyz {mount.xyz_m}", "expected the gripper along -z of the last axis")
 
 
 def _hand(urdf: Urdf, gripper_link: str, fingers: tuple[str, str]) -> tuple[float, Array]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
+from .urdf import NUMBER, SPACE
 from .yaml_document import Node
 
 FIRST_LINE = "crux-robot-2\n"
-_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_SPACE = re.compile(r"[ \t\r\n]+")
 
 
 def robot_meaning(yaml: Node, urdf: ET.Element) -> str:
@@ -21,11 +19,11 @@ def robot_meaning(yaml: Node, urdf: ET.Element) -> str:
 
 
 def _words(text: str) -> str:
-    return " ".join(_word(word) for word in _SPACE.split(text) if word)
+    return " ".join(_word(word) for word in SPACE.split(text) if word)
 
 
 def _word(word: str) -> str:
-    return "#" + struct.pack(">d", float(word) + 0.0).hex() if _NUMBER.fullmatch(word) else word
+    return "#" + struct.pack(">d", float(word) + 0.0).hex() if NUMBER.fullmatch(word) else word
 
 
 def _of_yaml(node: Node) -> Iterator[tuple[str, str]]:

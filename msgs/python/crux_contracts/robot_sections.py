@@ -1,24 +1,44 @@
 """The sections of robot.yaml as typed values: one field a key, so a new key in the file needs its field here.
 
-Units stand in the names. A number is finite and not negative; an Interval is [low, high] of any sign.
+Units stand in the names. A number is finite and not negative; an Interval is [low, high] of any sign. Lengths and
+angles are within what a robot has (robot_bounds.py). The runtime checks the same: `key_rules` becomes a table of its.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated
 
+from .robot_bounds import MAX_ANGLE_RAD, MAX_LENGTH_M
+
+MIN_NUMBER, MAX_NUMBER = 1e-9, 1e9  # of what must be above 0
+
+
+@dataclass(frozen=True)
+class Range:
+    """Of a number, low..high."""
+
+    low: float = 0.0
+    high: float = MAX_NUMBER
+
+
+Positive = Annotated[float, Range(MIN_NUMBER)]
+Share = Annotated[float, Range(MIN_NUMBER, 1.0)]
+Count = Annotated[int, Range(1)]
 Interval = tuple[float, float]
 PerJoint = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Can:
-    rate_Hz: float
+    rate_Hz: Positive
     nodes: dict[str, int]
-    bit_rate: int
-    data_bit_rate: int
-    watchdog_cycles: int
+    bit_rate: Count
+    data_bit_rate: Count
+    watchdog_cycles: Count
 
     @property
     def dt_s(self) -> float:
@@ -34,7 +54,7 @@ class Servo:
     velocity_gain_Nms_rad: PerJoint
     continuous_torque_Nm: PerJoint
     setpoint_time_constant_s: float
-    torque_time_constant_s: float
+    torque_time_constant_s: Positive
     armature_kg_m2: PerJoint
     damping_Nms_rad: PerJoint
     friction_Nm: PerJoint
@@ -45,15 +65,15 @@ class Servo:
 @dataclass(frozen=True)
 class Gripper:
     opening_m: Interval
-    open_opening_m: float
-    max_finger_force_N: float
-    max_finger_speed_m_s: float
-    stiffness_N_m: float
+    open_opening_m: Positive
+    max_finger_force_N: Positive
+    max_finger_speed_m_s: Positive
+    stiffness_N_m: Positive
     damping_Ns_m: float
     moving_mass_kg: float
     screw_damping_Ns_m: float
     temperature_limit_degC: float
-    pad_radius_m: float
+    pad_radius_m: Positive
     finger_height_m: float
 
 
@@ -61,21 +81,21 @@ class Gripper:
 class Drive:
     """Of every node's board."""
 
-    supply_V: float
-    encoder_counts: int
+    supply_V: Positive
+    encoder_counts: Annotated[int, Range(64, 65536)]
 
 
 @dataclass(frozen=True)
 class Motor:
     """Three-phase machine with surface magnets. Currents count amplitudes, resistance and inductance one phase."""
 
-    pole_pairs: int
-    resistance_ohm: float
-    inductance_H: float
-    torque_constant_Nm_A: float
-    continuous_current_A: float
-    heating_time_s: float
-    max_speed_rad_s: float
+    pole_pairs: Annotated[int, Range(1, 50)]
+    resistance_ohm: Positive
+    inductance_H: Positive
+    torque_constant_Nm_A: Positive
+    continuous_current_A: Positive
+    heating_time_s: Positive
+    max_speed_rad_s: Positive
 
     @property
     def flux_Wb(self) -> float:
@@ -85,8 +105,8 @@ class Motor:
 
 @dataclass(frozen=True)
 class JointMotor(Motor):
-    gear_ratio: float
-    gear_efficiency: float
+    gear_ratio: Positive
+    gear_efficiency: Share
 
     def current_A(self, joint_torque_Nm: float) -> float:
         """Amplitude that makes a torque of the joint."""
@@ -100,10 +120,10 @@ class JointMotor(Motor):
 
 @dataclass(frozen=True)
 class GripperMotor(Motor):
-    screw_lead_m: float
-    screw_efficiency: float
-    screw_release_torque: float
-    coarse_travel_m: float
+    screw_lead_m: Positive
+    screw_efficiency: Share
+    screw_release_torque: Share
+    coarse_travel_m: Positive
 
     def current_A(self, finger_force_N: float) -> float:
         """Amplitude that builds a squeeze of both fingers."""
@@ -117,8 +137,8 @@ class GripperMotor(Motor):
 
 @dataclass(frozen=True)
 class ForceTorque:
-    range_N: float
-    range_Nm: float
+    range_N: Positive
+    range_Nm: Positive
     noise_N: float
     noise_Nm: float
     bias_N: float
@@ -129,129 +149,129 @@ class ForceTorque:
 class Body:
     height_m: Interval
     max_tilt_rad: float
-    max_speed_m_s: float
-    max_rate_rad_s: float
+    max_speed_m_s: Positive
+    max_rate_rad_s: Positive
 
 
 @dataclass(frozen=True)
 class GraspLimits:
     gripper_yaw_rad: Interval
-    approach_speed_m_s: float
-    yaw_rate_rad_s: float
+    approach_speed_m_s: Positive
+    yaw_rate_rad_s: Positive
     pad_height_m: Interval
     swing_clearance_m: float
-    max_swing_height_m: float
+    max_swing_height_m: Positive
 
 
 @dataclass(frozen=True)
 class Walking:
-    max_speed_m_s: float
-    max_rate_rad_s: float
-    foot_speed_m_s: float
-    foot_yaw_rate_rad_s: float
-    step_height_m: float
+    max_speed_m_s: Positive
+    max_rate_rad_s: Positive
+    foot_speed_m_s: Positive
+    foot_yaw_rate_rad_s: Positive
+    step_height_m: Positive
     foot_yaw_rad: Interval
 
 
 @dataclass(frozen=True)
 class Admittance:
-    mass_kg: float
-    damping_Ns_m: float
+    mass_kg: Positive
+    damping_Ns_m: Positive
     stiffness_N_m: float
-    inertia_kg_m2: float
-    rotational_damping_Nms_rad: float
+    inertia_kg_m2: Positive
+    rotational_damping_Nms_rad: Positive
     rotational_stiffness_Nm_rad: float
-    max_speed_m_s: float
-    max_rate_rad_s: float
-    max_offset_m: float
-    max_rotation_rad: float
-    environment_N_m: float
-    environment_Nm_rad: float
-    delay_s: float
+    max_speed_m_s: Positive
+    max_rate_rad_s: Positive
+    max_offset_m: Positive
+    max_rotation_rad: Positive
+    environment_N_m: Positive
+    environment_Nm_rad: Positive
+    delay_s: Positive
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Of the admittance's gains."""
 
-    window_s: float
-    tolerated_N: float
-    tolerated_Nm: float
-    max_change: float
+    window_s: Positive
+    tolerated_N: Positive
+    tolerated_Nm: Positive
+    max_change: Positive
 
 
 @dataclass(frozen=True)
 class Control:
-    force_filter_s: float
-    tare_time_constant_s: float
-    contact_force_N: float
-    unload_force_N: float
-    grasp_force_factor: float
+    force_filter_s: Positive
+    tare_time_constant_s: Positive
+    contact_force_N: Positive
+    unload_force_N: Positive
+    grasp_force_factor: Positive
     grasp_force_reserve_N: float
-    trusted_friction: float
-    min_grasp_force_N: float
-    grasp_damping_Ns_m: float
-    grasp_force_time_constant_s: float
+    trusted_friction: Positive
+    min_grasp_force_N: Positive
+    grasp_damping_Ns_m: Positive
+    grasp_force_time_constant_s: Positive
     grasp_force_lead_s: float
-    closing_speed_m_s: float
+    closing_speed_m_s: Positive
     body_gain_1_s: float
-    max_body_correction_m: float
-    max_body_rotation_rad: float
-    twist_length_m: float
-    moment_length_m: float
-    swing_decay_s: float
-    engage_time_s: float
-    max_contact_offset_m: float
+    max_body_correction_m: Positive
+    max_body_rotation_rad: Positive
+    twist_length_m: Positive
+    moment_length_m: Positive
+    swing_decay_s: Positive
+    engage_time_s: Positive
+    max_contact_offset_m: Positive
 
 
 @dataclass(frozen=True)
 class Localisation:
     """Standard deviations."""
 
-    hold_sigma_m: float
+    hold_sigma_m: Positive
     grasp_sigma_m: float
     grasp_sigma_rad: float
-    tilt_sigma_rad: float
+    tilt_sigma_rad: Positive
 
 
 @dataclass(frozen=True)
 class Stance:
     """Rigid fit of the grips."""
 
-    shift_sigma_m: float
-    turn_sigma_rad: float
+    shift_sigma_m: Positive
+    turn_sigma_rad: Positive
     idle_torque_Nm: float
     most_play_rad: float
-    play_memory_s: float
-    slip_m: float
-    max_slip_m: float
-    still_time_s: float
+    play_memory_s: Positive
+    slip_m: Positive
+    max_slip_m: Positive
+    still_time_s: Positive
     relief_load: float
-    max_misfit_m: float
-    balance_memory_s: float
-    max_unbalanced_N: float
-    unbalanced_time_s: float
+    max_misfit_m: Positive
+    balance_memory_s: Positive
+    max_unbalanced_N: Positive
+    unbalanced_time_s: Positive
 
 
 @dataclass(frozen=True)
 class SupervisorLimits:
-    start_tolerance_m: float
-    start_tolerance_rad: float
-    settle_time_s: float
-    event_timeout_s: float
-    arrive_tolerance_m: float
-    open_tolerance_m: float
-    silent_cycles: int
-    max_body_error_m: float
-    max_tracking_error_rad: float
-    min_stance_force_N: float
-    max_ik_error_m: float
-    encoder_standstill_rad: float
-    max_ft_residual_Nm: float
-    max_ft_residual_share: float
-    max_finger_residual_N: float
-    max_late_s: float
-    persistence_s: float
+    start_tolerance_m: Positive
+    start_tolerance_rad: Positive
+    settle_time_s: Positive
+    event_timeout_s: Positive
+    arrive_tolerance_m: Positive
+    open_tolerance_m: Positive
+    silent_cycles: Count
+    max_body_error_m: Positive
+    max_tracking_error_rad: Positive
+    min_stance_force_N: Positive
+    max_ik_error_m: Positive
+    encoder_standstill_rad: Positive
+    max_ft_residual_Nm: Positive
+    max_ft_residual_share: Positive
+    max_finger_residual_N: Positive
+    max_late_s: Positive
+    persistence_s: Positive
 
 
 SECTIONS = {
@@ -272,3 +292,34 @@ SECTIONS = {
     "stance": Stance,
     "supervisor": SupervisorLimits,
 }
+
+
+@dataclass(frozen=True)
+class KeyRule:
+    """What a key of a section may hold. `kind` is number, integer, per_joint, interval or nodes."""
+
+    section: str
+    key: str
+    kind: str
+    range: Range
+    unit: str  # m or rad, else empty: of numbers that are often written in another unit
+
+
+def key_rules() -> Iterator[KeyRule]:
+    """All keys of all sections, in the order of the fields."""
+    for section, kind in SECTIONS.items():
+        hints = typing.get_type_hints(kind, include_extras=True)
+        for field in fields(kind):
+            yield _rule(section, field.name, hints[field.name])
+
+
+def _rule(section: str, key: str, hint: object) -> KeyRule:
+    plain = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    given = getattr(hint, "__metadata__", (Range(),))[0]
+    kinds = {float: "number", int: "integer", PerJoint: "per_joint", Interval: "interval"}
+    *before, unit = key.split("_")
+    if unit not in ("m", "rad") or not before or before[-1] in ("N", "Ns", "Nm", "Nms"):
+        unit = ""
+    high = min(given.high, {"m": MAX_LENGTH_M, "rad": MAX_ANGLE_RAD}.get(unit, MAX_NUMBER))
+    low = -high if plain == Interval else given.low
+    return KeyRule(section, key, kinds.get(plain, "nodes"), Range(low, high), unit)

@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from . import robot_bounds as bounds
 from .yaml_document import DocumentError, Problem
 
 Vector = tuple[float, float, float]
 MAX_BYTES = 4_000_000
 SHAPES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}}
 SHAPES["capsule"] = SHAPES["cylinder"]
+KINDS = ("revolute", "prismatic", "continuous", "fixed")
+NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+SPACE = re.compile(r"[ \t\r\n]+")
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+@dataclass(frozen=True)
+class _Most:
+    """The largest absolute value that makes sense, and what to ask where a number is larger."""
+
+    value: float
+    unit: str
+    hint: str
+
+
+_ANY = _Most(math.inf, "", "")
+_LENGTH = _Most(bounds.MAX_LENGTH_M, "m", ": are these millimetres?")
+_ANGLE = _Most(bounds.MAX_ANGLE_RAD, "rad", ": are these degrees?")
+_MASS = _Most(bounds.MAX_MASS_KG, "kg", ": are these grams?")
 
 
 class UrdfError(DocumentError):
@@ -25,7 +50,7 @@ class Link:
     name: str
     mass_kg: float
     com_m: Vector
-    inertia_kg_m2: tuple[float, float, float, float, float, float]
+    inertia_kg_m2: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -82,21 +107,27 @@ class _Reader:
         return UrdfError(self.path, [Problem(key, value, expected)])
 
     def numbers(
-        self, element: ET.Element | None, attribute: str, count: int, default: str | None, key: str
+        self,
+        element: ET.Element | None,
+        attribute: str,
+        count: int,
+        default: str | None,
+        key: str,
+        most: _Most = _ANY,
     ) -> list[float]:
         text = default if element is None else element.get(attribute, default)
         if text is None:
             raise self.fail(key, "", f"needs the attribute {attribute}")
-        try:
-            values = [float(word) for word in text.split()]
-        except ValueError:
-            values = []
+        words = [word for word in SPACE.split(text) if word]
+        values = [float(word) + 0.0 if NUMBER.fullmatch(word) else math.nan for word in words]  # -0 is 0
         if len(values) != count or not all(math.isfinite(v) for v in values):
-            raise self.fail(key, f'{attribute}="{text}"', f"expected {count} finite numbers")
+            raise self.fail(key, f'{attribute}="{text}"', f"expected {count} finite number{'s' * (count > 1)}")
+        if max(map(abs, values)) > most.value:
+            raise self.fail(key, f'{attribute}="{text}"', f"expected at most {most.value:g} {most.unit}{most.hint}")
         return values
 
-    def vector(self, element: ET.Element | None, attribute: str, default: str, key: str) -> Vector:
-        x, y, z = self.numbers(element, attribute, 3, default, key)
+    def vector(self, element: ET.Element | None, attribute: str, default: str, key: str, most: _Most) -> Vector:
+        x, y, z = self.numbers(element, attribute, 3, default, key, most)
         return (x, y, z)
 
     def name(self, element: ET.Element | None, attribute: str, key: str) -> str:
@@ -112,14 +143,30 @@ class _Reader:
         inertial = element.find("inertial")
         if inertial is None:
             return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-        mass = self.numbers(inertial.find("mass"), "value", 1, None, key)[0]
+        mass = self.numbers(inertial.find("mass"), "value", 1, None, key, _MASS)[0]
         if mass < 0:
             raise self.fail(key, f"{mass:g}", "expected a mass of 0 kg or more")
-        tensor = inertial.find("inertia")
-        xx, xy, xz, yy, yz, zz = (
-            self.numbers(tensor, axis, 1, "0", key)[0] for axis in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
-        return Link(name, mass, self.vector(inertial.find("origin"), "xyz", "0 0 0", key), (xx, xy, xz, yy, yz, zz))
+        tensor, origin = inertial.find("inertia"), inertial.find("origin")
+        xx, xy, xz, yy, yz, zz = (self.numbers(tensor, moment, 1, "0", key)[0] for moment in _MOMENTS)
+        com = self.vector(origin, "xyz", "0 0 0", key, _LENGTH)
+        turn = _rotation(self.vector(origin, "rpy", "0 0 0", key, _ANGLE))
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if mass > 0:
+            self.check_inertia(inertia, mass, key)
+        turned = turn @ inertia @ turn.T
+        return Link(name, mass, com, tuple(float(v) for v in turned[np.triu_indices(3)]))
+
+    def check_inertia(self, inertia: NDArray[np.float64], mass: float, key: str) -> None:
+        """Of a body that can exist, of sizes that a robot's links have."""
+        small, middle, large = np.linalg.eigvalsh(inertia)
+        value = f"principal moments of inertia {small:.3g}, {middle:.3g}, {large:.3g} kg m2"
+        if small < mass * bounds.MIN_GYRATION_M**2:
+            raise self.fail(key, value, "expected all of them above 0")
+        if small + middle <= large * (1 + bounds.ALIKE):
+            raise self.fail(key, value, "expected each below the sum of the two others")
+        if large > mass * bounds.MAX_GYRATION_M**2:
+            limit = f"{mass * bounds.MAX_GYRATION_M**2:.3g}"
+            raise self.fail(key, value, f"expected at most {limit} for {mass:g} kg: are these kg mm2?")
 
     def check_shapes(self, link: ET.Element, key: str) -> None:
         for shape in link_shapes(link):
@@ -133,7 +180,7 @@ class _Reader:
                 )
                 raise self.fail(key, found, cure)
             for attribute, count in sizes.items():
-                values = self.numbers(solid, attribute, count, None, key)
+                values = self.numbers(solid, attribute, count, None, key, _LENGTH)
                 if min(values) <= 0:
                     raise self.fail(key, f'{attribute}="{solid.get(attribute)}"', "expected lengths above 0")
 
@@ -141,41 +188,65 @@ class _Reader:
         name = self.name(element, "name", "joint")
         key = f"joint {name}"
         kind = self.name(element, "type", key)
-        if kind not in ("revolute", "prismatic", "continuous", "fixed"):
+        if kind not in KINDS:
             raise self.fail(key, kind, "expected revolute, prismatic, continuous or fixed")
-        limit = element.find("limit")
-        bounded = kind in ("revolute", "prismatic")
-        if bounded and limit is None:
-            raise self.fail(key, "", "needs a limit")
-        lower, upper = (
-            self.numbers(limit, side, 1, "0" if bounded else default, key)[0]
-            for side, default in (("lower", "-1e9"), ("upper", "1e9"))
-        )
-        velocity, effort = (
-            self.numbers(limit, what, 1, None if bounded else "0", key)[0] for what in ("velocity", "effort")
-        )
-        if bounded and not lower < upper:
-            raise self.fail(key, f"{lower:g}..{upper:g}", "expected lower below upper")
-        if bounded and (velocity <= 0 or effort <= 0):
-            raise self.fail(key, f"velocity {velocity:g}, effort {effort:g}", "expected positive limits")
-        axis = self.vector(element.find("axis"), "xyz", "1 0 0", key)
+        if element.find("mimic") is not None:
+            raise self.fail(key, "mimic", "expected a joint with a motor of its own")
+        lower, upper, velocity, effort = self.limits(element.find("limit"), kind, key)
+        axis = self.vector(element.find("axis"), "xyz", "1 0 0", key, _ANY)
         length = math.hypot(*axis)
-        if length == 0:
-            raise self.fail(key, "axis 0 0 0", "expected a direction")
+        if length < bounds.ALIKE or length > 1 / bounds.ALIKE:
+            raise self.fail(key, f"axis {shown(axis)}", "expected a direction")
         origin = element.find("origin")
         return Joint(
             name,
             kind,
             self.name(element.find("parent"), "link", key),
             self.name(element.find("child"), "link", key),
-            self.vector(origin, "xyz", "0 0 0", key),
-            self.vector(origin, "rpy", "0 0 0", key),
+            self.vector(origin, "xyz", "0 0 0", key, _LENGTH),
+            self.vector(origin, "rpy", "0 0 0", key, _ANGLE),
             (axis[0] / length, axis[1] / length, axis[2] / length),
             lower,
             upper,
             velocity,
             effort,
         )
+
+    def limits(self, limit: ET.Element | None, kind: str, key: str) -> tuple[float, float, float, float]:
+        """Lower, upper, velocity, effort."""
+        if kind in ("continuous", "fixed"):
+            return -math.inf, math.inf, 0.0, 0.0
+        if limit is None:
+            raise self.fail(key, "", "needs a limit")
+        turns = kind == "revolute"
+        most = _ANGLE if turns else _LENGTH
+        lower, upper = (self.numbers(limit, side, 1, "0", key, most)[0] for side in ("lower", "upper"))
+        velocity = self.numbers(
+            limit, "velocity", 1, None, key, _Most(bounds.MAX_SPEED, "rad/s" if turns else "m/s", "")
+        )[0]
+        effort = self.numbers(limit, "effort", 1, None, key, _Most(bounds.MAX_EFFORT, "Nm" if turns else "N", ""))[0]
+        if not lower < upper:
+            raise self.fail(key, f"{lower:g}..{upper:g}", "expected lower below upper")
+        if velocity <= 0 or effort <= 0:
+            raise self.fail(key, f"velocity {velocity:g}, effort {effort:g}", "expected positive limits")
+        return lower, upper, velocity, effort
+
+
+def shown(vector: Sequence[float]) -> str:
+    """As a URDF writes it, and -0 as 0."""
+    return " ".join(f"{v + 0.0:g}" for v in vector)
+
+
+def _rotation(rpy_rad: Vector) -> NDArray[np.float64]:
+    """Rz Ry Rx."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad), np.sin(rpy_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def parse_xml(data: bytes, path: str) -> ET.Element:
@@ -200,8 +271,11 @@ def parse_urdf(root: ET.Element, path: str) -> Urdf:
     links = [reader.link(element) for element in root.findall("link")]
     joints = [reader.joint(element) for element in root.findall("joint")]
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
-        for name in {n for n in names if names.count(n) > 1}:
-            raise reader.fail(f"{kind} {name}", "", "expected once")
+        seen: set[str] = set()
+        for name in names:
+            if name in seen:
+                raise reader.fail(f"{kind} {name}", "", "expected once")
+            seen.add(name)
     known = {link.name for link in links}
     for joint in joints:
         for link_name in (joint.parent, joint.child):

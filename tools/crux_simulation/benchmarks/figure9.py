@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 from crux_contracts.plan_file import plan_id, read_plan
-from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot import Robot, RobotError, load_robot
 from crux_msgs import plan_t
 from crux_tools.errors import UsageError
 from crux_tools.output import note, print_json, progress
@@ -77,7 +77,7 @@ class Climb:
     rotational_damping_Nms_rad: float = math.nan
 
 
-def robot_with(robot: Robot, factor: float, folder: Path) -> Robot:
+def write_robot_with(robot: Robot, factor: float, folder: Path) -> None:
     """A copy of the description in `folder` with all gains of the admittance times `factor`."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(robot.urdf_path, folder)
@@ -85,7 +85,6 @@ def robot_with(robot: Robot, factor: float, folder: Path) -> Robot:
     for name in GAINS:
         text["admittance"][name] *= factor
     (folder / "robot.yaml").write_text(yaml.safe_dump(text), encoding="utf-8")
-    return load_robot(folder)
 
 
 def loaded_limbs(log: Any) -> NDArray[np.bool_]:
@@ -107,13 +106,17 @@ def wrench_rms(log: Any, arm_m: float) -> tuple[float, float, float]:
     return math.sqrt(force), math.sqrt(moment), math.sqrt(force + moment / arm_m**2)
 
 
-def climb_with(plan: plan_t, robot: Robot, wanted: Climb, log: Path) -> Climb:
-    """Runs one climb; `robot` has the gains already."""
+def climb_with(plan: plan_t, folder: Path, wanted: Climb, log: Path) -> Climb:
+    """Runs one climb of the robot in `folder`, which has the gains already."""
     from crux_tools.telemetry.reader import read_log
 
     from crux_simulation.sim.climb import ClimbOptions, climb
     from crux_simulation.sim.world_file import parse_world
 
+    try:
+        robot = load_robot(folder)
+    except RobotError as error:
+        return replace(wanted, refused=str(error))
     own: plan_t = plan_t.decode(plan.encode())
     own.robot_sha256 = robot.hash
     own.plan_id = plan_id(own)
@@ -121,10 +124,7 @@ def climb_with(plan: plan_t, robot: Robot, wanted: Climb, log: Path) -> Climb:
     if math.isfinite(wanted.stiffness_N_m):
         text = f"version: 1\nname: holds that give\nholds: {{all: {{stiffness_N_m: {wanted.stiffness_N_m:.0f}}}}}\n"
         world = parse_world(text.encode()).draw(0, own)
-    try:
-        result = climb(own, robot, log, ClimbOptions(world=world, seed=wanted.seed, calibrate=wanted.calibrated))
-    except UsageError as error:
-        return replace(wanted, refused=str(error))
+    result = climb(own, robot, log, ClimbOptions(world=world, seed=wanted.seed, calibrate=wanted.calibrated))
     telemetry = read_log(log)
     force_N, moment_Nm, wrench_N = wrench_rms(telemetry, robot.control.moment_length_m)
     gains = telemetry.limbs["admittance_gains"][-1, 0]
@@ -149,14 +149,14 @@ def log_name(climb: Climb) -> str:
 
 def climb_in(folder: Path, wanted: Climb) -> Climb:
     """One climb of the sweep, in a process of its own: plan and robots lie in `folder`."""
-    robot = load_robot(folder / f"gains-{wanted.factor:g}")
+    robot = folder / f"gains-{wanted.factor:g}"
     return climb_with(read_plan(folder / "plan.mcap"), robot, wanted, folder / log_name(wanted))
 
 
 def sweep(base: Robot, stiffnesses: list[float], count: int, folder: Path) -> list[Climb]:
     """Every climb of the figure, as many at a time as there are cores; planned_scene() has been at `folder`."""
     for factor in FACTORS:
-        robot_with(base, factor, folder / f"gains-{factor:g}")
+        write_robot_with(base, factor, folder / f"gains-{factor:g}")
     wanted = [
         Climb(k, factor, how, seed)
         for k in stiffnesses for factor in FACTORS for how in (False, True) for seed in range(count)

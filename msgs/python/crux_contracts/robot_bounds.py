@@ -1,0 +1,24 @@
+"""What a sane robot is within. The runtime has these numbers from here, by way of msgs/generate."""
+
+from __future__ import annotations
+
+import math
+
+# Joint axes the closed-form kinematics stand on: yaw, pitch, pitch, then a spherical wrist pitch, roll, yaw.
+JOINT_AXES = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+ALIKE = 1e-9  # components of axes, lengths [m] and angles [rad] that count as equal
+SAME_DIRECTION_RAD = 1e-4  # of mirrored limbs: URDFs round a quarter of a turn
+
+MAX_BUS = 15
+MAX_LENGTH_M = 3.0
+MIN_LINK_M = 0.01
+MAX_ANGLE_RAD = 4 * math.pi
+MAX_SPEED = 100.0  # rad/s or m/s
+MAX_EFFORT = 10_000.0  # Nm or N
+MIN_MASS_KG = 1e-4  # of a link that moves
+MAX_MASS_KG = 100.0
+MIN_GYRATION_M = 1e-4  # radius of gyration about any axis
+MAX_GYRATION_M = 1.0
+
+GAIN_MARGIN = 2.0  # so many times stiffer than described may be what a gripper meets
+MAX_DELAY_CYCLES = 64  # until what the admittance does is felt: as long as calibration remembers

@@ -1,0 +1,328 @@
+#include "core/robot_yaml.hpp"
+
+#include <yaml-cpp/eventhandler.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <map>
+#include <regex>
+#include <set>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "core/description_problem.hpp"
+#include "core/reason.hpp"
+#include "crux_msgs/robot.hpp"
+
+namespace crux {
+namespace {
+
+namespace bounds = crux_msgs::robot;
+using crux_msgs::robot::RobotKey;
+using crux_msgs::robot::RobotKeyKind;
+
+constexpr std::size_t kShownText = 60;
+
+int line_of(const YAML::Mark& mark) { return mark.line + 1; }
+
+/// Refuses what crux's YAML leaves out: anchors, tags, several documents, deep nesting.
+class PlainYaml : public YAML::EventHandler {
+ public:
+  explicit PlainYaml(std::string path) : path_(std::move(path)) {}
+
+  void OnDocumentStart(const YAML::Mark& mark) override {
+    if (std::exchange(begun_, true)) refuse_at(mark, "expected one document only, without a second `---`");
+  }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { look_at(mark, "", anchor); }
+  void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override { look_at(mark, "", anchor); }
+  void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                const std::string& /*value*/) override {
+    look_at(mark, tag, anchor);
+  }
+  void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                       YAML::EmitterStyle::value /*style*/) override {
+    look_at(mark, tag, anchor);
+    ++depth_;
+  }
+  void OnSequenceEnd() override { --depth_; }
+  void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
+                  YAML::EmitterStyle::value /*style*/) override {
+    look_at(mark, tag, anchor);
+    ++depth_;
+  }
+  void OnMapEnd() override { --depth_; }
+
+ private:
+  void look_at(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) const {
+    if (anchor != 0) refuse_at(mark, "anchors and aliases (& and *) are not allowed: write the value out");
+    if (depth_ > bounds::kMaxDepth)
+      refuse_at(mark, "nested deeper than " + std::to_string(bounds::kMaxDepth) + " levels");
+    if (!tag.empty() && tag != "?" && tag != "!") refuse_at(mark, "tags (!) are not allowed");
+  }
+
+  [[noreturn]] void refuse_at(const YAML::Mark& mark, const std::string& expected) const {
+    throw std::runtime_error(problem(path_, "", "", expected, line_of(mark)));
+  }
+
+  std::string path_;
+  int depth_ = 0;
+  bool begun_ = false;
+};
+
+enum class Kind { kNothing, kText, kInteger, kFloat, kOther };
+
+/// Of a scalar by YAML 1.2's core schema; quoted scalars are texts.
+Kind kind_of(const YAML::Node& node) {
+  static const std::regex nothing("|~|null|Null|NULL"), truth("true|True|TRUE|false|False|FALSE");
+  static const std::regex integer("[-+]?[0-9]{1,17}|[0-9]{18}");
+  static const std::regex number(
+      "[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\\.(inf|Inf|INF)|\\.(nan|NaN|NAN)");
+  const std::string& text = node.Scalar();
+  if (node.IsNull()) return Kind::kNothing;
+  if (!node.IsScalar()) return Kind::kOther;
+  if (node.Tag() == "!" || text.size() > kShownText) return Kind::kText;
+  if (std::regex_match(text, nothing)) return Kind::kNothing;
+  if (std::regex_match(text, truth)) return Kind::kOther;
+  if (std::regex_match(text, integer)) return Kind::kInteger;
+  return std::regex_match(text, number) ? Kind::kFloat : Kind::kText;
+}
+
+double value_of(const std::string& text) {
+  if (text.find_first_of("nNiI") != std::string::npos) return std::nan("");  // .nan, .inf
+  return std::strtod(text.c_str(), nullptr);
+}
+
+std::string shown(const YAML::Node& node) {
+  if (node.IsMap()) return node.size() > 0 ? "a mapping" : "an empty mapping";
+  if (node.IsSequence()) return "a list of " + std::to_string(node.size());
+  const Kind kind = kind_of(node);
+  if (kind == Kind::kNothing) return "nothing";
+  std::string text = node.Scalar();
+  if (text.size() > kShownText) text = text.substr(0, kShownText - 3) + "...";
+  return kind == Kind::kText ? "\"" + text + "\"" : text;
+}
+
+/// Collects the problems of robot.yaml.
+class Checker {
+ public:
+  explicit Checker(std::string path) : path_(std::move(path)) {}
+
+  void check(const YAML::Node& root) {
+    std::vector<std::string> keys = {"version", "name", "urdf", "body_link", "limbs", "limb"};
+    for (const RobotKey& key : bounds::kKeys)
+      if (keys.back() != key.section) keys.emplace_back(key.section);
+    const YAML::Node found = members(root, "", keys);
+    if (found["version"]) check_integer(found["version"], "version", 1, 1);
+    for (const char* name : {"name", "urdf", "body_link"})
+      if (found[name]) check_text(found[name], name);
+    if (const YAML::Node urdf = found["urdf"]; urdf && kind_of(urdf) == Kind::kText) {
+      const std::string name = urdf.Scalar();
+      if (name.find('/') != std::string::npos || name == "." || name == "..")
+        note(urdf, "urdf", "expected a file name in the same folder");
+    }
+    if (found["limbs"]) check_limbs(found["limbs"]);
+    if (found["limb"]) check_limb(found["limb"]);
+    for (auto key = keys.begin() + 6; key != keys.end(); ++key)
+      if (found[*key]) check_section(found[*key], *key);
+    const auto by_line = [](const auto& a, const auto& b) { return a.first < b.first; };
+    std::ranges::stable_sort(problems_, by_line);
+    if (!problems_.empty()) throw std::runtime_error(problems_.front().second);
+  }
+
+ private:
+  static std::string path_to(const std::string& place, const std::string& key) {
+    return place.empty() ? key : place + "." + key;
+  }
+
+  void note(const YAML::Node& node, const std::string& place, const std::string& expected) {
+    note(node, place, shown(node), expected);
+  }
+
+  void note(const YAML::Node& node, const std::string& place, const std::string& value, const std::string& expected) {
+    const auto empty = empty_.find(place);
+    const int line = empty == empty_.end() ? line_of(node.Mark()) : empty->second;
+    problems_.emplace_back(line, problem(path_, place, value, expected, line));
+  }
+
+  /// The mapping, or an empty one. A key that is unknown is noted, else one that is missing.
+  YAML::Node members(const YAML::Node& node, const std::string& place, const std::vector<std::string>& keys) {
+    if (!node.IsMap()) {
+      note(node, place, "expected a mapping with " + keys.front());
+      return YAML::Node(YAML::NodeType::Map);
+    }
+    bool unknown = false;
+    std::set<std::string> there;
+    for (const auto& member : node) {
+      const std::string& key = member.first.Scalar();
+      if (member.second.IsNull()) empty_[path_to(place, key)] = line_of(member.first.Mark());
+      if (!there.insert(key).second)
+        note(member.first, path_to(place, key), "", "this key stands here twice");
+      else if (std::ranges::find(keys, key) == keys.end())
+        unknown = true, note(member.second, path_to(place, key), "", "unknown key");
+    }
+    for (const std::string& key : keys)
+      if (!unknown && !there.contains(key)) note(node, path_to(place, key), "", "is missing");
+    return node;
+  }
+
+  void check_text(const YAML::Node& node, const std::string& place) {
+    const Kind kind = kind_of(node);
+    const std::string& text = node.Scalar();
+    if (kind != Kind::kText) {
+      note(node, place,
+           node.IsScalar() && kind != Kind::kNothing ? "expected a text: \"" + text + "\"" : "expected a text");
+      return;
+    }
+    const auto control = [](unsigned char c) { return c < 0x20 || c == 0x7f; };
+    const auto length = std::ranges::count_if(text, [](unsigned char c) { return (c & 0xc0) != 0x80; });
+    if (text.find_first_not_of(' ') == std::string::npos || length > bounds::kMaxText ||
+        std::ranges::any_of(text, control))
+      note(node, place, "expected a visible text of 1 to " + std::to_string(bounds::kMaxText) + " characters");
+  }
+
+  bool check_integer(const YAML::Node& node, const std::string& place, double low, double high) {
+    const double value = kind_of(node) == Kind::kInteger ? value_of(node.Scalar()) : std::nan("");
+    if (value >= low && value <= high) return true;
+    note(node, place, "expected a whole number in " + shown_whole(low) + ".." + shown_whole(high));
+    return false;
+  }
+
+  static std::string shown_whole(double value) { return std::to_string(static_cast<long>(value)); }
+
+  bool check_number(const YAML::Node& node, const std::string& place, double low, double high, std::string_view unit) {
+    const std::string in_unit = unit.empty() ? "" : " " + std::string(unit);
+    const std::string expected = "expected a number in " + crux::shown(low) + ".." + crux::shown(high) + in_unit;
+    const Kind kind = kind_of(node);
+    if (kind != Kind::kInteger && kind != Kind::kFloat) return note(node, place, expected), false;
+    const double value = value_of(node.Scalar());
+    if (!std::isfinite(value)) return note(node, place, "is not a finite number; " + expected), false;
+    if (value >= low && value <= high) return true;
+    std::string hint;
+    for (const auto& other : bounds::kOtherUnits)
+      if (hint.empty() && other.unit == unit && value * other.factor >= low && value * other.factor <= high)
+        hint = std::string("; looks like ") + other.name + ": " + crux::shown(value * other.factor) + "?";
+    return note(node, place, expected + hint), false;
+  }
+
+  bool check_numbers(const YAML::Node& node, const std::string& place, std::size_t count, const RobotKey& key) {
+    if (!node.IsSequence() || node.size() != count) {
+      const std::string in_unit = key.unit.empty() ? "" : " in " + std::string(key.unit);
+      note(node, place, "expected a list of " + std::to_string(count) + " numbers" + in_unit);
+      return false;
+    }
+    for (std::size_t i = 0; i < count; ++i)
+      if (!check_number(node[i], place + "[" + std::to_string(i) + "]", key.low, key.high, key.unit)) return false;
+    return true;
+  }
+
+  void check_limbs(const YAML::Node& node) {
+    const YAML::Node limbs = members(node, "limbs", {kLimbNames.begin(), kLimbNames.end()});
+    std::set<double> buses;
+    std::set<std::string> prefixes;
+    for (const std::string limb : kLimbNames) {
+      if (!limbs[limb]) continue;
+      const std::string place = "limbs." + limb;
+      const YAML::Node one = members(limbs[limb], place, {"bus", "prefix"});
+      if (one["bus"] && check_integer(one["bus"], place + ".bus", 0, bounds::kMaxBus) &&
+          !buses.insert(value_of(one["bus"].Scalar())).second)
+        note(one["bus"], place + ".bus", "expected a bus of its own for each limb");
+      if (!one["prefix"]) continue;
+      check_text(one["prefix"], place + ".prefix");
+      if (!prefixes.insert(one["prefix"].Scalar()).second)
+        note(one["prefix"], place + ".prefix", "expected a prefix of its own for each limb");
+    }
+  }
+
+  void check_limb(const YAML::Node& node) {
+    const YAML::Node limb = members(node, "limb", {"joints", "gripper_frame", "finger_joints"});
+    joints_ = names(limb, "joints", kJoints);
+    names(limb, "finger_joints", 2);
+    if (limb["gripper_frame"]) check_text(limb["gripper_frame"], "limb.gripper_frame");
+  }
+
+  std::vector<std::string> names(const YAML::Node& limb, const std::string& key, std::size_t count) {
+    const YAML::Node list = limb[key];
+    std::vector<std::string> found;
+    if (!list) return found;
+    if (!list.IsSequence() || list.size() != count) {
+      note(list, "limb." + key, "expected a list of " + std::to_string(count) + " names");
+      return found;
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t before = problems_.size();
+      check_text(list[i], "limb." + key + "[" + std::to_string(i) + "]");
+      if (problems_.size() == before) found.push_back(list[i].Scalar());
+    }
+    return found.size() == count ? found : std::vector<std::string>();
+  }
+
+  void check_section(const YAML::Node& node, const std::string& section) {
+    std::vector<std::string> keys;
+    for (const RobotKey& key : bounds::kKeys)
+      if (key.section == section) keys.emplace_back(key.key);
+    const YAML::Node found = members(node, section, keys);
+    for (const RobotKey& key : bounds::kKeys)
+      if (const YAML::Node value =
+              key.section == section ? found[std::string(key.key)] : YAML::Node(YAML::NodeType::Undefined))
+        check_value(value, section + "." + std::string(key.key), key);
+  }
+
+  void check_value(const YAML::Node& node, const std::string& place, const RobotKey& key) {
+    if (key.kind == RobotKeyKind::kNumber) check_number(node, place, key.low, key.high, key.unit);
+    if (key.kind == RobotKeyKind::kInteger) check_integer(node, place, key.low, key.high);
+    if (key.kind == RobotKeyKind::kPerJoint) check_numbers(node, place, kJoints, key);
+    if (key.kind == RobotKeyKind::kNodes) check_nodes(node, place);
+    if (key.kind != RobotKeyKind::kInterval || !check_numbers(node, place, 2, key)) return;
+    const double low = value_of(node[0].Scalar()), high = value_of(node[1].Scalar());
+    if (low >= high)
+      note(node, place, "[" + crux::shown(low) + ", " + crux::shown(high) + "]",
+           "expected [low, high] with low below high");
+  }
+
+  /// Numbers on the bus, which the CAN database fixes: from the shoulder outwards, the gripper last.
+  void check_nodes(const YAML::Node& node, const std::string& place) {
+    if (joints_.empty()) return;
+    std::vector<std::string> names = joints_;
+    names.emplace_back("gripper");
+    const YAML::Node found = members(node, place, names);
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      const YAML::Node one = found[names[i]];
+      if (!one || (kind_of(one) == Kind::kInteger && value_of(one.Scalar()) == static_cast<double>(i + 1))) continue;
+      note(one, path_to(place, names[i]),
+           "expected " + std::to_string(i + 1) + ": nodes count from the shoulder outwards");
+    }
+  }
+
+  std::string path_;
+  std::vector<std::string> joints_;
+  std::map<std::string, int> empty_;  ///< lines of keys without a value, which yaml-cpp places at what comes next
+  std::vector<std::pair<int, std::string>> problems_;  ///< by line
+};
+
+}  // namespace
+
+double YamlSection::value(const YAML::Node& node) { return value_of(node.Scalar()); }
+
+YamlSection checked_robot_yaml(const std::string& bytes, const std::string& path) {
+  try {
+    std::istringstream stream(bytes);
+    YAML::Parser parser(stream);
+    PlainYaml plain(path);
+    while (parser.HandleNextDocument(plain)) {
+    }
+    const YAML::Node root = YAML::Load(bytes);
+    if (!root || root.IsNull()) refuse(path, "", "", "is empty");
+    if (!root.IsMap())
+      throw std::runtime_error(
+          problem(path, "", shown(root), "expected a mapping of keys to values", line_of(root.Mark())));
+    Checker(path).check(root);
+    return YamlSection(root);
+  } catch (const YAML::Exception& error) {
+    throw std::runtime_error(problem(path, "", "", "is not YAML: " + error.msg, line_of(error.mark)));
+  }
+}
+
+}  // namespace crux
