@@ -34,8 +34,9 @@ pre { padding: 12px; overflow-x: auto; font-size: 13px; }
   main { padding: 12px; } h1 { font-size: 22px; } p.verdict { font-size: 17px; }
   th, td { display: block; width: auto; border: 0; padding: 0 10px; } tr { display: block; padding: 5px 0; }
   tr + tr { border-top: 1px solid #dde2e6; }
-  .plot img { width: 760px; }
+  .plot { margin: 8px -12px; border-radius: 0; border-width: 1px 0; }
 }
+@media print { pre { white-space: pre-wrap; overflow-wrap: anywhere; } figure, .plot, tr { break-inside: avoid; } }
 """
 
 

@@ -23,7 +23,7 @@ const KEYS = [ // keys, what they do in words, and what they do
   [["+", "-"], "faster, slower", (event) => faster(event.key === "+" ? 1 : -1)],
   [["Home", "End"], "begin, end", (event) => seek(event.key === "Home" ? begin() : end())],
   [["0"], "the whole time line", whole],
-  [["t"], "type a time: Enter goes there, Escape leaves it", () => byId("time").select()],
+  [["t"], "type a time: Enter goes there, Escape leaves it", () => { byId("time").focus(); byId("time").select(); }],
   [["m"], "measure: click two points of the 3-D view", press("measure")],
   [["l"], "copy a link to this moment", press("link")],
   [["d"], "light or dark", toggleTheme],
@@ -83,7 +83,11 @@ function listen() {
   byId("joints").ontoggle = showJoints;
   for (const box of byId("shown").querySelectorAll("input")) box.onchange = () => page.spaces.forEach((space) => space.soon());
   document.onkeydown = (event) => {
-    if (document.querySelector("dialog[open]") || event.target.matches("input:not([type=checkbox])")) return;
+    if (document.querySelector("dialog[open]")) return;
+    if (event.target.matches("input:not([type=checkbox]):not(dialog *)")) { // one in a closed dialog keeps the focus
+      if (event.key === "Enter" || event.key === "Escape") event.target.blur();
+      return;
+    }
     const act = event.ctrlKey || event.metaKey || event.altKey ? null : KEYS.find(([keys]) => keys.includes(event.key));
     if (act) { event.preventDefault(); document.activeElement.blur(); act[2](event); }
   };
