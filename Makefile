@@ -10,7 +10,7 @@ SHELL_FILES = '*'
 CPP_FILES = '*.c' '*.h' '*.cpp' '*.hpp'
 TIDY_FILES = 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c'
 
-.PHONY: help setup setup-programs setup-packages extras configure-programs configure-development configure-sanitized build programs packages can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
+.PHONY: help setup setup-programs setup-packages extras configure-programs configure-development configure-sanitized build programs packages try-machines can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -51,6 +51,9 @@ setup-packages:
 packages: setup-packages configure-programs ## build/packages: the wheel, and packages for Debian 12 and 13, amd64 and arm64
 	@$(call compile,crux_programs)
 	@packaging/packages $(ARCHITECTURES)
+
+try-machines: ## run `make climb` on Debian 12 and 13 and Ubuntu, bare and half-equipped, in chroots; needs root and mmdebstrap
+	python3 packaging/try_machines.py --jobs $(JOBS)
 
 can-kernel: setup ## the kernel with CAN that tests run in; built when it is missing from ~/.cache/crux
 	@$(BIN)/crux can kernel
