@@ -24,6 +24,7 @@ _SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _MAX_DIGITS = 18
 
 Scalar = str | int | float | bool | None
+Plain = Scalar | list["Plain"] | dict[str, "Plain"]
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,13 @@ class Node:
             return "nothing"
         text = self.source if len(self.source) <= 60 else self.source[:57] + "..."
         return f'"{text}"' if isinstance(self.content, str) else text
+
+
+def values(node: Node) -> Plain:
+    """The node as Python's own texts, numbers, lists and dicts, new ones at every call."""
+    if isinstance(node.content, dict):
+        return {key: values(member) for key, member in node.content.items()}
+    return [values(item) for item in node.content] if isinstance(node.content, list) else node.content
 
 
 class _Refusal(Exception):

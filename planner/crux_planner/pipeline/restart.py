@@ -2,27 +2,25 @@
 
 import math
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
+from crux_contracts.yaml_document import parse_mapping, values
+from crux_msgs import plan_t
 
 from crux_planner.errors import InfeasibleError, wrong
 from crux_planner.model.contacts import FACE_NAMES, PAIR_NAMES
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
-
-def stances(running: Any) -> list[int]:
+def stances(running: plan_t) -> list[int]:
     """The first knots at which all limbs hold on, one a stance: what a climb can be planned again from."""
     holds = [tuple(int(limb.hold) for limb in knot.limbs) for knot in running.knots]
     return [k for k, now in enumerate(holds) if min(now) >= 0 and (k == 0 or now != holds[k - 1])]
 
 
-def stance_knot(running: Any, at_s: float) -> int:
+def stance_knot(running: plan_t, at_s: float) -> int:
     """The first knot at or after a time at which all limbs hold on. Raises InfeasibleError after the last one."""
     k: int = max(0, math.ceil(at_s / running.dt_s - 1e-9))
     while k < len(running.knots) and min(limb.hold for limb in running.knots[k].limbs) < 0:
@@ -34,7 +32,7 @@ def stance_knot(running: Any, at_s: float) -> int:
 
 
 def scenario_at(
-    scenario: Scenario, running: Any, k: int, body: BodyPose | None = None, without: Collection[str] = ()
+    scenario: Scenario, running: plan_t, k: int, body: BodyPose | None = None, without: Collection[str] = ()
 ) -> Scenario:
     """The scenario with the stance at knot k of a plan for its start, the body there or elsewhere, and the steps left.
 
@@ -66,9 +64,9 @@ def scenario_at(
 
 def edited(scenario: Scenario, edit: Callable[[dict[str, Any]], None]) -> Scenario:
     """The scenario with its document changed in place by `edit`. Raises ScenarioError where that makes none."""
-    content = yaml.load(scenario.yaml_text, Loader=_LOADER)
+    content = cast(dict[str, Any], values(parse_mapping(scenario.yaml_text.encode(), scenario.path)))
     edit(content)
-    return parse_scenario(yaml.dump(content, Dumper=_DUMPER, sort_keys=False), scenario.path)
+    return parse_scenario(content, scenario.path)
 
 
 def rewritten(
@@ -87,7 +85,7 @@ def _rewrite(
     start: dict[str, Any] | None,
     without: Collection[str],
 ) -> None:
-    content["horizon"]["steps"] = int(np.int64(steps))
+    content["horizon"]["steps"] = int(steps)
     if start is not None:
         content["start"] = start
     names = [hold["name"] for hold in content["holds"]]
