@@ -27,7 +27,7 @@ class InfeasibleError(Exception):
         self.constraint = constraint
         self.proven = proven
         self.undecided = not proven and (undecided or constraint == TIME_LIMIT)
-        self.relaxed: dict[str, Any] | None = None  # what would help: constraint, amount, unit, place
+        self.relaxed: dict[str, str | float | None] | None = None  # what would help: constraint, amount, unit, place
         self.blamed: tuple[int, int] | None = None  # the move (contact to contact) without which there may be a plan
 
     def blaming(self, move: tuple[int, int] | None) -> Self:
@@ -52,7 +52,7 @@ class InfeasibleError(Exception):
         undecided.relaxed = self.relaxed
         return undecided
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What `crux plan --json` prints of it, beside the text."""
         scope = FOR_ALL_REACH if self.proven else None
         said = {"constraint": self.constraint, "proven": self.proven, "scope": scope, "undecided": self.undecided}

@@ -1,16 +1,25 @@
-"""A plan's knots as arrays, for the plots."""
+"""A plan's knots as arrays, and as a pandas data frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from crux_contracts import LIMB_NAMES
-from crux_contracts.interpolation import gripper_wrench
-from crux_msgs import limb_knot_t
+from crux_msgs import limb_knot_t, plan_t
+from numpy.typing import NDArray
+
+from . import LIMB_NAMES
+from .interpolation import gripper_wrench
+
+if TYPE_CHECKING:
+    import pandas
 
 N_LIMBS = len(LIMB_NAMES)
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+_COMPONENTS = {"body_rpy_rad": ("roll", "pitch", "yaw"), "wrench": ("fx", "fy", "fz", "mx", "my", "mz")}
 
 
 @dataclass(frozen=True)
@@ -24,41 +33,75 @@ class Swing:
     to_hold: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanSeries:
-    """Knots k = 0..K-1; wrenches act on the robot, frame W, limbs LF, RF, LR, RR."""
+    """A plan's knots k = 0..N as arrays, K = N + 1 rows; limbs LF, RF, LR, RR; fingers 1 and 2.
 
-    time_s: np.ndarray  # (K,)
-    stance: np.ndarray  # (K, 4) bool
-    hold: np.ndarray  # (K, 4) index into holds, -1 in the air
-    on_wall: np.ndarray  # (K, 4) bool: a foot on the wall itself
+    Positions and directions are in the wall's frame W, forces and moments act on the robot. Between knots
+    `crux_contracts.interpolation.PlanReference` says where everything is.
+    """
+
+    time_s: Floats
+    """(K,) s"""
+    stance: Flags
+    """(K, 4) whether the limb holds on; else it is in the air"""
+    hold: Indices
+    """(K, 4) index into hold_names, -1 in the air and on the wall itself"""
+    finger1_face: Indices
+    """(K, 4) face under finger 1: +x, -x, +y, -y of its hold 0 to 3, the wall itself 4, -1 in the air"""
+    friction: Floats
+    """(K, 4) coefficient of the smoother face in contact, 0 in the air"""
     hold_names: list[str]
-    body_position_m: np.ndarray  # (K, 3)
-    body_rpy_rad: np.ndarray  # (K, 3)
-    gripper_position_m: np.ndarray  # (K, 4, 3)
-    gripper_yaw_rad: np.ndarray  # (K, 4)
-    separation_m: np.ndarray  # (K, 4)
-    finger_force_n: np.ndarray  # (K, 4, 2, 3)
-    finger_moment_nm: np.ndarray  # (K, 4, 2, 3)
-    wrench: np.ndarray  # (K, 4, 6) force and moment on the robot at the gripper's centre
+    """of holds, then obstacles"""
+    body_position_m: Floats
+    """(K, 3) m, origin of the body's frame B in W"""
+    body_rpy_rad: Floats
+    """(K, 3) rad, roll, pitch, yaw, intrinsic z-y-x: R turns W <- B"""
+    body_velocity_m_s: Floats
+    """(K, 3) m/s in W"""
+    body_angular_velocity_b_rad_s: Floats
+    """(K, 3) rad/s in B"""
+    gripper_position_m: Floats
+    """(K, 4, 3) m, midpoint of the finger pads in W"""
+    gripper_yaw_rad: Floats
+    """(K, 4) rad, of the opening axis about W's z, not wrapped"""
+    separation_m: Floats
+    """(K, 4) m, pad face to pad face"""
+    finger_force_n: Floats
+    """(K, 4, 2, 3) N in W"""
+    finger_moment_nm: Floats
+    """(K, 4, 2, 3) N m in W, about each finger's contact point"""
+    wrench: Floats
+    """(K, 4, 6) N and N m in W: force, then moment about the gripper's centre, over [k, k+1)"""
     dt_s: float
+    """s, between knots"""
+
+    def __repr__(self) -> str:
+        end_s = self.time_s[-1] if len(self.time_s) else 0.0
+        swings = f"{len(self.swings())} swings, {len(self.hold_names)} holds and obstacles"
+        return f"PlanSeries({len(self.time_s)} knots, 0 to {end_s:g} s, {swings})"
 
     @property
-    def opening_axis(self) -> np.ndarray:
+    def on_wall(self) -> Flags:
+        """(K, 4): whether a foot stands on the wall itself."""
+        return np.asarray(self.finger1_face == limb_knot_t.FACE_WALL)
+
+    @property
+    def opening_axis(self) -> Floats:
         """e of every gripper, (K, 4, 3)."""
         return np.stack([np.cos(self.gripper_yaw_rad), np.sin(self.gripper_yaw_rad), 0 * self.gripper_yaw_rad], axis=-1)
 
     @property
-    def force_n(self) -> np.ndarray:
+    def force_n(self) -> Floats:
         """F of every gripper, (K, 4, 3)."""
         return self.wrench[..., :3]
 
     @property
-    def moment_nm(self) -> np.ndarray:
+    def moment_nm(self) -> Floats:
         """M of every gripper about its centre, (K, 4, 3)."""
         return self.wrench[..., 3:]
 
-    def knot_at(self, plan_time_s: np.ndarray) -> np.ndarray:
+    def knot_at(self, plan_time_s: Floats) -> Indices:
         """The knot that begins the interval of each plan time, of the same shape."""
         knots = np.searchsorted(self.time_s, plan_time_s + 1e-9) - 1
         return np.asarray(np.clip(knots, 0, len(self.time_s) - 1))
@@ -78,26 +121,61 @@ class PlanSeries:
         """Name of a hold; '' for none."""
         return self.hold_names[index] if 0 <= index < len(self.hold_names) else ""
 
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a knot, indexed by time_s: the columns are this class's arrays, split by limb, finger and component,
+        such as body_position_m_x, LF_hold (its name, empty for none), LF_wrench_fx, LF_finger_force_n_1_x. Units and
+        frames are those of the arrays. Raises ImportError, which says what to install, without pandas.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ImportError("to_dataframe needs pandas, which crux does not: pip install pandas") from error
+        columns: dict[str, np.ndarray] = {}
+        for name, array in vars(self).items():
+            if isinstance(array, np.ndarray) and name != "time_s":
+                values = np.array([*self.hold_names, ""])[array] if name == "hold" else array
+                columns |= _columns(name, values)
+        return pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
 
-def plan_series(plan: Any) -> PlanSeries:
-    """Arrays of a plan_t (or of the same message decoded from a log)."""
+
+def _columns(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    """An array (K, ...) as columns (K,), each named by limb, array, finger and component."""
+    axes: list[tuple[str, ...]] = [] if name.startswith("body") else [LIMB_NAMES]
+    axes += [("1", "2")] if name.startswith("finger_") else []
+    axes += [_COMPONENTS.get(name, ("x", "y", "z"))] if len(axes) < array.ndim - 1 else []
+    columns = {}
+    for place in np.ndindex(array.shape[1:]):
+        words = [axis[i] for axis, i in zip(axes, place, strict=True)]
+        words.insert(0 if name.startswith("body") else 1, name)
+        columns["_".join(words)] = array[(slice(None), *place)]
+    return columns
+
+
+def plan_series(plan: plan_t) -> PlanSeries:
+    """Arrays of a plan (or of the same message decoded from a log)."""
     knots = plan.knots
     limbs = [knot.limbs for knot in knots]
+
+    def per_knot(name: str) -> Floats:
+        return np.array([getattr(knot, name) for knot in knots], dtype=float)
 
     def per_limb(name: str) -> np.ndarray:
         return np.array([[getattr(limb, name) for limb in row] for row in limbs])
 
-    def fingers(name: str) -> np.ndarray:
+    def fingers(name: str) -> Floats:
         return per_limb(name).reshape(len(knots), N_LIMBS, 2, 3)
 
     return PlanSeries(
-        time_s=np.array([knot.time_s for knot in knots]),
+        time_s=per_knot("time_s"),
         stance=per_limb("phase") == limb_knot_t.STANCE,
         hold=per_limb("hold"),
-        on_wall=per_limb("finger1_face") == limb_knot_t.FACE_WALL,
+        finger1_face=per_limb("finger1_face"),
+        friction=per_limb("friction"),
         hold_names=[hold.name for hold in plan.holds],
-        body_position_m=np.array([list(knot.body_position_w_m) for knot in knots]),
-        body_rpy_rad=np.array([list(knot.body_rpy_rad) for knot in knots]),
+        body_position_m=per_knot("body_position_w_m"),
+        body_rpy_rad=per_knot("body_rpy_rad"),
+        body_velocity_m_s=per_knot("body_velocity_w_m_s"),
+        body_angular_velocity_b_rad_s=per_knot("body_angular_velocity_b_rad_s"),
         gripper_position_m=per_limb("gripper_position_w_m"),
         gripper_yaw_rad=per_limb("gripper_yaw_w_rad"),
         separation_m=per_limb("finger_separation_m"),

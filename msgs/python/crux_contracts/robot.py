@@ -112,6 +112,7 @@ class Robot:
 
     @property
     def total_mass_kg(self) -> float:
+        """kg, of the body and all limbs."""
         return self.urdf.total_mass_kg
 
 

@@ -1,11 +1,11 @@
 """The checker of exact P1: every constraint at every knot and between the knots, for the real robot."""
 
 import time
-from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
+from crux_msgs import plan_t
 
 from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
@@ -28,7 +28,7 @@ FOOT_WINDOW = 0.5
 """Of a knot's interval: over so long a foot has to press in the mean. What is shorter its pads and joints soften."""
 
 
-def check_plan(plan: Any, robot: Robot) -> CheckReport:
+def check_plan(plan: plan_t, robot: Robot) -> CheckReport:
     """Check a crux_msgs.plan_t against exact P1 for a robot description, from the plan alone: the scene is read from
     the scenario text inside it, and everything the plan copies from there is compared.
 

@@ -61,24 +61,41 @@ class PeakTorque:
         return self.torque_Nm / self.effort_limit_Nm
 
 
-@dataclass
+@dataclass(repr=False)
 class CheckReport:
-    """Outcome of `check_plan`. `worst` has one entry a constraint, the least satisfied first."""
+    """Outcome of `check_plan`."""
 
     violations: list[Violation] = field(default_factory=list)
+    """what is not met; empty for a plan that is right"""
     worst: list[Violation] = field(default_factory=list)
+    """one entry a constraint, the least satisfied first"""
     friction_margin_N: float | None = None
+    """N that the limit surface leaves the finger nearest to it at a knot; None: not checked so far"""
     tumble_margin_m: float | None = None
+    """least tumble stability margin, m; None: not checked so far, or without meaning for this stance"""
     joints: list[JointLoad] = field(default_factory=list)
+    """largest loads of every joint, limb by limb"""
     largest_torque: PeakTorque | None = None
+    """the joint torque nearest to its limit"""
     seconds: float = 0.0
+    """wall-clock time of the check"""
+
+    def __repr__(self) -> str:
+        said = "CheckReport: ok" if self.ok else f"CheckReport: {len(self.violations)} violations"
+        if self.friction_margin_N is not None:
+            said += f", least margin of the limit surface {self.friction_margin_N:.2f} N"
+        for violation in self.violations[:3]:
+            place = "" if violation.limb is None else f" {violation.limb}"
+            when = "" if violation.time_s is None else f" at {violation.time_s:g} s"
+            said += f"\n  {violation.constraint}{place}{when}: {violation.amount:.3g} {violation.unit} over"
+        return said
 
     @property
     def ok(self) -> bool:
         """True when every constraint is met."""
         return not self.violations
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The object that `crux check --json` prints."""
         found = asdict(self)
         margin = {"friction": found.pop("friction_margin_N"), "tumble_m": found.pop("tumble_margin_m")}

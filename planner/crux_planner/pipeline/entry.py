@@ -1,10 +1,10 @@
 """Where planning begins: climbs and walks load only what they need."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import METHODS, Scenario
+from crux_contracts.scenario import METHODS, Scenario, parse_scenario
 
 from crux_planner.errors import wrong
 from crux_planner.pipeline.message import PlanResult
@@ -14,7 +14,7 @@ from crux_planner.solvers.worker import Worker
 
 
 def plan(
-    scenario: Scenario,
+    scenario: Scenario | Mapping[str, object],
     robot: Robot,
     *,
     method: str = "auto",
@@ -23,13 +23,20 @@ def plan(
     log: Callable[[str], None] | None = None,
     prove_s: float | None = None,
 ) -> PlanResult:
-    """Plan a climb or a walk and check it; `log` receives line by line what is reported on the way.
+    """Plan a climb or a walk and check it.
+
+    `scenario` may be a dict with the keys of the YAML, NumPy's numbers and arrays in it. `method` is one of
+    crux_contracts.scenario.METHODS; `time_limit_s` counts seconds of CPU of this process and its workers; `progress`
+    is called with what begins now and the share of the work behind, 0..1; `log` receives line by line what is reported
+    on the way.
 
     The gap is what a bound worked out beside the planning proves of plans of as many steps with a fixed amount of work;
     of climbs with `prove_s`, what is proven in up to so long.
 
     Raises ScenarioError where the scenario must be corrected, InfeasibleError where no plan exists or none was found.
     """
+    if not isinstance(scenario, Scenario):
+        scenario = parse_scenario(scenario)
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
     limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S

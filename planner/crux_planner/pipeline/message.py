@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import crux_msgs
 import numpy as np
 from crux_contracts.interpolation import is_walk
 from crux_contracts.plan_file import plan_id
+from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Hold, Scenario
+from crux_msgs import plan_t
 
 from crux_planner.errors import FOR_ALL_REACH, FOR_ITS_REACH
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import rotation_z
 
 if TYPE_CHECKING:
-    from crux_planner.admm.admm import Decided
+    import pandas
+
+    from crux_planner.admm.admm import Decided, Knots
     from crux_planner.certificates.other_sequences import OtherSequences
     from crux_planner.checker import CheckReport
     from crux_planner.model.problem import CentroidalProblem, Problem
@@ -27,30 +31,65 @@ if TYPE_CHECKING:
     from crux_planner.trajectory.solution import Solution, WalkSolution
 
 
-@dataclass
+@dataclass(repr=False)
 class PlanResult:
-    """What `crux_planner.plan` gives back; `ok` means that the plan passed the check."""
+    """A plan that passed the check, and how it came about: what `crux_planner.plan` and `Planner` return."""
 
     ok: bool
-    plan: Any  # crux_msgs.plan_t
-    check: Any  # crux_planner.checker.CheckReport
+    """the plan passed the check"""
+    plan: plan_t
+    """the message that runtime and files take (`crux_contracts.plan_file.write_plan`); `arrays` shows it as NumPy's"""
+    check: CheckReport
+    """margins, joint loads and the tightest constraints, by the independent checker"""
     cost: float
+    """J of the plan's knots, without unit"""
     iterations: int
+    """of the method: of its consensus, else of the exact NLP's solver"""
     gait: list[str]
+    """limbs in the order in which they move: LF, RF, LR, RR"""
     position_residual_m: float
+    """what the exact NLP's solution leaves of the equations of motion: m"""
     force_residual_N: float
+    """the same in N"""
     method: str = "auto"
+    """as asked for: auto, two_block, multi_block or benchmark"""
     seconds: float = 0.0
+    """wall-clock time of planning and check"""
     gap: float | None = None
-    others: OtherSequences | None = None  # what a MIP says of other contacts and orders
-    nominal_cost: float | None = None  # J of the same contacts where nothing is uncertain
-    history: list[dict[str, float]] = field(default_factory=list)  # ADMM residuals, iteration by iteration
-    method_report: dict[str, Any] | None = None  # what a method reached before the exact NLP
+    """share of the cost by which a plan of `scope` could be cheaper, at most; None: no bound was worked out"""
+    others: OtherSequences | None = None
+    """what a MIP says of other contacts and orders; None: it was not asked"""
+    nominal_cost: float | None = None
+    """J of the same contacts where nothing is uncertain; None: the scenario has no uncertainty"""
+    history: list[dict[str, float]] = field(default_factory=list)
+    """residuals of the method's consensus, iteration by iteration; empty: the method has none"""
+    method_report: dict[str, object] | None = None
+    """what one of the paper's methods reached before the exact NLP"""
     timing: dict[str, float] = field(default_factory=dict)
+    """wall-clock seconds of each part of the work"""
+
+    def __repr__(self) -> str:
+        gap = "not bounded" if self.gap is None else f"at most {100 * self.gap:.0f} % of it"
+        verdict = "passed the check" if self.ok else "did not pass the check"
+        return (
+            f"PlanResult: {self.plan.scenario_name} for {self.plan.robot_name}, {verdict}\n"
+            f"  {self.steps} steps of {self.plan.dt_s:g} s, gait {' '.join(self.gait)}\n"
+            f"  cost {self.cost:.3f}, gap {gap}; method {self.method}, {self.seconds:.1f} s\n"
+            f"  {self.check}"
+        )
+
+    @property
+    def arrays(self) -> PlanSeries:
+        """The plan's knots as new NumPy arrays: times, body and gripper poses, forces and wrenches, contacts."""
+        return plan_series(self.plan)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a knot (`PlanSeries.to_dataframe`). Raises ImportError where pandas is not installed."""
+        return self.arrays.to_dataframe()
 
     @classmethod
     def of(
-        cls, plan: Any, check: CheckReport, solution: Solution | WalkSolution, gait: list[str], work: Work
+        cls, plan: plan_t, check: CheckReport, solution: Solution | WalkSolution, gait: list[str], work: Work
     ) -> PlanResult:
         """A plan that passed the check, of the exact problem's solution."""
         return cls(
@@ -65,10 +104,10 @@ class PlanResult:
             timing=work.seconds,
         )
 
-    def found_by(self, decided: Decided[Any], check: CheckReport) -> None:
+    def found_by(self, decided: Decided[Knots], check: CheckReport) -> None:
         """Say which of the paper's methods it comes from, and what the checker says of what that reached by itself."""
         self.iterations, self.history = decided.iterations, decided.history
-        worst = check.to_json()["worst"][:1]
+        worst = [asdict(violation) for violation in check.worst[:1]]
         self.method_report = {**decided.to_json(), "check": {"ok": check.ok, "worst": worst}}
 
     @property
@@ -90,7 +129,7 @@ class PlanResult:
             return self.history[-1]
         return {"position_m": self.position_residual_m, "force_N": self.force_residual_N}
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The object `crux plan --json` prints."""
         return {
             "ok": self.ok,

@@ -6,13 +6,13 @@ and the compiled equations. A plan made again starts at rest on a stance of the 
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import BodyPose, Scenario
+from crux_contracts.scenario import BodyPose, Scenario, parse_scenario
+from crux_msgs import plan_t
 
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem, start_contacts, start_inertia
@@ -44,10 +44,11 @@ SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the che
 class Planner:
     """Plans again and again on one wall, towards one goal."""
 
-    def __init__(self, scenario: Scenario, robot: Robot) -> None:
-        """Raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
-        self.scenario, self.robot = scenario, robot
-        self.problem = build_problem(scenario, robot)
+    def __init__(self, scenario: Scenario | Mapping[str, object], robot: Robot) -> None:
+        """Takes scenarios and raises ScenarioError and InfeasibleError, as `crux_planner.plan` does."""
+        self.scenario = scenario if isinstance(scenario, Scenario) else parse_scenario(scenario)
+        self.robot = robot
+        self.problem = build_problem(self.scenario, robot)
         self.oracles = Oracles.of(self.problem, TorqueLimits(self.problem, self.problem.friction_share))
         self.functions = StageFunctions(self.problem.farther()).started_elsewhere(self.problem.farther())
         self._refused: InfeasibleError | None = None
@@ -55,7 +56,7 @@ class Planner:
 
     def replan(
         self,
-        running: Any,
+        running: plan_t,
         at_s: float,
         *,
         body: BodyPose | None = None,

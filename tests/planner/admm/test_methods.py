@@ -6,6 +6,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     lines: list[str] = []
     result = plan(parse_scenario(wall(22)), load_robot("scaler"), method=method, log=lines.append)
-    shown = result.to_json()
+    shown: dict[str, Any] = result.to_json()
     assert result.ok
     assert result.check.ok
     assert result.plan.method == method

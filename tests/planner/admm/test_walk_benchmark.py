@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,7 +26,7 @@ def test_a_short_wait_is_planned_and_passes_the_check() -> None:
     waiting = SLOPE.replace("[0.1, 0.0, 0.185]", "[0.0, 0.0, 0.185]").replace("steps: 40", "steps: 8")
     lines: list[str] = []
     result = plan(parse_scenario(waiting), ROBOT, method="benchmark", log=lines.append)
-    shown = result.to_json()
+    shown: dict[str, Any] = result.to_json()
     assert result.check.ok
     assert result.plan.method == "benchmark"
     assert shown["method_report"]["converged"]

@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_a_walk_converges_and_passes_the_check() -> None:
     lines: list[str] = []
     method, flat = "two_block", load_scenario(SCENES / "walk-flat.yaml")
     result = plan(flat, ROBOT, method=method, log=lines.append)
-    shown = result.to_json()
+    shown: dict[str, Any] = result.to_json()
     assert result.check.ok
     assert result.plan.method == method
     assert shown["residuals"]["position_m"] <= 0.03

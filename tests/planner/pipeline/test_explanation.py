@@ -86,7 +86,7 @@ def test_weak_motors_are_named_with_the_torque_that_would_do(
     with pytest.raises(InfeasibleError, match=motor) as error:
         crux_planner.plan(steep, weak_robot(lambda _, effort_Nm: 0.5 * effort_Nm))
     assert error.value.constraint == "torque"
-    said = error.value.to_json()["relaxed"]
+    said: Any = error.value.to_json()["relaxed"]
     assert said["constraint"] == "torque"
     assert 1.1 < said["amount"] < 1.6
     enough = 0.5 * said["amount"]
@@ -102,7 +102,7 @@ def test_a_slab_in_the_way_is_named_with_the_size_that_lets_pass(robot: Robot, m
         crux_planner.plan(scenario(blocked(1.0)), robot)
     assert error.value.constraint == "passage"
     assert not error.value.proven
-    said = error.value.to_json()["relaxed"]
+    said: Any = error.value.to_json()["relaxed"]
     assert 0.7 < said["amount"] < 0.9
     assert crux_planner.plan(scenario(blocked(said["amount"])), robot).check.ok
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_series import plan_series
 from crux_contracts.scenario import parse_scenario
 from crux_tools.output import note, print_json
-from crux_tools.telemetry.plan_series import plan_series
 from numpy.typing import NDArray
 
 from crux_simulation.benchmarks.cold_process import planned_scene

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
+from crux_contracts.plan_series import plan_series
 from crux_msgs import bus_health_t
 
 from crux_tools.log.seen import COMMAND_WORDS
 from crux_tools.operator_status import NODES_PER_LIMB, role_of
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.plan_series import plan_series
 from crux_tools.telemetry.summary import (
     WAIT_NAMES,
     FaultNote,

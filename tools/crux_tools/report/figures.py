@@ -11,6 +11,7 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_series import PlanSeries
 from matplotlib import pyplot as plt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -21,7 +22,6 @@ from matplotlib.patches import Patch
 from crux_tools.report.joints import joint_torques_Nm
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.margins import measured_margin_n, planned_margin_n
-from crux_tools.telemetry.plan_series import PlanSeries
 from crux_tools.telemetry.summary import PHASE_NAMES, body_error_m, body_error_rad, is_realtime, runs
 
 MAX_POINTS = 2500  # a curve needs no more on a page

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import is_walk
+from crux_contracts.plan_series import PlanSeries, Swing, plan_series
 from crux_contracts.robot import Robot
 
 from crux_tools.report import figures
@@ -21,7 +22,6 @@ from crux_tools.report.verdict import APPLIED, PLANNED, facts, sentence
 from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import difference, robot_of
-from crux_tools.telemetry.plan_series import PlanSeries, Swing, plan_series
 from crux_tools.telemetry.reader import WORLD
 from crux_tools.telemetry.summary import CLIMBING, SWING, Summary, runs
 from crux_tools.telemetry.wording import rows as summary_rows

@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 from typing import Any
 
+from crux_contracts.plan_series import plan_series
+
 from crux_tools.errors import WorkFailed
 from crux_tools.report.pictures import open_stage
 from crux_tools.report.renderer import NoGraphicsError
 from crux_tools.robot3d.start_pose import RobotPose
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.plan_series import plan_series
 from crux_tools.telemetry.summary import SWING, runs
 
 SIZE_PX = (1000, 700)

@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_planner.checker.limit_surface import cone_excess
 from scipy.signal import lfilter
 
 from crux_tools.telemetry import Telemetry
-from crux_tools.telemetry.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.telemetry.summary import in_full_stance
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_series import PlanSeries
 
-from crux_tools.telemetry.plan_series import PlanSeries
 from crux_tools.telemetry.summary import PHASE_NAMES, STATE_NAMES, WAIT_NAMES, name_of
 from crux_tools.view.recording import Recording
 

@@ -11,6 +11,7 @@ import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from crux_contracts.interpolation import PlanReference
+from crux_contracts.plan_series import PlanSeries, plan_series
 
 from crux_tools.log.seen import INFO, NS, Event, events_of, grip_of_limbs
 from crux_tools.plan_robot import robot_of_plan
@@ -21,7 +22,6 @@ from crux_tools.telemetry import Channels, Telemetry, is_log, read_channels, tel
 from crux_tools.telemetry.cdr_table import fixed_dtype
 from crux_tools.telemetry.description import robot_of
 from crux_tools.telemetry.margins import Grip, planned_grip
-from crux_tools.telemetry.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry.summary import CLIMBING, STANCE, SWING, summarise
 
 PLAN_STEP_S = 0.1

@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_planner.checker.limb_model import load_model
 
 from crux_tools.log.markers import USED_RGB, used_colours
@@ -21,7 +22,6 @@ from crux_tools.robot3d.robot_model import build_model
 from crux_tools.robot3d.start_pose import solve_limb
 from crux_tools.telemetry import Telemetry
 from crux_tools.telemetry.description import robot_of
-from crux_tools.telemetry.plan_series import PlanSeries, plan_series
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.view.caption import caption
 from crux_tools.view.meshes import drawn_mesh, meshes_of
