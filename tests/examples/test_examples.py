@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import runpy
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import crux_nodes
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
@@ -40,6 +42,9 @@ def test_all_of_them_are_here_and_short() -> None:
         assert f"test_{path.stem}" in globals()
         assert f"[{path.name}]({path.name})" in explained
         assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+    for path in EXAMPLES.glob("*.ipynb"):
+        assert f"test_{path.stem}" in globals()
+        assert f"[{path.name}]({path.name})" in explained
 
 
 def test_plan_a_wall(capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,6 +97,24 @@ def test_look_at_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: 
     seen = example("look_at_a_log")
     assert seen["off_mm"].max() == pytest.approx(1e3 * seen["summary"].tracking.body_max_m, rel=1e-3)
     assert "body off its reference" in capsys.readouterr().out
+
+
+def test_plan_from_a_notebook(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Cell by cell, as Jupyter runs it: each prints what is stored below it, and draws where a picture is stored."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names: dict[str, Any] = {}
+    plt.close("all")  # what other tests have drawn
+    notebook = json.loads((EXAMPLES / "plan_from_a_notebook.ipynb").read_text(encoding="utf-8"))
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == [*range(1, len(cells) + 1)]
+    for cell in cells:
+        exec("".join(cell["source"]), names)
+        stored = [output["text"] for output in cell["outputs"] if output["output_type"] == "stream"]
+        assert capsys.readouterr().out == "".join(line for text in stored for line in text)
+        pictures = [output for output in cell["outputs"] if "image/png" in output.get("data", {})]
+        assert len(plt.get_fignums()) == len(pictures)
+        plt.close("all")
+    assert not np.isnan(names["arrays"].wrench).any()
 
 
 @contextmanager
