@@ -68,14 +68,15 @@ function panel() {
 }
 
 // A slab whose front is the wall's surface.
-export function wall(shape) {
+export function wall(shape, slow) {
   const [width, height] = shape.size, texture = new THREE.CanvasTexture(panel());
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
   texture.repeat.set(width / PANEL_M, height / PANEL_M);
   texture.colorSpace = THREE.SRGBColorSpace;
-  texture.anisotropy = 8;
-  const front = new THREE.MeshStandardMaterial({ map: texture, roughness: 0.9 });
-  const edge = new THREE.MeshStandardMaterial({ color: 0xb58e5f, roughness: 0.8 });
+  texture.anisotropy = slow ? 1 : 8;
+  if (slow) texture.minFilter = THREE.LinearMipmapNearestFilter;
+  const front = new THREE.MeshLambertMaterial({ map: texture });
+  const edge = new THREE.MeshLambertMaterial({ color: 0xb58e5f });
   const made = new THREE.Mesh(new THREE.BoxGeometry(width, height, SLAB_M), [edge, edge, edge, edge, front, edge]);
   made.position.fromArray(shape.position);
   made.position.z -= SLAB_M / 2;
@@ -88,7 +89,7 @@ export function wall(shape) {
 export class Arrow {
   constructor(colour, width_m = 0.011) {
     this.width_m = width_m;
-    const material = new THREE.MeshStandardMaterial({ color: rgb(colour), roughness: 0.5 });
+    const material = new THREE.MeshLambertMaterial({ color: rgb(colour) });
     [this.group, this.shaft, this.head] = [new THREE.Group(), new THREE.Mesh(UNIT.cylinder, material), new THREE.Mesh(UNIT.cone, material)];
     this.group.add(this.shaft, this.head);
   }

@@ -7,9 +7,14 @@ import { Frames, Labels, Measure, Reach, Trails } from "./overlays.js";
 import { colour, isDark } from "./theme.js";
 
 const TANGENT = 0.4, WIDEST = 1.15; // of half the field of view upwards, in a view at least as wide as WIDEST of its height
-const NEAR_M = 0.02, FAR_M = 60, SHARP_AFTER_MS = 400, SUN_M = [1.1, 0.7, 2.2], SHADOWED_M = 1.3;
+const NEAR_M = 0.02, FAR_M = 60, SHARP_AFTER_MS = 700, COARSE = 0.6, SUN_M = [1.1, 0.7, 2.2], SHADOWED_M = 1.3;
 const GHOST = 0x1f9f9f, GHOST_OPACITY = 0.4, SAME_M = 0.002, OFF_M = 0.006, RAD_M = 0.1; // rotations count RAD_M a radian
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software/i;
+
+function isSoftware() {
+  const pen = document.createElement("canvas").getContext("webgl2"), named = pen?.getExtension("WEBGL_debug_renderer_info");
+  return Boolean(named) && SOFTWARE.test(pen.getParameter(named.UNMASKED_RENDERER_WEBGL));
+}
 
 // Where all views look from: one place for all of them, so that two logs are seen alike.
 export class Rig {
@@ -48,14 +53,13 @@ export class Space {
   constructor(box, scene, rig, shows, what) {
     [this.box, this.told, this.shows, this.what, this.moment] = [box, scene, shows, what, null];
     try {
-      this.renderer = new THREE.WebGLRenderer({ antialias: true });
+      this.slow = isSoftware();
+      this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow });
     } catch {
       box.textContent = "No 3-D view: this browser has no WebGL 2. Time line and plots need none.";
       this.trails = { stale() {} };
       return;
     }
-    const pen = this.renderer.getContext(), named = pen.getExtension("WEBGL_debug_renderer_info");
-    this.slow = SOFTWARE.test(named ? pen.getParameter(named.UNMASKED_RENDERER_WEBGL) : "");
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFSoftShadowMap;
     this.canvas = this.renderer.domElement;
@@ -96,8 +100,8 @@ export class Space {
     this.ghosts = Array.from({ length: bodies }, () => this.#ghost());
     this.holds = new Map(); // hold -> materials of its faces, with their own colours
     for (const shape of scene.shapes) {
-      if (shape.kind === "plane") { this.scene.add(wall(shape)); continue; }
-      const form = formOf(shape), material = new THREE.MeshStandardMaterial({ color: rgb(shape.rgb), roughness: 0.55, metalness: 0.05 });
+      if (shape.kind === "plane") { this.scene.add(wall(shape, this.slow)); continue; }
+      const form = formOf(shape), material = new THREE.MeshLambertMaterial({ color: rgb(shape.rgb) });
       const made = solid(shape, form, material);
       if (shape.hold >= 0) this.holds.set(shape.hold, [...this.holds.get(shape.hold) || [], { material, own: rgb(shape.rgb) }]);
       if (shape.body < 0) { this.scene.add(made); continue; }
@@ -119,7 +123,7 @@ export class Space {
     return {
       group: new THREE.Group(),
       depth: new THREE.MeshBasicMaterial({ colorWrite: false, ...behind }),
-      paint: new THREE.MeshStandardMaterial({ color: GHOST, transparent: true, depthWrite: false, roughness: 0.7, ...behind }),
+      paint: new THREE.MeshLambertMaterial({ color: GHOST, transparent: true, depthWrite: false, ...behind }),
     };
   }
 
@@ -201,7 +205,7 @@ export class Space {
     this.camera.aspect = width / height;
     this.camera.fov = 2 * Math.atan(TANGENT * Math.max(1, WIDEST / this.camera.aspect)) * 180 / Math.PI;
     this.camera.updateProjectionMatrix();
-    const ratio = sharp ? Math.max(window.devicePixelRatio || 1, this.slow ? 2 : 1) : 1;
+    const ratio = sharp ? Math.max(window.devicePixelRatio || 1, this.slow ? 2 : 1) : COARSE;
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     if (this.drawn !== `${width} ${height}`) {
       this.renderer.setSize(width, height);
