@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SCENARIO = Path(__file__).resolve().parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
+ONE_STEP = SCENARIO.with_name("climb-one-step.yaml").read_text(encoding="utf-8")  # quick to plan
 WRONG, INFEASIBLE = 2, 1
 HUGE_BYTES = 100_000_000
 
@@ -129,7 +130,7 @@ OUT_OF_REACH = [
         "right-rear-low",
         status=INFEASIBLE,
     ),
-    _swap("horizon too short", "steps: 40", "steps: 3", "horizon", "3", status=INFEASIBLE),
+    _text("horizon too short", lambda _: ONE_STEP.replace("steps: 14", "steps: 6"), "horizon", "6", status=INFEASIBLE),
     _text(
         "no equilibrium on three limbs",
         lambda text: text.replace("max_normal_N: 60", "max_normal_N: 26").replace(

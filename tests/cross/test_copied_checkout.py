@@ -33,7 +33,7 @@ def small_checkout(folder: Path) -> None:
 def make(folder: Path, *targets: str) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
     done = subprocess.run(
-        ["make", *targets], cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+        ["make", *targets], cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
 

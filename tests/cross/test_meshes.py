@@ -47,6 +47,6 @@ def test_the_runtime_reads_it(with_meshes: Robot) -> None:
     words = [str(built("runtime/app/crux-runtime")), "--insecure", "--robot", str(with_meshes.folder)]
     for limb in ("LF", "RF", "LR", "RR"):
         words += ["--bus", f"{limb}=nothing:0"]  # opened after the robot was read
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "nothing:0" in done.stderr

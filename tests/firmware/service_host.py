@@ -64,7 +64,7 @@ class Desk:
         """Sends this every cycle; waits until all joints have obeyed."""
         self.joint = joint
         wanted = None if joint is None else {HOLD: STATE_HOLD, TRACK: STATE_TRACK}[int(joint["Mode"])]
-        deadline_s = time.monotonic() + 10.0
+        deadline_s = time.monotonic() + 600.0
         while wanted is not None and set(self.nodes.states()[0]) != {wanted}:
             assert time.monotonic() < deadline_s
             time.sleep(0.01)

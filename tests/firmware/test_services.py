@@ -31,7 +31,7 @@ def table_top(robot: Robot) -> Iterator[Desk]:
         yield running
 
 
-PATIENCE_S = 20.0  # with nodes on a busy machine
+PATIENCE_S = 120.0  # with nodes on a busy machine
 
 
 def link(running: Desk, robot: Robot, node: str) -> NodeLink:

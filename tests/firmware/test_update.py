@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import struct
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,7 +107,7 @@ def test_a_node_in_motion_takes_no_image_and_gives_up_one_under_way(table_top: D
             load(joint, header, payload)
         assert refusal.value.code == number("refusal", "CONDITIONS")
         table_top.command(None)
-        time.sleep(0.2)
+        table_top.await_periods(200)
         joint.request("DOWNLOAD", number("acknowledgement", "OFF_THE_WALL").to_bytes(4, "little") + header)
         table_top.command(TRACKED)
         table_top.command(TRACKED | {"Mode": HOLD})

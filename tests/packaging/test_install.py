@@ -22,7 +22,7 @@ PYTHONS = [OWN, *(pytest.param(f"3.{minor}", marks=pytest.mark.sweep) for minor 
 def run(*words: str | Path, status: int = 0) -> str:
     """Standard output of a program in an environment that knows nothing of the checkout."""
     environment = {"PATH": "/usr/bin:/bin", "HOME": os.environ["HOME"]}
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, cwd="/", timeout=300)
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False, cwd="/", timeout=600)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
 

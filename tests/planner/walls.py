@@ -41,6 +41,15 @@ def two_rows(
     }
 
 
+def one_move(advance_m: float = 0.15, *, slope_deg: float = 45.0, steps: int = 40) -> dict[str, Any]:
+    """Two rows of which only LF has a hold to go to: quick to plan."""
+    wall = two_rows(advance_m, slope_deg=slope_deg, steps=steps, all_limbs=False)
+    wall["holds"] = wall["holds"][:5]
+    goal = {"position_m": [0.02, 0.0, 0.185]}
+    wall["goal"] = {"body": goal, "grasps": {"LF": {"hold": "LF-high", "faces": "x"}}}
+    return wall
+
+
 def three_rows() -> dict[str, Any]:
     """The start holds and a third row 0.28 m above the upper ones: the front limbs must climb to it."""
     wall = two_rows(0.28, all_limbs=False, steps=60)
@@ -66,8 +75,8 @@ def ladder(rows: int, *, pitch_m: float = 0.17, steps: int = 120, turned_deg: fl
 
 
 def blocked(share: float) -> dict[str, Any]:
-    """Two rows, and a tall slab, or a share of it, between the hold that LF has and the next one."""
-    wall = two_rows(0.17)
+    """One move, and a tall slab, or a share of it, between the hold that LF has and the next one."""
+    wall = one_move(0.17)
     size = [round(share * edge, 4) for edge in (0.012, 0.2, 0.2)]
     return wall | {"obstacles": [{"name": "slab", "position_m": [0.225, 0.36], "size_m": size}]}
 

@@ -29,7 +29,7 @@ class FakeRuntime:
     def __enter__(self) -> FakeRuntime:
         self._thread = threading.Thread(target=self._listen)
         self._thread.start()
-        assert self._ready.wait(5)
+        assert self._ready.wait(600)
         return self
 
     def __exit__(

@@ -35,7 +35,7 @@ from tiny_campaign import TinyJob
 
 HERE = Path(__file__).resolve().parent
 SCRIPTS = Path(sys.executable).parent
-LONGEST_S = 120.0
+LONGEST_S = 600.0
 POLL_S = 0.05
 
 

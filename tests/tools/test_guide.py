@@ -12,7 +12,6 @@ from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t, status_t
-from crux_planner import plan as make_plan
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
@@ -20,6 +19,7 @@ from crux_tools.guide.guide import Attended, Guide
 from crux_tools.guide.situation import Situation
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry.reader import Channels, read_channels
+from shared_plans import SharedPlans
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 BREAKS_S = 10.0
@@ -28,9 +28,9 @@ IDLE, READY, CLIMBING, HOLDING = 0, 1, 2, 3
 
 
 @pytest.fixture(scope="module")
-def plan() -> plan_t:
+def plan(planned: SharedPlans) -> plan_t:
     """The wall of four holds a side; all limbs are in stance when the hold breaks."""
-    made: plan_t = make_plan(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
+    made: plan_t = planned(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
     return made
 
 

@@ -19,7 +19,6 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import command_t, plan_t, robot_state_t
-from crux_planner import plan as make_plan
 from crux_simulation.sim.climb import ClimbOptions, plant_of
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.loop import START_CYCLE
@@ -30,6 +29,7 @@ from crux_simulation.sim.runtime_process import GUARD_TIME_S, RuntimeProcess, ru
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.operator_link import OperatorLink
 from crux_tools.replay.recompute import recompute
+from shared_plans import SharedPlans
 
 SCENE = Path(__file__).parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
 WORLD = b"version: 1\nname: test\nholds: {right-rear-low: {breaks_at_s: 10.0}}\n"
@@ -123,8 +123,10 @@ def held(state: robot_state_t) -> bool:
     return bool(state.supervisor_state == robot_state_t.HOLDING)
 
 
-def test_an_operator_is_asked_and_the_plan_is_finished_though_the_guide_is_killed(tmp_path: Path) -> None:
-    plan: plan_t = make_plan(load_scenario(SCENE), load_robot("scaler"), time_limit_s=30.0).plan
+def test_an_operator_is_asked_and_the_plan_is_finished_though_the_guide_is_killed(
+    tmp_path: Path, planned: SharedPlans
+) -> None:
+    plan: plan_t = planned(load_scenario(SCENE), load_robot("scaler")).plan
     write_plan(tmp_path / "plan.mcap", plan)
     log = tmp_path / "log.mcap"
     with climbing(plan, log) as run:

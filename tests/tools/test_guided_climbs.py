@@ -11,20 +11,20 @@ import yaml
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario, parse_scenario
-from crux_planner import plan as make_plan
 from crux_simulation.benchmarks.guided_climbs import KINDS, drawn, jobs_of, line_of, mishaps, stands_s
 from crux_simulation.benchmarks.random_walls import random_ladder
 from crux_simulation.benchmarks.worlds import SCENES as SHIPPED
 from crux_simulation.campaign.job import WorldFile
 from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.telemetry import read_channels
+from shared_plans import SharedPlans, unproven
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 
 
 @pytest.fixture(scope="module")
-def plan() -> Any:
-    return make_plan(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
+def plan(planned: SharedPlans) -> Any:
+    return planned(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
 
 
 def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any, tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_every_hold_of_a_drawn_ladder_has_another_beside_it_that_the_goal_does_n
 
 def test_the_map_is_not_turned_by_the_forces_of_a_limb_whose_sensor_is_dead(tmp_path: Path) -> None:
     wall = random_ladder(7105, rungs=5, spares=True)
-    plan = make_plan(parse_scenario(wall), load_robot("scaler")).plan
+    plan = unproven(parse_scenario(wall), load_robot("scaler")).plan
     dead = "sensors: [{sensor: force_torque, on: LR, error: zero, from_s: 39.262}]"
     world = WorldFile("x", f"version: 1\nname: x\n{dead}\n").draw(7105, plan)
     log = tmp_path / "log.mcap"

@@ -72,7 +72,7 @@ class Operated:
         self.runtime.publish(channels.CRUX_COMMAND, message.encode())
         self.cycles(2)
         self.link.send(command_t.STATUS)
-        answer = self.link._await(lambda a: a.request_id == message.request_id, 1.0)
+        answer = self.link._await(lambda a: a.request_id == message.request_id, 600.0)
         assert answer is not None
         assert (answer.verdict == acknowledgement_t.ACCEPTED) == (answer.reason == "")
         return str(answer.reason)

@@ -19,7 +19,7 @@ from crux_tools.operator_link import OperatorLink
 from crux_tools.telemetry.reader import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
 
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0
 LED_ON = {
     robot_state_t.IDLE: command_t.CLEAR_FAULT,  # nodes that hold by themselves
     robot_state_t.FAULT: command_t.CLEAR_FAULT,

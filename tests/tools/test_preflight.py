@@ -82,7 +82,7 @@ def test_this_machine(tmp_path: Path) -> None:
     words = ["preflight", "--seconds", "0.2", "--no-can", "--logs", str(tmp_path), "--json"]
     words += ["--lcm", "udpm://239.255.76.67:7699?ttl=0"]
     run = subprocess.run(
-        [sys.executable, "-m", "crux_tools.cli", *words], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-m", "crux_tools.cli", *words], capture_output=True, text=True, timeout=600, check=False
     )
     result = json.loads(run.stdout)
     topics = [check["topic"] for check in result["checks"]]

@@ -51,7 +51,7 @@ def viewer(log_path: Path, faulty_log_path: Path) -> Iterator[Viewer]:
 
 
 def asked(viewer: Viewer, path: str, **query: Any) -> Any:
-    with urllib.request.urlopen(f"{viewer.url}{path}?{urlencode(query)}", timeout=20) as answer:
+    with urllib.request.urlopen(f"{viewer.url}{path}?{urlencode(query)}", timeout=600) as answer:
         return json.load(answer)
 
 
@@ -223,7 +223,7 @@ def test_a_link_is_drawn_by_its_mesh_where_the_file_is(
 def test_unknown_paths_and_numbers_that_are_none_are_refused(viewer: Viewer) -> None:
     for path in ("/nothing", "/at?time_s=soon&span_s=1", "/signal?name=x"):
         with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(viewer.url + path, timeout=20)
+            urllib.request.urlopen(viewer.url + path, timeout=600)
         assert refused.value.code == 404
 
 

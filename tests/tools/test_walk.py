@@ -25,7 +25,7 @@ def test_the_flat_walk_reaches_its_goal(tmp_path: Path, planned: SharedPlans) ->
     path, log = tmp_path / "walk.mcap", tmp_path / "log.mcap"
     planned.write("walk-flat", path)
     words = [sys.executable, "-m", "crux_tools.cli", "climb", str(path), "-o", str(log), "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     result = json.loads(done.stdout)
     assert done.returncode == 0, result
     assert result["reached_goal"]

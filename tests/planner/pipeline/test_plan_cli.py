@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from crux_contracts.plan_file import read_plan
 from crux_planner.cli import add_plan_parser, run_plan
-from walls import text, two_rows
+from walls import one_move, text, two_rows
 
 
 def crux_plan(*words: str) -> int:
@@ -40,7 +40,7 @@ def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.parametrize(
     ("change", "status", "message"),
-    [({"horizon": {"steps": 6, "dt_s": 2.0}}, 1, "allow as many"), ({"wall": {"slope": 45}}, 2, "slope")],
+    [(one_move(steps=6), 1, "allow as many"), ({"wall": {"slope": 45}}, 2, "slope")],
 )
 def test_a_failure_writes_nothing(
     change: dict[str, Any], status: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -69,7 +69,7 @@ def far_goal() -> dict[str, Any]:
             {"proven": True, "undecided": False, "scope": "for all that the limbs reach"},
         ),
         (
-            {**two_rows(), "horizon": {"steps": 6, "dt_s": 2.0}},
+            one_move(steps=6),
             "60",
             "infeasible",
             {"proven": False, "undecided": False},

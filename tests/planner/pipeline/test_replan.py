@@ -10,16 +10,16 @@ import pytest
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import BodyPose, ScenarioError
 from crux_planner.errors import InfeasibleError
-from crux_planner.pipeline.entry import plan
 from crux_planner.pipeline.replan import Planner
 from crux_planner.pipeline.restart import stances
+from shared_plans import unproven
 from walls import ladder, scenario, two_rows
 
 
 @lru_cache
 def route() -> tuple[Planner, Any]:
     wall, robot = scenario(two_rows()), load_robot("scaler")
-    return Planner(wall, robot), plan(wall, robot).plan
+    return Planner(wall, robot), unproven(wall, robot).plan
 
 
 def test_a_plan_made_again_starts_where_the_running_one_holds_on_and_passes_the_check() -> None:
@@ -76,7 +76,7 @@ def test_a_body_outside_its_bounds_is_refused_at_once() -> None:
 
 def test_a_lost_hold_is_gone_round_and_stays_in_the_way() -> None:
     wall, robot = scenario(ladder(5, steps=60)), load_robot("scaler")
-    planner, running = Planner(wall, robot), plan(wall, robot).plan
+    planner, running = Planner(wall, robot), unproven(wall, robot).plan
     k, after = stances(running)[:2]
     (lost,) = {limb.hold for limb in running.knots[after].limbs} - {limb.hold for limb in running.knots[k].limbs}
     name = running.holds[lost].name
@@ -100,7 +100,7 @@ def test_a_gripper_stays_on_the_faces_as_it_is_turned() -> None:
     begun = {}
     for side in ("+y", "-y"):
         wall["start"]["grasps"]["LF"]["finger1"] = side
-        begun[side] = plan(scenario(wall), robot).plan
+        begun[side] = unproven(scenario(wall), robot).plan
     first, second = (begun[side].knots[0].limbs[0] for side in ("+y", "-y"))
     assert (first.finger1_face, second.finger1_face) == (2, 3)
     assert abs(first.gripper_yaw_w_rad - second.gripper_yaw_w_rad) == pytest.approx(np.pi)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,14 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario, load_scenario
 from crux_planner.pipeline.message import PlanResult
-from shared_plans import unproven
+from shared_plans import SharedPlans, unproven
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 
-def planned(name: str, robot: Robot) -> tuple[Scenario, PlanResult]:
+def of_scene(name: str, robot: Robot, plan: Callable[[Scenario, Robot], PlanResult]) -> tuple[Scenario, PlanResult]:
     scenario = load_scenario(SCENES / f"{name}.yaml")
-    result = unproven(scenario, robot)
+    result = plan(scenario, robot)
     assert result.ok
     assert result.check.violations == []
     return scenario, result
@@ -25,19 +26,19 @@ def planned(name: str, robot: Robot) -> tuple[Scenario, PlanResult]:
 
 @pytest.mark.parametrize("name", ["climb-diagonal", "climb-four-holds", "climb-vertical", "climb-overhang"])
 def test_a_wall_of_eight_holds(name: str, robot: Robot) -> None:
-    scenario, result = planned(name, robot)
+    scenario, result = of_scene(name, robot, unproven)
     for limb, grasp in scenario.goal.grasps.items():
         assert result.plan.knots[-1].limbs[LIMB_NAMES.index(limb)].hold == scenario.hold_index(grasp.hold)
 
 
 def test_a_field_of_holds_of_any_yaw_and_size(robot: Robot) -> None:
-    scenario, result = planned("climb-field", robot)
+    scenario, result = of_scene("climb-field", robot, unproven)
     assert len(scenario.holds) > 20
     assert result.gait
 
 
 def test_slippery_faces_are_left_alone_and_grippers_turn(robot: Robot) -> None:
-    scenario, result = planned("climb-slippery", robot)
+    scenario, result = of_scene("climb-slippery", robot, unproven)
     yaws = []
     for knot in result.plan.knots:
         for limb in knot.limbs:
@@ -51,7 +52,7 @@ def test_slippery_faces_are_left_alone_and_grippers_turn(robot: Robot) -> None:
 
 def test_a_finger_hangs_on_by_its_spines_alone(robot: Robot) -> None:
     """Fig. 8: no normal force, and shear of up to 4 N; by (4) its partner has the same shear."""
-    scenario, result = planned("climb-spines-only", robot)
+    scenario, result = of_scene("climb-spines-only", robot, unproven)
     ((name, finger),) = scenario.contact.spines_only.items()
     shears = []
     for knot in result.plan.knots:
@@ -66,9 +67,9 @@ def test_a_finger_hangs_on_by_its_spines_alone(robot: Robot) -> None:
     assert name in result.gait
 
 
-def test_obstacles_are_stepped_over_and_gone_around(robot: Robot) -> None:
+def test_obstacles_are_stepped_over_and_gone_around(robot: Robot, planned: SharedPlans) -> None:
     """The sill is passed above, the post beside."""
-    scenario, result = planned("climb-obstacles", robot)
+    scenario, result = of_scene("climb-obstacles", robot, planned)
     boxes = {obstacle.name: obstacle for obstacle in scenario.obstacles}
     sill, post = boxes["sill"], boxes["post"]
     paths = [np.array([knot.limbs[limb].gripper_position_w_m for knot in result.plan.knots]) for limb in range(4)]

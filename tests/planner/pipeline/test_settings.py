@@ -23,13 +23,13 @@ from crux_planner.pipeline import climb
 from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.refusals import eased, nearer
 from crux_planner.solvers import clock
-from shared_plans import unproven
-from walls import scenario, two_rows
+from shared_plans import SharedPlans, unproven
+from walls import one_move, scenario, two_rows
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 
-def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
+def with_settings(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResult:
     content = two_rows(slope_deg=slope_deg)
     content["planner"] = {"idle": "keep", **settings}  # as many steps with all weights
     result = unproven(scenario(content), robot)
@@ -39,7 +39,7 @@ def planned(robot: Robot, slope_deg: float = 45.0, **settings: Any) -> PlanResul
 
 @pytest.fixture(scope="module")
 def usual(robot: Robot) -> PlanResult:
-    return planned(robot)
+    return with_settings(robot)
 
 
 def body_error(result: PlanResult) -> float:
@@ -58,29 +58,31 @@ def highest_m(result: PlanResult) -> float:
 
 
 def test_a_heavy_body_weight_brings_the_body_to_the_goal_sooner(robot: Robot, usual: PlanResult) -> None:
-    assert body_error(planned(robot, weights={"body": 100.0})) < 0.9 * body_error(usual)
+    assert body_error(with_settings(robot, weights={"body": 100.0})) < 0.9 * body_error(usual)
 
 
 def test_a_heavy_wrench_weight_spares_the_fingers(robot: Robot) -> None:
-    assert effort(planned(robot, weights={"wrench": 1e-3})) < effort(planned(robot, weights={"body": 100.0}))
+    assert effort(with_settings(robot, weights={"wrench": 1e-3})) < effort(
+        with_settings(robot, weights={"body": 100.0})
+    )
 
 
 def test_the_switching_weight_counts_every_change_of_contact(robot: Robot, usual: PlanResult) -> None:
-    dearer = planned(robot, weights={"switching": 1.3})
+    dearer = with_settings(robot, weights={"switching": 1.3})
     changes = 2 * len(usual.gait)
     assert len(dearer.gait) == len(usual.gait)
     assert dearer.cost - usual.cost == pytest.approx(1.0 * changes, abs=0.05)
 
 
 def test_the_friction_margin_leaves_more_of_the_limit_surface(robot: Robot, usual: PlanResult) -> None:
-    careful = planned(robot, margins={"friction": 0.3})
+    careful = with_settings(robot, margins={"friction": 0.3})
     margins_N = [each.check.friction_margin_N or 0.0 for each in (careful, usual)]
     assert margins_N[0] > 1.3 * margins_N[1] > 0
     assert effort(careful) > effort(usual)
 
 
 def test_the_clearance_margin_lifts_swings_higher(robot: Robot, usual: PlanResult) -> None:
-    assert highest_m(planned(robot, margins={"clearance_m": 0.034})) > highest_m(usual) + 0.008
+    assert highest_m(with_settings(robot, margins={"clearance_m": 0.034})) > highest_m(usual) + 0.008
 
 
 def test_the_torque_margin_bounds_the_joints(robot: Robot) -> None:
@@ -91,7 +93,9 @@ def test_the_torque_margin_bounds_the_joints(robot: Robot) -> None:
 
 
 def test_the_torque_margin_holds_between_the_knots_too(robot: Robot) -> None:
-    result = planned(robot, idle="cut", margins={"torque": 0.55})
+    content = one_move() | {"planner": {"margins": {"torque": 0.55}}}
+    result = unproven(scenario(content), robot)
+    assert result.check.ok
     shares = [joint.peak_torque_Nm / joint.effort_limit_Nm for joint in result.check.joints]
     assert 0.43 < max(shares) < 0.4545  # it binds, and between the knots a load may be a hundredth above them
 
@@ -147,10 +151,10 @@ def test_limbs_keep_to_their_boxes_on_the_supports_that_the_check_names(robot: R
 
 
 def test_the_body_leans_farther_than_boxes_let_it_where_that_is_cheaper(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
+    robot: Robot, planned: SharedPlans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wall = load_scenario(SCENES / "climb-obstacles.yaml")
-    leaning = unproven(wall, robot)
+    leaning = planned(wall, robot)
     monkeypatch.setattr(Problem, "farther", lambda problem: problem)
     kept = unproven(wall, robot)
     assert leaning.check.ok

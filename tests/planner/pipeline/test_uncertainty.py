@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import crux_planner
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import ScenarioError, parse_scenario
 from crux_planner.checker import check_plan
 from crux_tools.paths import SCENARIOS
+from shared_plans import unproven
 from walls import scenario, two_rows
 
 KNOWN = {"friction": 0.2, "hold_position_m": 0.005, "hold_yaw_deg": 3.0, "mass_kg": 1.0, "centre_of_mass_m": 0.02}
@@ -69,7 +69,7 @@ def excess_N(plan: Any, robot: Robot, draws: int) -> float:
 
 
 def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robot) -> None:
-    usual, sure = (crux_planner.plan(scenario(wall(**more)), robot) for more in ({}, {"uncertainty": KNOWN}))
+    usual, sure = (unproven(scenario(wall(**more)), robot) for more in ({}, {"uncertainty": KNOWN}))
     assert sure.check.ok
     assert excess_N(sure.plan, robot, DRAWS) < BETWEEN_N
     assert excess_N(usual.plan, robot, DRAWS) > 1.0
@@ -86,7 +86,7 @@ def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robo
 def test_the_least_friction_takes_no_strength_from_the_fingers(robot: Robot) -> None:
     text = (SCENARIOS / "climb-four-holds.yaml").read_text(encoding="utf-8")
     known = "{friction: 0.4, hold_position_m: 0.01, hold_yaw_deg: 6, mass_kg: 1, centre_of_mass_m: 0.01}"
-    plan = crux_planner.plan(parse_scenario(f"{text}\nuncertainty: {known}\n"), robot).plan
+    plan = unproven(parse_scenario(f"{text}\nuncertainty: {known}\n"), robot).plan
     stance = [limb for knot in plan.knots for limb in knot.limbs if limb.hold >= 0]
     assert {round(limb.friction, 6) for limb in stance} == {1.32}
     stance[0].friction = 2.2

@@ -77,7 +77,7 @@ class FakeNodes:
         for bus in self._buses:
             bus.shutdown()
 
-    def await_cycle(self, cycle: int, timeout_s: float = 30.0) -> None:
+    def await_cycle(self, cycle: int, timeout_s: float = 600.0) -> None:
         """Waits until a limb has answered `cycle`."""
         end = time.monotonic() + timeout_s
         while self.answered < cycle:

@@ -16,7 +16,7 @@ from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.ports import RunPorts
 from crux_tools.robot3d.robot_model import build_model
 
-PATIENCE_S = 120.0  # a busy machine is slow; no test waits for it when all is well
+PATIENCE_S = 600.0  # a busy machine is slow; no test waits for it when all is well
 POLL_S = 0.005
 
 

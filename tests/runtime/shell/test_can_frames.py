@@ -20,7 +20,7 @@ CYCLES = 60
 def run(start: Starter, *options: str) -> tuple[Path, FakeNodes]:
     runtime = start("--guard-time", "30", *options)
     with FakeNodes(runtime.ports.bus_urls(), CYCLES) as nodes:
-        assert nodes.done.wait(60)
+        assert nodes.done.wait(600)
         runtime.link.send(command_t.SHUTDOWN)
         status, stderr = runtime.end()
     assert (status, stderr) == (0, "")

@@ -33,7 +33,7 @@ def run(start: Starter, *swapped: int, hash_: int | None = None) -> tuple[list[i
     with FakeNodes(runtime.ports.bus_urls(), CYCLES, mute=True, hash_=hash_) as nodes:
         for limb, other in zip(swapped, reversed(swapped), strict=True):
             nodes.limb_of[limb] = other
-        assert nodes.done.wait(30)
+        assert nodes.done.wait(600)
         answer = runtime.link.send(command_t.STATUS)
         status = runtime.link.status
         assert status is not None

@@ -31,7 +31,7 @@ def run_cycles(start: Starter) -> tuple[Runtime, FakeNodes, str]:
     """A run in which the nodes answer CYCLES cycles and are then silent, ended by SHUTDOWN."""
     runtime = start("--guard-time", "30", "--tag", "seed=7", "--tag", "why=a = b")
     with FakeNodes(runtime.ports.bus_urls(), CYCLES) as nodes:
-        assert nodes.done.wait(30)
+        assert nodes.done.wait(600)
         runtime.link.send(command_t.SHUTDOWN)
         status, stderr = runtime.end()
     assert status == 0, stderr
@@ -200,7 +200,7 @@ def test_what_is_no_file_is_no_log(more: tuple[str, ...], tmp_path: Path) -> Non
     for wrong in (tmp_path, Path("/dev/full")):
         command = [str(built("runtime/app/crux-runtime")), "--insecure", "--robot", str(ROBOT), "--log", str(wrong)]
         command += more
-        ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
         assert ended.returncode == 2
         assert ended.stderr == f"crux-runtime: log {wrong}: is no file that a log can be written to\n"
 

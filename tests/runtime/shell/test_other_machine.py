@@ -60,7 +60,7 @@ def machines() -> Iterator[tuple[str, str]]:
 
 def python_in(machine: str, program: str, *words: str) -> str:
     command = ["ip", "netns", "exec", machine, sys.executable, "-c", program, *words]
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout.strip()
+    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout.strip()
 
 
 @pytest.mark.parametrize("ttl", [0, 1])
@@ -75,7 +75,7 @@ def test_another_machine_ends_a_runtime_only_where_lcm_leaves_the_machine(machin
         assert python_in(robot, SEND, f"{GROUP}?ttl=0", "40") == "answered"
         python_in(other, SHUT_DOWN, f"{GROUP}?ttl=1")
         if ttl:
-            assert runtime.wait(30) == 0  # so what was sent does arrive
+            assert runtime.wait(600) == 0  # so what was sent does arrive
         else:
             assert python_in(robot, SEND, f"{GROUP}?ttl=0", "4") == "answered"
             assert python_in(other, SEND, f"{GROUP}?ttl=1", "1") == "silence"
