@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import re
-import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 from crux_tools import cli
 from crux_tools.paths import ROOT
-from test_readme import PAGES
 
 SOURCES = ("planner", "runtime", "firmware", "tools", "msgs")
 READERS = ["Plan a climb", "Operate a robot", "Find a cause", "Change crux"]
@@ -74,47 +70,3 @@ def test_the_site_has_no_warning_and_needs_no_network(pages: Path, tmp_path: Pat
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"<(?:script|img|iframe)[^>]* src=\"(?:https?:)?//", text), page.name
         assert not re.search(r"<link[^>]* href=\"(?:https?:)?//", text), page.name
-
-
-def command_lines(text: str) -> Iterator[list[str]]:
-    """The `crux` commands, word by word, in lines that can be typed."""
-    for line in text.replace("\\\n", " ").splitlines():
-        lexer = shlex.shlex(line, posix=True, punctuation_chars="();<>|&")
-        lexer.whitespace_split = True
-        if not re.match(r"\s*(?:sudo )?(?:\.venv/bin/)?crux ", line):
-            continue
-        command: list[str] = []
-        for word in [*lexer, ";"]:
-            if set(word) <= set("();<>|&"):
-                start = 1 if command[:1] == ["sudo"] else 0
-                if command[start : start + 1] and Path(command[start]).name == "crux":
-                    yield command[start + 1 :]
-                command = []
-            else:
-                command.append(word)
-
-
-def examples_in_help(parser: argparse.ArgumentParser) -> Iterator[str]:
-    yield parser.epilog or ""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                yield from examples_in_help(below)
-
-
-def test_every_command_that_can_be_typed_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
-    pages = {
-        page: re.findall(r"```(?:sh|text)?\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL) for page in PAGES
-    }
-    texts = [(str(page), block) for page, blocks in pages.items() for block in blocks]
-    texts += [("--help", text) for text in examples_in_help(cli.parser_with(cli.COMMANDS))]
-    commands = [(where, words) for where, text in texts for words in command_lines(text)]
-    assert len(commands) > 100
-    wrong = []
-    for where, words in commands:
-        try:
-            cli.parser_with({words[0]}).parse_args(words)
-        except SystemExit as stopped:
-            if stopped.code:
-                wrong.append(f"{where}: crux {' '.join(words)}: {capsys.readouterr().err.splitlines()[-1]}")
-    assert not wrong, "\n".join(wrong)

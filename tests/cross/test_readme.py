@@ -24,23 +24,17 @@ PAGES = [ROOT / "README.md", *OTHER_PAGES]
 MAX_PICTURE_BYTES = 400_000
 
 
-def _example() -> str:
+def example_wall() -> str:
+    """The scenario of the README."""
     (example,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
     return str(example)
-
-
-def test_the_wall_of_the_five_minutes_is_planned_and_checked(tmp_path: Path) -> None:
-    scenario, plan = tmp_path / "my-wall.yaml", tmp_path / "my-wall.mcap"
-    scenario.write_text(_example(), encoding="utf-8")
-    assert cli.main(["plan", str(scenario), "-o", str(plan)]) == 0
-    assert cli.main(["check", str(plan)]) == 0
 
 
 def test_every_key_of_a_scenario_is_explained() -> None:
     table = README.split("| key | means |")[1].split("\n\n")[0]
     sections = {name for name in Scenario.__dataclass_fields__ if name not in {"yaml_text", "path"}} | {"version"}
     assert {name for name in sections if f"`{name}" not in table} == set()
-    parse_scenario(_example())
+    parse_scenario(example_wall())
 
 
 def _code(page: Path) -> str:
