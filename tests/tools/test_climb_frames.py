@@ -19,7 +19,7 @@ from crux_tools.replay import bus_check
 from crux_tools.telemetry import read_channels
 from crux_tools.telemetry.can_frames import can_frames_of, read_can_frames
 from crux_tools.telemetry.reader import CAN_FRAMES, Payloads
-from hand_plan import climbing_plan
+from hand_plan import climbing_plan, standing_plan
 from mcap.records import Message
 
 BEFORE_S, AFTER_S, DT_S = 2.0, 1.0, 0.002
@@ -28,9 +28,9 @@ SLICK = "version: 1\nname: test\nholds: {h4: {friction_factor: 0.03}}\n"
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A climb of one limb with the frames of every cycle."""
+    """A robot that stands, with the frames of every cycle."""
     log = tmp_path_factory.mktemp("frames") / "log.mcap"
-    climb(climbing_plan(limbs_to_move=(0,)), load_robot("scaler"), log, ClimbOptions(log_frames=True))
+    climb(standing_plan(), load_robot("scaler"), log, ClimbOptions(log_frames=True))
     return log
 
 

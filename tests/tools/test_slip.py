@@ -24,14 +24,14 @@ robot: {joints: {all: {backlash_rad: {uniform: [0, 0.010]}}}}
 sensors:
   - {sensor: encoder, on: all, error: bias, rad: {uniform: [-0.010, 0.010]}}
   - {sensor: force_torque, on: all, error: bias, N: {uniform: [-2, 2]}, Nm: {uniform: [-0.06, 0.06]}}
-pushes: [{at_s: 20, for_s: 1, force_N: [0, 30, 0]}]
+pushes: [{at_s: 12, for_s: 1, force_N: [0, 30, 0]}]
 """
 
 
 @cache
 def climbed(text: str, seed: int = 0, slope_deg: float = 70) -> tuple[ClimbResult, Channels]:
-    """All limbs climb a wall, a steep one, in a world."""
-    plan = climbing_plan(slope_deg=slope_deg)
+    """Both front limbs climb a wall, a steep one, in a world."""
+    plan = climbing_plan(slope_deg=slope_deg, limbs_to_move=(0, RF))
     world = parse_world(f"version: 1\nname: test\n{text}".encode()).draw(seed, plan)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
