@@ -83,6 +83,15 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert (page.parent / link).exists(), f"{page.name} links to {link}"
 
 
+def test_what_a_reader_may_copy_has_signs_that_programs_read() -> None:
+    """Code, and names of faces anywhere."""
+    signs = re.compile("[\N{MINUS SIGN}\N{EN DASH}\N{NO-BREAK SPACE}]")
+    face = re.compile(r"\N{MINUS SIGN}[xy]\b")
+    copied = [(page.name, line) for page in PAGES for line in _code(page).splitlines() if signs.search(line)]
+    copied += [(page.name, hit[0]) for page in PAGES for hit in face.finditer(page.read_text(encoding="utf-8"))]
+    assert not copied
+
+
 def test_commands_in_the_readme_exist() -> None:
     code = _code(ROOT / "README.md")
     named = set(re.findall(r"\bcrux ([a-z-]+)", code))
