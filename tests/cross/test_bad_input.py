@@ -104,6 +104,28 @@ def test_no_command_writes_over_its_own_input(
     assert {path.name for path in tmp_path.iterdir()} == {"plan.mcap", "link.mcap", "hard_link.mcap"}
 
 
+@pytest.mark.parametrize("name", ["H\u00fctte", os.fsdecode(b"\xff")], ids=["umlaut", "no UTF-8"])
+def test_a_path_that_the_terminal_cannot_show_is_shown_in_escapes(name: str, plan_path: Path, tmp_path: Path) -> None:
+    """In a process of its own, whose standard streams have no sign but those of ASCII."""
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "plan.mcap").write_bytes(plan_path.read_bytes())
+    plan, page = folder / "plan.mcap", folder / "plan.html"
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    for words in (
+        ["check", plan],
+        ["check", folder / "none.mcap"],
+        ["view", folder / "none.mcap"],
+        ["report", plan, "-o", page],
+    ):
+        command = [sys.executable, "-m", "crux_tools.cli", *words]
+        done = subprocess.run(command, capture_output=True, env=environment, timeout=60, check=False)
+        said = (done.stdout + done.stderr).decode("ascii")
+        assert "internal error" not in said, said
+        assert ascii(name)[1:-1] in said
+    assert page.is_file()
+
+
 def test_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in ([], ["fly"], ["plan"], ["plan", str(SCENARIO)], ["plan", str(SCENARIO), "-o", "x", "--fast"]):
         with pytest.raises(SystemExit) as stopped:

@@ -242,6 +242,30 @@ def test_one_clear_message_for_a_broken_scenario(case: str) -> None:
     assert "Traceback" not in text
 
 
+@pytest.mark.parametrize(
+    ("right", "pasted", "says"),
+    [
+        ("[0.14, 0.36]", "[\u22120.14, 0.36]", "U+2212 MINUS SIGN is in it: write an ASCII '-'"),
+        ("friction: 2.2", "friction: {\u2212x: 2.2}", "U+2212 MINUS SIGN is in it: write an ASCII '-'"),
+        ("robot: scaler", "robot:\u00a0scaler", "U+00A0 NO-BREAK SPACE is in it: write an ASCII space"),
+        ("  body: {", "\u00a0 body: {", "U+00A0 NO-BREAK SPACE is in it: write an ASCII space"),
+        ("slope_deg: 45", "slope_deg: \u200b45", "U+200B ZERO WIDTH SPACE is in it: leave it out"),
+        ("version: 1", "version: \u201c1\u201d", "U+201C LEFT DOUBLE QUOTATION MARK is in it: write an ASCII '\"'"),
+    ],
+)
+def test_a_sign_pasted_from_a_page_is_named(right: str, pasted: str, says: str) -> None:
+    assert right in GOOD_TEXT, "the case does not change the text"
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(GOOD_TEXT.replace(right, pasted, 1))
+    assert str(caught.value).splitlines()[0].endswith(says)
+
+
+def test_letters_of_other_languages_are_no_pasted_signs() -> None:
+    with pytest.raises(ScenarioError, match="caf\u00e9") as caught:
+        parse_scenario(GOOD_TEXT.replace("robot: scaler", "robot: caf\u00e9"))
+    assert "U+" not in str(caught.value)
+
+
 def test_the_first_problem_is_given_in_parts() -> None:
     with pytest.raises(ScenarioError) as caught:
         parse_scenario(GOOD_TEXT.replace("slope_deg: 45", "slope_deg: 120"))

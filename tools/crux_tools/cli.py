@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import sys
 import traceback
 from collections.abc import Container, Sequence
@@ -130,8 +131,16 @@ def _imported(names: dict[str, str]) -> tuple[type[BaseException], ...]:
     return tuple(getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules)
 
 
+def _print_any_text() -> None:
+    """Signs that the terminal's encoding does not have, or a path of no valid text, are printed as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of `crux`; returns the exit status."""
+    _print_any_text()
     words = list(sys.argv[1:] if arguments is None else arguments)
     chosen = words[0] if words and words[0] in COMMANDS else ""
     as_json = "--json" in words[: words.index("--") if "--" in words else len(words)]

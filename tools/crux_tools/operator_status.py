@@ -36,7 +36,7 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
         return None
     fault = status.fault
     kind = FAULT_BY_CODE.get(fault.code)
-    limb = LIMB_NAMES[fault.limb] if fault.limb >= 0 else None
+    limb = LIMB_NAMES[fault.limb] if 0 <= fault.limb < len(LIMB_NAMES) else None
     role = role_of(fault.node) if fault.node else None
     where = "" if limb is None else f"{limb} node {fault.node} ({role}): " if role else f"{limb}: "
     cause, remedy = FAULT_HELP.get(

@@ -46,7 +46,7 @@ def note(text: str) -> None:
 @contextmanager
 def alone_with(path: Path) -> Iterator[None]:
     """Holds an output for the time of a with-block; raises UsageError where another command of this user does."""
-    name = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
+    name = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:16]
     with (Path(tempfile.gettempdir()) / f"crux-output-{os.getuid()}-{name}.lock").open("w") as lock:
         try:  # the file stays: unlinking a locked file would let a third command lock its successor
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -35,6 +35,7 @@ FORMATS = (plan_t.FORMAT, plan_t.FORMAT_FROM_AIR)
 MAX_BYTES = 32_000_000
 MAX_KNOTS = 4000
 MAX_HOLDS = 1000
+MAX_DT_S = 3600.0
 _FOOTER_LENGTH = 1 + 8 + 20 + 8  # opcode, length, content, magic
 _DATA_END = struct.pack("<BQ", Opcode.DATA_END, 4)  # opcode, length; the checksum follows, then the summary
 
@@ -186,6 +187,11 @@ def _check(plan: plan_t, name: str) -> None:
     wrong = _not_finite(plan, "plan_t", "")
     if wrong:
         raise PlanFileError(f"{name}: {wrong} is not a finite number")
+    if not 0.0 < plan.dt_s <= MAX_DT_S:
+        raise PlanFileError(f"{name}: dt_s {plan.dt_s:g}, expected a number above 0 and up to {MAX_DT_S:g}")
+    for index, hold in enumerate(plan.holds):
+        if min(hold.size_m) <= 0.0:
+            raise PlanFileError(f"{name}: holds[{index}].size_m {list(hold.size_m)}, expected lengths above 0")
     for index, knot in enumerate(plan.knots):
         for limb, limb_knot in zip(LIMB_NAMES, knot.limbs, strict=True):
             if not -1 <= limb_knot.hold < plan.n_holds:

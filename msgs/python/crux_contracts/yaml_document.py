@@ -7,6 +7,7 @@ documents, duplicate keys, keys that are not texts, nesting deeper than MAX_DEPT
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,9 +23,22 @@ _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _MAX_DIGITS = 18
+_ASCII = {"Pd": "'-'", "Zs": "space"}  # what was meant by a sign, by its Unicode category
+_ASCII_OF = {"\u2212": "'-'", "\u2018": '"\'"', "\u2019": '"\'"', "\u201c": "'\"'", "\u201d": "'\"'"}
 
 Scalar = str | int | float | bool | None
 Plain = Scalar | list["Plain"] | dict[str, "Plain"]
+
+
+def pasted_sign(text: str) -> str:
+    """What to write for a sign that looks like one of ASCII, as word processors and web pages have it; empty: none."""
+    for sign in filter(lambda sign: not sign.isascii(), text):
+        category = unicodedata.category(sign)
+        meant = _ASCII_OF.get(sign) or _ASCII.get(category)
+        if meant or category == "Cf":  # invisible
+            name = f"U+{ord(sign):04X} {unicodedata.name(sign, 'without a name')}"
+            return f"{name} is in it: {f'write an ASCII {meant}' if meant else 'leave it out'}"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -39,7 +53,8 @@ class Problem:
     def text(self, path: str) -> str:
         """file:line: key: value: what would be right."""
         place = path if self.line is None else f"{path}:{self.line}"
-        return ": ".join(part for part in (place, self.key, self.value, self.expected) if part)
+        expected = "; ".join(filter(None, (self.expected, pasted_sign(self.key + self.value))))
+        return ": ".join(part for part in (place, self.key, self.value, expected) if part)
 
 
 class DocumentError(Exception):
@@ -214,7 +229,7 @@ def parse_mapping(data: bytes, path: str) -> Node:
     except _Refusal as refusal:
         raise DocumentError(path, [refusal.problem]) from None
     except yaml.YAMLError as error:
-        raise DocumentError(path, [_yaml_problem(error)]) from None
+        raise DocumentError(path, [_yaml_problem(error, data.decode("utf-8"))]) from None
     if root is None or root.content is None:
         raise DocumentError(path, [Problem("", "", "is empty")])
     if not isinstance(root.content, dict):
@@ -222,8 +237,11 @@ def parse_mapping(data: bytes, path: str) -> Node:
     return root
 
 
-def _yaml_problem(error: yaml.YAMLError) -> Problem:
-    mark = getattr(error, "problem_mark", None)
+def _yaml_problem(error: yaml.YAMLError, text: str) -> Problem:
+    mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
     line = None if mark is None else int(mark.line) + 1
     what = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+    if line is not None:
+        first = line if context is None else int(context.line) + 1
+        what = "; ".join(filter(None, (what, pasted_sign("".join(text.splitlines()[first - 1 : line])))))
     return Problem("", "", f"is not YAML: {what}", line)

@@ -15,6 +15,7 @@ Nothing in it is trusted: all rows are built anew from scenario and robot, and a
 
 import hashlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ from crux_planner.checker.outer import OutsideError
 NO_PLAN, BOUND = "no plan", "bound"
 Shown = list[tuple[int | None, list[Array]]]
 UNKNOWN = "about a walk, or a start with limbs in the air: no certificates are known for these"
+LONGEST_SHOWN = 80
+LARGEST = 1e9
+"""Multipliers beyond it would overflow in what they show of no plan; they are taken to show nothing."""
 _SIDES = {"start": "from the start", "goal": "from the goal back"}
 
 
@@ -80,6 +84,8 @@ def read(path: Path) -> dict[str, Any]:
         document = json.loads(path.read_bytes())
     except ValueError as error:
         raise CertificateError(f"no whole JSON file: {error}") from None
+    except RecursionError:
+        raise CertificateError("not of the form of a certificate: nested too deeply") from None
     if not isinstance(document, dict) or document.get("crux_certificate") != 1:
         raise CertificateError("no certificate of a version that is known here (1)")
     if digest(document) != document.get("sha256"):
@@ -95,6 +101,8 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
         robot = load_robot(document["robot"])
         if robot.hash != document["robot_sha256"]:
             raise CertificateError(f"about another {robot.name} than is known here")
+        if not isinstance(document["scenario_yaml"], str):
+            raise CertificateError(f"scenario_yaml: {_shown(document['scenario_yaml'])}: expected a text")
         scenario = parse_scenario(document["scenario_yaml"], "the scenario in the certificate")
         if scenario.contact.model != "patch" or scenario.start.air:
             raise CertificateError(UNKNOWN)
@@ -112,12 +120,14 @@ def verify(document: dict[str, Any]) -> tuple[Scenario, str]:
 
 def _verify_no_plan(document: dict[str, Any], scenario: Scenario, robot: Robot) -> str:
     search = NoWay(scenario, robot)
-    number = {offer.name: g for g, offer in enumerate(search.offers)}
-    for entry in document["multipliers"]:
-        grips = [number.get((str(hold), str(faces))) for hold, faces in entry["grips"]]
-        if None in grips:
-            raise CertificateError(f"multipliers for {entry['grips']}: no such grips")
-        search.shown[tuple(sorted(g for g in grips if g is not None))] = [vector(each) for each in entry["of"]]
+    number: dict[tuple[str, ...], int] = {offer.name: g for g, offer in enumerate(search.offers)}
+    for pairs, multipliers in _entries(document, "grips"):
+        is_form = isinstance(pairs, list) and all(isinstance(pair, list) for pair in pairs)
+        names = [tuple(map(str, pair)) for pair in pairs] if is_form else [()]
+        if not all(name in number for name in names):
+            raise CertificateError(f"multipliers for {_shown(pairs)}: no such grips")
+        grips = [number[name] for name in names]
+        search.shown[tuple(sorted(grips))] = [each for each in multipliers if np.abs(each).max() <= LARGEST]
     side, count = search.prove()
     return f"no plan: {_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
 
@@ -126,10 +136,10 @@ def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) ->
     steps, bound = document["steps"], document["bound"]
     if type(steps) is not int or type(bound) not in (int, float) or not np.isfinite(bound):
         raise CertificateError("not of the form of a certificate: steps and bound are numbers")
-    entries = [(each["knot"], [vector(numbers) for numbers in each["of"]]) for each in document["multipliers"]]
+    entries = _entries(document, "knot")
     for knot, _ in entries:
         if knot is not None and (type(knot) is not int or not 0 <= knot < steps):
-            raise CertificateError(f"multipliers at knot {knot}: expected one before the last, {steps}")
+            raise CertificateError(f"multipliers at knot {_shown(knot)}: expected one before the last, {steps}")
     way = CheapestWay(scenario, robot, steps)
     for knot, multipliers in entries:
         for each in multipliers:
@@ -142,9 +152,29 @@ def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) ->
     return f"bound: no plan of {steps} steps costs less than {bound:.4f}, whatever its grips, swings and body motion"
 
 
+def _entries(document: dict[str, Any], key: str) -> list[tuple[Any, list[Array]]]:
+    """What multipliers are about, by `key`, with them; (6,) each. Raises CertificateError."""
+    entries = document["multipliers"]
+    if not isinstance(entries, list):
+        raise CertificateError(f"multipliers: {_shown(entries)}: expected a list")
+    for each in entries:
+        if not isinstance(each, dict) or key not in each or not isinstance(each.get("of"), list):
+            raise CertificateError(f"multipliers: {_shown(each)}: expected {key} and of, a list of six numbers each")
+    return [(each[key], [vector(numbers) for numbers in each["of"]]) for each in entries]
+
+
 def vector(numbers: Any) -> Array:
-    """(6,) finite numbers."""
-    found = np.asarray(numbers, dtype=float)
-    if found.shape != (6,) or not np.isfinite(found).all():
-        raise CertificateError(f"multipliers {numbers}: expected six numbers")
-    return found
+    """(6,) finite numbers. Raises CertificateError."""
+    most = sys.float_info.max
+    if not isinstance(numbers, list) or len(numbers) != 6:
+        raise CertificateError(f"multipliers {_shown(numbers)}: expected a list of six numbers")
+    for number in numbers:
+        if type(number) not in (int, float) or not -most <= number <= most:
+            raise CertificateError(f"multipliers {_shown(numbers)}: {_shown(number)}: expected a finite number")
+    return np.array(numbers, dtype=float)
+
+
+def _shown(value: Any) -> str:
+    """As the file has it, short enough for a message."""
+    text = json.dumps(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."

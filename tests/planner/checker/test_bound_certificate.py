@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import json
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,9 @@ def test_what_is_no_bound_is_refused() -> None:
     refused({**document, "steps": 15}, "the scenario has 14")
     refused({**document, "multipliers": [{"knot": 9, "of": []}]}, "expected one before the last")
     refused({**document, "multipliers": [{"knot": None, "of": [[1.0, 2.0]]}]}, "six numbers")
+    refused({**document, "multipliers": [{"knot": None, "of": ["x"]}]}, "six numbers")
+    for wrong in ("x", None, True, 10**400, math.nan):
+        refused({**document, "multipliers": [{"knot": None, "of": [[wrong] + [0] * 5]}]}, "expected a finite number")
 
 
 def test_walks_and_walls_with_too_many_grips_have_none() -> None:

@@ -59,13 +59,14 @@ def messages(log: Path, from_s: float, to_s: float) -> list[Played]:
     import numpy as np
     from crux_contracts.channels import BY_TOPIC
 
-    from crux_tools.telemetry.reader import read_payloads
+    from crux_tools.telemetry.reader import fits_definition, read_payloads
 
     topics = {topic for topic, channel in BY_TOPIC.items() if channel.writer != "tools"} - KEPT_BACK
     read = read_payloads(log, topics)
     found = []
     for topic, payloads in read.payloads.items():
-        encode = _encoder(read.types[topic], read.definitions[topic], BY_TOPIC[topic].type)
+        with fits_definition(log, topic):
+            encode = _encoder(read.types[topic], read.definitions[topic], BY_TOPIC[topic].type)
         times = np.array(read.times_ns[topic], dtype=np.int64)
         bins = times * RATE_HZ // NS
         first: dict[int, int] = {}
@@ -73,8 +74,17 @@ def messages(log: Path, from_s: float, to_s: float) -> list[Played]:
         for i in order.tolist():
             due = times[i] == first.setdefault(int(bins[i]), int(times[i]))
             if due and from_s <= times[i] / NS <= to_s:
-                found.append(Played(int(times[i]), BY_TOPIC[topic].name, partial(encode, payloads[i])))
+                found.append(
+                    Played(int(times[i]), BY_TOPIC[topic].name, partial(_encoded, log, topic, encode, payloads[i]))
+                )
     return sorted(found, key=lambda each: each.time_ns)
+
+
+def _encoded(log: Path, topic: str, encode: Callable[[bytes], bytes], payload: bytes) -> bytes:
+    from crux_tools.telemetry.reader import fits_definition
+
+    with fits_definition(log, topic):
+        return encode(payload)
 
 
 def _encoder(schema_name: str, definition: str, type_name: str) -> Callable[[bytes], bytes]:

@@ -208,7 +208,7 @@ def gave_way(at: Moment) -> Iterator[str]:
     if shift is None:
         return
     moved_m = np.linalg.norm(shift[at.rows] - shift[at.first], axis=2).max(axis=0)
-    limb = LIMB_NAMES.index(at.fault.limb) if at.fault.limb else int(moved_m.argmax())
+    limb = LIMB_NAMES.index(at.fault.limb) if at.fault.limb in LIMB_NAMES else int(moved_m.argmax())
     if moved_m[limb] < GAVE_WAY_M:
         return
     limbs = at.log.limbs[at.rows, limb]
@@ -228,8 +228,8 @@ def waits(at: Moment) -> Iterator[str]:
     reason, limb = int(state["waiting_for"][row]), int(state["waiting_limb"][row])
     if reason:
         same = _standing((state["waiting_for"][: row + 1] == reason) & (state["waiting_limb"][: row + 1] == limb))
-        who = LIMB_NAMES[limb] if limb >= 0 else "all limbs"
-        hold = hold_of(at, limb) if limb >= 0 else ""
+        who = name_of(LIMB_NAMES, limb) if limb >= 0 else "all limbs"
+        hold = hold_of(at, limb) if 0 <= limb < len(LIMB_NAMES) else ""
         where = f" at {hold}" if hold else ""
         since = at.since(row + 1 - int(same))
         yield f"The plan's clock had waited for {who} to {name_of(WAIT_NAMES, reason)}{where} since {since}."

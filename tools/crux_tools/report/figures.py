@@ -171,7 +171,7 @@ def _margin_figure(time: np.ndarray, margin: np.ndarray, drawstyle: str, label: 
                 label=f"finger {finger + 1}",
             )  # fmt: skip
         axis.axhline(0, color="#c0392b", linewidth=1.0)
-        axis.set_ylim(bottom=min(0.0, float(np.nanmin(margin))) - 2 if np.isfinite(margin).any() else -2)
+        axis.set_ylim(bottom=float(np.min(margin, where=np.isfinite(margin), initial=0.0)) - 2)
         axis.set_ylabel(f"{LIMB_NAMES[limb]} [N]")
     axes[-1].set_xlabel(label)
     handles, labels = axes[0].get_legend_handles_labels()

@@ -27,7 +27,7 @@ def flight_recorder(at: Moment) -> bytes:
     rows = slice(at.first, end)
     time_s = log.time_s[rows] - at.fault.time_s
     figure, axes = figures.rows_of(5, 8.4)
-    limb = LIMB_NAMES.index(at.fault.limb) if at.fault.limb else None
+    limb = LIMB_NAMES.index(at.fault.limb) if at.fault.limb in LIMB_NAMES else None
     _joints(axes[0], time_s, at, rows, limb)
     finger, wanted = log.inputs["finger_force_n"][rows], log.limbs["grasp_force_reference_n"][rows]
     force = wrench_error(log)[0][rows]

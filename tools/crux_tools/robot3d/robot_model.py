@@ -22,6 +22,7 @@ from crux_contracts.robot import Limb, Robot
 from crux_contracts.urdf import link_shapes
 from numpy.typing import NDArray
 
+from crux_tools.errors import UsageError
 from crux_tools.robot3d.wall import Face, add_wall
 
 CONTACT_SOLREF = (0.008, 1.0)  # stiff enough that a 20 N pad sinks in 0.05 mm, soft enough for 2 ms steps
@@ -191,7 +192,11 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
         for name in fingers:
             add_spines(spec, _spines(name), spec.joint(name).parent.name, plan.spine_shear_n)
     scenery(spec)
-    return _with_addresses(spec.compile(), robot, faces, is_walk(plan))
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise UsageError(f"{robot.folder} on the wall of {plan.scenario_name!r}: no physics of it: {error}") from None
+    return _with_addresses(model, robot, faces, is_walk(plan))
 
 
 def _with_addresses(model: mujoco.MjModel, robot: Robot, faces: list[Face], point_feet: bool) -> RobotModel:

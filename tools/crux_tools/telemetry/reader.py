@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import struct
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -50,6 +51,7 @@ EVERY_CYCLE = (STATE_TOPIC, "/control_input", "/control_output")
 CAN_FRAMES = "/can_frames"  # too many to be decoded one by one: see can_frames.py
 PER_CYCLE = (*EVERY_CYCLE, *PER_LIMB)
 _MESSAGE = struct.Struct("<HIQQ")
+MAX_TIME_NS = 2**63 - 1
 
 
 class LogError(Exception):
@@ -204,6 +206,16 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
     return raw
 
 
+@contextmanager
+def fits_definition(path: Path, topic: str) -> Iterator[None]:
+    """For messages to be decoded in. Raises LogError."""
+    try:
+        yield
+    except Exception as error:  # damaged definitions make the decoder raise a dozen unrelated kinds
+        what = " ".join(str(error).split())[:120]
+        raise LogError(f"{path}: channel {topic} does not fit its own definition: {what}") from error
+
+
 def decode(raw: Raw, path: Path) -> Channels:
     factory = DecoderFactory()
     tables: dict[str, np.ndarray] = {}
@@ -218,7 +230,7 @@ def decode(raw: Raw, path: Path) -> Channels:
             raise LogError(
                 f"{path}: channel {channel.topic} has encoding '{channel.message_encoding}', crux writes 'cdr'"
             )
-        try:
+        with fits_definition(path, channel.topic):
             dtype = fixed_dtype(schema.data.decode())
             if dtype is not None:
                 tables[channel.topic] = decode_table(payloads, dtype)
@@ -226,9 +238,6 @@ def decode(raw: Raw, path: Path) -> Channels:
                 decoder = factory.decoder_for(channel.message_encoding, schema)
                 assert decoder is not None
                 messages[channel.topic] = [decoder(payload) for payload in payloads]
-        except Exception as error:  # damaged definitions make the decoder raise a dozen unrelated kinds
-            what = " ".join(str(error).split())[:120]
-            raise LogError(f"{path}: channel {channel.topic} does not fit its own definition: {what}") from error
         times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
     return Channels(tables, messages, times_ns, raw.metadata, raw.attachments, raw.end, list(dict.fromkeys(raw.notes)))
 
@@ -269,9 +278,14 @@ def _opened(path: Path, wanted: Callable[[str], bool]) -> Raw:
     if not path.exists():
         raise LogError(f"{path}: no such file")
     try:
-        return _read_raw(path, wanted)
+        raw = _read_raw(path, wanted)
     except PermissionError as error:
         raise LogError(f"{path}: may not be read (permission denied)") from error
+    for number, times_ns in raw.times_ns.items():
+        if max(times_ns, default=0) > MAX_TIME_NS:
+            topic = raw.channels[number].topic
+            raise LogError(f"{path}: channel {topic}: a message of log time {max(times_ns)} ns, which no clock has")
+    return raw
 
 
 def _by_limb(table: np.ndarray, times_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
