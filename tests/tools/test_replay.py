@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,16 @@ def test_the_summary_in_words(log_path: Path, capsys: pytest.CaptureFixture[str]
     for words in ("plan completed, HOLDING", "CLIMBING 0.50 …", "LF to open: 1 times", "largest 5.00 mm", "LF 1.00 N"):
         assert words in printed
     assert errors == ""
+
+
+def test_a_refusal_stays_in_one_line_whatever_signs_it_has(
+    log_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    summary = summarise(read_log(log_path))
+    reason = "the plan is for another robot; plan it again"
+    monkeypatch.setattr("crux_tools.telemetry.summary.summarise", lambda _log: replace(summary, refusals=[reason]))
+    assert cli.main(["replay", str(log_path), "--no-view"]) == 0
+    assert reason in capsys.readouterr().out
 
 
 def test_the_summary_as_json(faulty_log_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

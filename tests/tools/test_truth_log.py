@@ -129,7 +129,7 @@ def test_the_verdict_is_in_the_log_as_json_prints_it(climbed: tuple[climbing.Cli
     assert told == {name: getattr(message, name) for name in told}
     head, text = rows(summary)[0]  # of crux replay
     assert head == "verdict"
-    assert text.startswith("climbed; ")
+    assert text.startswith("climbed\n")
     assert text.endswith(f"no slips (largest {message.largest_slip_m * 1e3:.2f} mm), no fall")
 
 

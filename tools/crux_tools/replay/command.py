@@ -58,7 +58,7 @@ def add_parser(subparsers: Any) -> None:
 def _print_table(table: list[tuple[str, str]]) -> None:
     width = max(len(key) for key, _ in table)
     for key, value in table:
-        first, *more = value.split("; ")
+        first, *more = value.split("\n")
         print(f"{key:<{width}}  {first}")
         for line in more:
             print(f"{'':<{width}}  {line}")

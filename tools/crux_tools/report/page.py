@@ -64,7 +64,8 @@ class Section:
             parts.append(f'<p class="explain">{escape(self.explanation)}</p>')
         parts += [f'<p class="note">{escape(note)}</p>' for note in self.notes]
         if self.rows:
-            cells = "".join(f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in self.rows)
+            shown = ((escape(key), escape(value).replace("\n", "<br>")) for key, value in self.rows)
+            cells = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in shown)
             parts.append(f"<table>{cells}</table>")
         if self.table:
             lines = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in self.table]

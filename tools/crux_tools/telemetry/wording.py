@@ -40,20 +40,20 @@ def judged(verdict: Any) -> list[str]:
 def _verdict(verdict: Any) -> str:
     head = "climbed" if verdict.ok else f"failed: {verdict.reason}"
     off = f"{verdict.goal_error_m * 1e3:.1f} mm and {math.degrees(verdict.goal_error_rad):.1f} deg off the goal"
-    return f"{head}; {off}, {', '.join(judged(verdict))}"
+    return f"{head}\n{off}, {', '.join(judged(verdict))}"
 
 
 def rows(summary: Summary) -> list[tuple[str, str]]:
-    """(what, value) lines of a summary; several lines for one thing are separated by '; '."""
+    """(what, value) lines of a summary; the value of one thing may have several lines."""
     tracking = summary.tracking
     table = [("verdict", _verdict(SimpleNamespace(**summary.verdict)))] if summary.verdict else []
     table += [
         ("plan", f"{summary.scenario or 'none'} ({(summary.plan_id or '–')[:12]})"),
         ("outcome", _outcome(summary)),
         ("duration", f"{summary.duration_s:.2f} s, {summary.cycles} control cycles"),
-        ("states", "; ".join(f"{s.state} {s.from_s:.2f} … {s.to_s:.2f} s" for s in summary.states)),
-        ("faults", "; ".join(map(fault_line, summary.faults)) or "none"),
-        ("waits of the plan's clock", "; ".join(map(wait_line, summary.waits)) or "none"),
+        ("states", "\n".join(f"{s.state} {s.from_s:.2f} … {s.to_s:.2f} s" for s in summary.states)),
+        ("faults", "\n".join(map(fault_line, summary.faults)) or "none"),
+        ("waits of the plan's clock", "\n".join(map(wait_line, summary.waits)) or "none"),
         (
             "body off its reference",
             f"largest {_figure(tracking.body_max_m, 'mm', 1e3)}, RMS {_figure(tracking.body_rms_m, 'mm', 1e3)}, "
@@ -75,7 +75,7 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
         else:
             table.append(("pace", "lockstep with the simulation: the time between cycles means nothing"))
     if summary.refusals:
-        table.append(("refused requests", "; ".join(summary.refusals)))
+        table.append(("refused requests", "\n".join(summary.refusals)))
     return table
 
 
