@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_tools.cli import main
+from crux_tools.log import edit
 from crux_tools.telemetry import read_log
 from hand_plan import standing_plan
 from made_up_climb import Story, write_log
@@ -195,6 +196,43 @@ def test_info_counts_what_another_reader_counts(log: Path, capsys: pytest.Captur
     text = capsys.readouterr().out
     assert "started_utc: 2026-11-22T10:00:00Z" in text
     assert "crux_msgs/msg/RobotState" in text
+
+
+def test_a_log_with_an_index_is_not_read_message_by_message(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What info says is the same; a cut takes the chunks apart that it is about, and that of the plan."""
+    plain, whole = tmp_path / "climb.mcap", summary_of(log).chunk_indexes
+    plain.write_bytes(without_summary(log.read_bytes()))
+    told = []
+    for path in (plain, log):
+        assert main(["log", "info", str(path), "--json"]) == 0
+        told.append(json.loads(capsys.readouterr().out))
+        del told[-1]["bytes"], told[-1]["climb"]["path"], told[-1]["climb"]["bytes"]
+        monkeypatch.setattr("crux_tools.log.edit.records", lambda *_: pytest.fail("it was read from the start"))
+        monkeypatch.setattr("crux_tools.log.index.entry_of", lambda *_: pytest.fail("it was read from the start"))
+    assert told[0].pop("climb").items() >= {(k, v) for k, v in told[1]["climb"].items() if k != "faults"}
+    assert told[1].pop("climb")["verdict"] == "climbed"
+    assert told[0] == told[1]
+
+    taken = []
+    breakup = edit.breakup_chunk
+    monkeypatch.setattr(edit, "breakup_chunk", lambda chunk, **more: taken.append(chunk) or breakup(chunk, **more))
+    assert main(["log", "cut", str(log), "-o", str(tmp_path / "cut.mcap"), "--from", "3", "--to", "3.1"]) == 0
+    first_ns, last_ns = 3_000_000_000, 3_100_000_000
+    about = [i for i in whole if i.message_start_time <= last_ns and i.message_end_time >= first_ns]
+    assert len(about) <= len(taken) <= len(about) + 2 < len(whole)
+
+
+def test_tables_that_come_to_nothing_leave_no_folder(log: Path, tmp_path: Path) -> None:
+    broken, kept = tmp_path / "broken.mcap", tmp_path / "kept"
+    broken.write_bytes(log.read_bytes()[:3000])
+    kept.mkdir()
+    for form in ("--csv", "--parquet"):
+        assert main(["log", "export", str(broken), "-o", str(tmp_path / "tables"), form]) == 2
+        assert main(["log", "export", str(broken), "-o", str(kept), form]) == 2
+    assert not (tmp_path / "tables").exists()
+    assert kept.is_dir()
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from mcap.writer import CompressionType, Writer
 from crux_tools.errors import UsageError
 from crux_tools.log.mcap_export import LATCHED
 from crux_tools.telemetry import LogError
+from crux_tools.telemetry.chunks import reader_and_summary
 from crux_tools.telemetry.records import MAGIC, READ_ERRORS
 
 LIBRARY = "crux log"
@@ -63,12 +64,40 @@ def records(path: Path, damage: Damage) -> Iterator[Any]:
             if not isinstance(record, Chunk):
                 yield record
                 continue
-            try:
-                inside = breakup_chunk(record, validate_crc=True)
-            except READ_ERRORS:
-                damage.chunks += 1
-                continue
-            yield from inside
+            yield from _inside(iter([record]), damage)
+
+
+def records_between(path: Path, damage: Damage, first_ns: int, last_ns: int) -> Iterator[Any]:
+    """The same, but of messages only chunks with some between two times, or with a latched one before them, where the
+    file has an index. Raises LogError, OSError."""
+    with path.open("rb") as file:
+        indexed = reader_and_summary(file)
+        if indexed is None:
+            yield from records(path, damage)
+            return
+        reader, summary, _ = indexed
+        try:
+            others = [reader.get_header(), *reader.iter_metadata(), *reader.iter_attachments()]
+        except READ_ERRORS:  # the index is wrong
+            yield from records(path, damage)
+            return
+        yield from (*others, *summary.schemas.values(), *summary.channels.values())
+        latched = {number for number, channel in summary.channels.items() if channel.topic in LATCHED}
+        for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
+            topics = index.message_index_offsets.keys()
+            before = index.message_start_time < first_ns and (latched & topics or not topics)
+            if before or (index.message_end_time >= first_ns and index.message_start_time <= last_ns):
+                file.seek(index.chunk_start_offset)
+                yield from _inside(StreamReader(file, skip_magic=True, emit_chunks=True).records, damage)
+
+
+def _inside(stream: Iterator[Any], damage: Damage) -> list[Any]:
+    """The records of the chunk that is next, none of a damaged one."""
+    try:
+        return list(breakup_chunk(next(stream), validate_crc=True))
+    except (*READ_ERRORS, AttributeError):  # that of a record that is no chunk READ_ERRORS:
+        damage.chunks += 1
+        return []
 
 
 class Copy:
@@ -150,14 +179,12 @@ def cut(log: Path, out: Path, from_s: float, to_s: float) -> tuple[int, Damage]:
     damage, definitions, copy = Damage(), _Definitions(), Copy(out)
     first_ns, last_ns = round(from_s * NS), round(to_s * NS)
     standing: dict[str, tuple[Channel, Schema, Message]] = {}
-    least, most, inside = None, None, 0
-    for record in records(log, damage):
+    inside = 0
+    for record in records_between(log, damage, first_ns, last_ns):
         known = definitions.take(record, log)
         if known is None:
             copy.other(record)
             continue
-        least = record.log_time if least is None else min(least, record.log_time)
-        most = record.log_time if most is None else max(most, record.log_time)
         if first_ns <= record.log_time <= last_ns:
             for each in standing.values():
                 copy.message(*each)
@@ -169,7 +196,8 @@ def cut(log: Path, out: Path, from_s: float, to_s: float) -> tuple[int, Damage]:
     copy.metadata("crux_cut", {"of": log.name, "from_s": f"{from_s:g}", "to_s": f"{to_s:g}"})
     copy.close()
     if not inside:
-        there = "holds no message" if least is None or most is None else f"goes from {least / NS:g} to {most / NS:g} s"
+        times_ns = [record.log_time for record in records(log, Damage()) if isinstance(record, Message)]
+        there = f"goes from {min(times_ns) / NS:g} to {max(times_ns) / NS:g} s" if times_ns else "holds no message"
         raise UsageError(f"{log}: nothing in it from {from_s:g} to {to_s:g} s; it {there}")
     return copy.messages, damage
 

@@ -154,20 +154,22 @@ def run_recover(options: argparse.Namespace) -> int:
 def run_info(options: argparse.Namespace) -> int:
     """Exit status 0 when it is a log, or what is left of one."""
     from crux_tools.log.contents import contents_of
-    from crux_tools.log.index import entry_of
+    from crux_tools.log.index import STATE_TOPIC, entry_of, entry_of_end
     from crux_tools.telemetry import LogError
     from crux_tools.telemetry.log_format import newer_format
 
     found = contents_of(options.log)
     try:
-        entry = entry_of(options.log)
+        cycles = sum(channel.messages for channel in found.channels if channel.topic == STATE_TOPIC)
+        entry = entry_of_end(options.log, cycles) or entry_of(options.log)
     except LogError as error:
         note(f"crux log info: {error}")
         entry = None
     if newer := newer_format(dict(pair for name, said in found.metadata if name == "crux" for pair in said.items())):
         note(f"crux log info: {newer}")
     if options.json:
-        print_json({"ok": True, "climb": None if entry is None else asdict(entry), **asdict(found)})
+        climb = None if entry is None else {k: v for k, v in asdict(entry).items() if k != "least_margin_N"}
+        print_json({"ok": True, "climb": climb, **asdict(found)})
         return 0
     rows = [("file", f"{options.log}, {found.bytes / 1e6:.2f} MB, {found.messages} messages")]
     rows += [("damage", words) for words in found.damage]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,19 @@ def add_export(actions: Any) -> None:
 
 
 def run_export(options: argparse.Namespace) -> int:
-    """Exit status 0 when everything was written."""
+    """Exit status 0 when everything was written; a folder of tables that come to nothing does not stay."""
+    with ExitStack() as done:
+        if options.form in TABLES and not options.output.exists():
+            done.callback(_remove_if_empty, options.output)
+        return _export(options)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def _export(options: argparse.Namespace) -> int:
     from crux_contracts.output_file import look_at_folder, look_at_outputs
 
     from crux_tools.log.seen import seen, utc_clock

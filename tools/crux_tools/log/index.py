@@ -13,10 +13,16 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from crux_tools.telemetry import Telemetry
+
+END_S = 3.0  # of a log: its last state is in it
+MOST = 10**6  # chunks, and moments of one
+STATE_TOPIC = "/robot_state"
 FORM = 1  # of the entries: another one makes all be read again
 _TABLE = """create table if not exists logs
 (path text primary key, form integer, bytes integer, changed_ns integer, entry text) without rowid"""
@@ -53,17 +59,42 @@ def entry_of(path: Path) -> Entry | None:
     from crux_tools.telemetry import is_log, read_channels, telemetry_of
     from crux_tools.telemetry.description import robot_of
     from crux_tools.telemetry.margins import measured_margin_n
-    from crux_tools.telemetry.summary import summarise
 
     channels = read_channels(path)
     if not is_log(channels):
         return None
     log = telemetry_of(path, channels)
-    summary, said = summarise(log), log.metadata
     margin = np.empty(0)
     if log.plan is not None:
         with robot_of(log.plan.robot_name, log.robot_files) as robot:
             margin = measured_margin_n(log, robot.control.force_filter_s)
+    return _entry(log, len(log.time_s), float(np.nanmin(margin)) if np.isfinite(margin).any() else None)
+
+
+def entry_of_end(path: Path, cycles: int) -> Entry | None:
+    """The same of a log with an index, of so many cycles, without its margin: from its last seconds and all that is
+    rare. None where it is none, or where its end does not tell; then `entry_of` does. Raises OSError.
+    """
+    from crux_tools.telemetry import LogError, is_log, telemetry_of
+    from crux_tools.telemetry.chunks import span_s
+    from crux_tools.telemetry.part import read_part
+    from crux_tools.telemetry.records import READ_ERRORS
+
+    end_s = span_s(path)[1]
+    if not end_s:
+        return None
+    try:
+        channels = read_part(path, end_s - END_S, end_s, chunks=MOST, rows=MOST)
+        return _entry(telemetry_of(path, channels), cycles, None) if is_log(channels) else None
+    except (LogError, *READ_ERRORS, IndexError):
+        return None
+
+
+def _entry(log: Telemetry, cycles: int, margin_N: float | None) -> Entry:
+    from crux_tools.telemetry.summary import summarise
+
+    path = log.path
+    summary, said = summarise(log), log.metadata
     judged = log.verdict
     place = f"at plan time {summary.plan_time_s:.1f} of {summary.plan_end_s:.1f} s"
     state = "plan completed" if summary.plan_complete else f"{summary.final_state} {place}" if log.plan else "no plan"
@@ -77,13 +108,13 @@ def entry_of(path: Path) -> Entry | None:
         wall=summary.scenario,
         world=(judged.world if judged else said.get("world")) or None,
         seed=said.get("seed"),
-        duration_s=summary.duration_s,
+        duration_s=float(cycles * log.inputs["dt_s"][0]),
         verdict=UNJUDGED if judged is None else CLIMBED if judged.ok else FAILED,
         reason=state if judged is None else judged.reason,
         slips=judged.slips if judged else None,
         largest_slip_m=judged.largest_slip_m if judged else None,
         goal_error_m=judged.goal_error_m if judged else None,
-        least_margin_N=float(np.nanmin(margin)) if np.isfinite(margin).any() else None,
+        least_margin_N=margin_N,
         faults=[f"{fault.code} {fault.name}{f' {fault.limb}' if fault.limb else ''}" for fault in summary.faults],
         closed=log.end is not None,
         note=said.get("note"),

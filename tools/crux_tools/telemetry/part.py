@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 from mcap.reader import make_reader
-from mcap.records import Chunk, ChunkIndex
-from mcap.stream_reader import StreamReader
+from mcap.records import ChunkIndex
 
+from crux_tools.telemetry.chunks import MESSAGE_HEAD, RECORD_HEAD, content_of
 from crux_tools.telemetry.reader import CAN_FRAMES, Channels, Raw, decode
-from crux_tools.telemetry.records import READ_ERRORS, chunk_bytes
 
 RARE = {"/command", "/acknowledgement", "/plan", "/fault", "/truth/verdict"}
 CLOCK = "/limb_telemetry"  # cycles that have it have all else
-_ENTRY = np.dtype([("time_ns", "<u8"), ("offset", "<u8")])
-_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, bytes of the entries
-_RECORD_HEAD, _MESSAGE_HEAD = 9, 22  # bytes before a record's content, and before a message's in that
-
-
-def length_s(path: Path) -> float:
-    """From the first to the last message, by the log's index; 0 where it has none. Raises OSError."""
-    with path.open("rb") as file:
-        try:
-            summary = make_reader(file).get_summary()
-        except READ_ERRORS:
-            return 0.0
-    counted = None if summary is None else summary.statistics
-    return 0.0 if counted is None else (counted.message_end_time - counted.message_start_time) / 1e9
 
 
 def read_part(path: Path, from_s: float, to_s: float, chunks: int, rows: int) -> Channels:
@@ -62,11 +46,7 @@ def read_part(path: Path, from_s: float, to_s: float, chunks: int, rows: int) ->
 
 def _take(raw: Raw, file: IO[bytes], index: ChunkIndex, wanted: set[int], rows: int) -> None:
     """A chunk's messages of the wanted channels, at some moments."""
-    file.seek(index.chunk_start_offset)
-    chunk = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
-    assert isinstance(chunk, Chunk)
-    content = chunk_bytes(chunk, raw.notes)
-    entries = _entries(file.read(index.message_index_length))
+    content, entries = content_of(file, index, raw.notes)
     clock = [entries[n]["time_ns"] for n in entries if raw.channels[raw.home[n]].topic == CLOCK]
     moments = np.unique(np.concatenate(clock)) if clock else np.empty(0)
     few = moments[:: max(len(moments) // rows, 1)]
@@ -77,17 +57,6 @@ def _take(raw: Raw, file: IO[bytes], index: ChunkIndex, wanted: set[int], rows: 
         every = raw.channels[home].topic in RARE or rows >= len(moments)
         kept = found if every else found[np.isin(found["time_ns"], few)]
         for time_ns, offset in kept.tolist():
-            length = int.from_bytes(content[offset + 1 : offset + _RECORD_HEAD], "little")
-            raw.payloads[home].append(content[offset + _RECORD_HEAD + _MESSAGE_HEAD : offset + _RECORD_HEAD + length])
+            length = int.from_bytes(content[offset + 1 : offset + RECORD_HEAD], "little")
+            raw.payloads[home].append(content[offset + RECORD_HEAD + MESSAGE_HEAD : offset + RECORD_HEAD + length])
             raw.times_ns[home].append(time_ns)
-
-
-def _entries(data: bytes) -> dict[int, np.ndarray]:
-    """The records of message indexes behind a chunk: times and offsets by channel."""
-    found, at = {}, 0
-    while at < len(data):
-        _, length, channel, size = _INDEX_HEAD.unpack_from(data, at)
-        entries = np.frombuffer(data, _ENTRY, size // _ENTRY.itemsize, at + _INDEX_HEAD.size)
-        found[channel] = np.sort(entries, order="time_ns", kind="stable")
-        at += _RECORD_HEAD + length
-    return found

@@ -97,12 +97,13 @@ def serve(sources: list[Source], host: str, port: int, at_s: float = math.nan) -
 
 def source_of(path: Path) -> Source:
     """Of a log, whole or by what is looked at where it is long, or of a plan. Raises UsageError, LogError."""
-    from crux_tools.telemetry.part import length_s
+    from crux_tools.telemetry.chunks import span_s
     from crux_tools.view.long_log import LONG_S, LongLog
     from crux_tools.view.recording import recording_of
     from crux_tools.view.server import ALL, still
 
-    if path.is_file() and length_s(path) > LONG_S:
+    from_s, to_s = span_s(path) if path.is_file() else (0.0, 0.0)
+    if to_s - from_s > LONG_S:
         source: Source = LongLog(path).between
         note(f"crux view: {path.name}: a long log: some moments of it, every cycle where the page shows 20 s or less")
     else:
