@@ -219,8 +219,9 @@ def _show(result: PlanResult, output: Path) -> None:
     )
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
-    took = f"planned and checked in {result.seconds:.2f} s ({parts})"
-    print(f"{took}, {result.iterations} iterations, cost {result.cost:.3f}")
+    print(f"planned and checked in {result.seconds:.2f} s by the clock ({parts})")
+    print(f"computed for {result.computed_s:.2f} s, which --time-limit counts (CPU time, workers included)")
+    print(f"{result.iterations} iterations, cost {result.cost:.3f}")
     if result.others is not None:
         print(result.others)
     if result.gap is not None:

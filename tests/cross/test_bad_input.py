@@ -118,7 +118,7 @@ def test_a_path_that_the_terminal_cannot_show_is_shown_in_escapes(name: str, pla
         ["view", folder / "none.mcap"],
         ["report", plan, "-o", page],
     ):
-        command = [sys.executable, "-m", "crux_tools.cli", *words]
+        command = [sys.executable, "-m", "crux_tools.cli", *map(str, words)]
         done = subprocess.run(command, capture_output=True, env=environment, timeout=60, check=False)
         said = (done.stdout + done.stderr).decode("ascii")
         assert "internal error" not in said, said

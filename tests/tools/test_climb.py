@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crux_contracts import can_codec
+from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import ROBOTS, load_robot
 from crux_msgs import command_t, plan_t
@@ -110,6 +110,7 @@ def test_a_limb_moves_to_its_next_hold(one_limb: Climb, monkeypatch: pytest.Monk
     assert result["missed_cycles"] == 0
     assert result["real_time_factor"] > 0
     assert result["log"] == str(log)
+    says_which_joints_carry_more_than_is_advised(result["joint_notes"], log)
     said = read_log(log).metadata
     assert said["seed"] == "0"
     assert said["crux_commit"] == said["commit"]
@@ -118,6 +119,18 @@ def test_a_limb_moves_to_its_next_hold(one_limb: Climb, monkeypatch: pytest.Monk
     assert set(np.unique(phases[:, 0])) == set(range(8))  # LF went through every phase of a swing
     assert set(np.unique(phases[:, 1:])) == {0}
     compare_again(log, monkeypatch)
+
+
+def says_which_joints_carry_more_than_is_advised(notes: list[str], log: Path) -> None:
+    """As many as there are, and the worst of them."""
+    told, robot = read_log(log), load_robot("scaler")
+    climbing = told.state["supervisor_state"] == 2
+    rms = np.sqrt((told.inputs["joint_torque_nm"][climbing] ** 2).mean(axis=0))
+    share = rms / np.tile(robot.servo.continuous_torque_Nm, 4)
+    (note,) = [each for each in notes if "makers" in each]
+    limb, joint = divmod(int(share.argmax()), 6)
+    worst = f"{LIMB_NAMES[limb]} joint{joint + 1} {rms[share.argmax()]:.1f} of "
+    assert f": {(share > 1).sum()} of 24 joints, worst {worst}" in note
 
 
 def compare_again(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:

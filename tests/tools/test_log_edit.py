@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_tools.cli import main
-from crux_tools.log import edit
 from crux_tools.telemetry import read_log
 from hand_plan import standing_plan
 from made_up_climb import Story, write_log
 from mcap.reader import make_reader
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import breakup_chunk
 from test_log_ls import judge
 
 Messages = Counter[tuple[str, int, bytes]]
@@ -215,9 +216,13 @@ def test_a_log_with_an_index_is_not_read_message_by_message(
     assert told[1].pop("climb")["verdict"] == "climbed"
     assert told[0] == told[1]
 
-    taken = []
-    breakup = edit.breakup_chunk
-    monkeypatch.setattr(edit, "breakup_chunk", lambda chunk, **more: taken.append(chunk) or breakup(chunk, **more))
+    taken: list[Chunk] = []
+
+    def taken_apart(chunk: Chunk, **more: bool) -> list[McapRecord]:
+        taken.append(chunk)
+        return breakup_chunk(chunk, **more)
+
+    monkeypatch.setattr("crux_tools.log.edit.breakup_chunk", taken_apart)
     assert main(["log", "cut", str(log), "-o", str(tmp_path / "cut.mcap"), "--from", "3", "--to", "3.1"]) == 0
     first_ns, last_ns = 3_000_000_000, 3_100_000_000
     about = [i for i in whole if i.message_start_time <= last_ns and i.message_end_time >= first_ns]

@@ -1,6 +1,5 @@
 """Where planning begins: climbs and walks load only what they need."""
 
-import time
 from collections.abc import Callable, Mapping
 
 from crux_contracts.robot import Robot
@@ -54,5 +53,6 @@ def plan(
             from crux_planner.pipeline import climb
 
             result = climb.plan(session, worker, prove_s)
-        result.method, result.seconds = method, time.monotonic() - session.work.began
+        result.method = method
+        result.seconds, result.computed_s = session.work.took_s()
     return result

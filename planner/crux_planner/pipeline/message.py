@@ -54,6 +54,9 @@ class PlanResult:
     method: str = "auto"
     """as asked for: auto, two_block, multi_block or benchmark"""
     seconds: float = 0.0
+    """by the wall's clock"""
+    computed_s: float = 0.0
+    """CPU time of the planner and its workers, which the time limit counts"""
     """wall-clock time of planning and check"""
     gap: float | None = None
     """share of the cost by which a plan of `scope` could be cheaper, at most; None: no bound was worked out"""
@@ -135,6 +138,7 @@ class PlanResult:
             "ok": self.ok,
             "method": self.method,
             "seconds": round(self.seconds, 3),
+            "computed_s": round(self.computed_s, 3),
             "cost": self.cost,
             "nominal_cost": self.nominal_cost,
             "gap": self.gap,

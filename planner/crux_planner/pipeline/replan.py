@@ -5,7 +5,6 @@ and the compiled equations. A plan made again starts at rest on a stance of the 
 """
 
 import math
-import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
@@ -97,7 +96,7 @@ class Planner:
             left = max(scenario.horizon.steps, self.scenario.horizon.steps - first)
             scenario = rewritten(scenario, steps=left)
             return plan(scenario, self.robot, time_limit_s=max(deadline - clock.now(), 1.0), log=log)
-        result.seconds = time.monotonic() - work.began
+        result.seconds, result.computed_s = work.took_s()
         return result
 
     def plan(
@@ -129,7 +128,7 @@ class Planner:
         if result is None:
             failure = failures[0] if failures else explain(climb, self._seen, 1)
             raise failure.out_of_time() if climb.late else failure
-        result.seconds = time.monotonic() - work.began
+        result.seconds, result.computed_s = work.took_s()
         return result
 
     def _turning(self, climb: Climb, most: int) -> PlanResult | None:

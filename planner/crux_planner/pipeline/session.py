@@ -37,6 +37,7 @@ class Work:
     report: Progress
     log: Callable[[str], None]
     began: float = field(default_factory=time.monotonic)
+    computing_since: float = field(default_factory=clock.now)
     seconds: dict[str, float] = field(default_factory=dict)
     bound: ClimbBoundWorker | None = None
     cut_short: bool = False  # some search ended because of its time
@@ -50,6 +51,10 @@ class Work:
             yield
         finally:
             self.seconds[name] = round(self.seconds.get(name, 0.0) + time.monotonic() - since, 3)
+
+    def took_s(self) -> tuple[float, float]:
+        """Up to now, by the wall's clock and in seconds of computing."""
+        return time.monotonic() - self.began, clock.now() - self.computing_since
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +35,24 @@ def test_a_plan_is_written_and_described_as_json(tmp_path: Path, capsys: pytest.
     assert said["method"] == "auto"
     assert said["check"]["ok"] is True
     assert {"seconds", "cost", "gap", "iterations", "gait"} <= said.keys()
+    assert 0.0 < said["computed_s"] < said["seconds"] * len(os.sched_getaffinity(0)) + 1.0
     assert said["scope"].startswith("for all that the limbs reach")
     assert {"position_m", "force_N"} == said["residuals"].keys()
     assert read_plan(output).plan_id == said["plan_id"]
     assert [path.name for path in output.parent.iterdir()] == ["plan.mcap"]
+
+
+def test_both_times_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """That by the clock, and that which the limit counts: what the process and its workers computed, here or more."""
+    wall, output = write(tmp_path, two_rows())
+    since = time.process_time()
+    assert crux_plan(wall, "-o", str(output)) == 0
+    own_s = time.process_time() - since
+    found = re.search(
+        r"in [\d.]+ s by the clock .*\ncomputed for ([\d.]+) s, which --time-limit", capsys.readouterr().out
+    )
+    assert found is not None
+    assert float(found[1]) > 0.3 * own_s
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
 from crux_tools.output import note
 from crux_tools.priority import no_garbage_collection, realtime_priority
+from crux_tools.report.joints import joint_loads
 from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.telemetry.reader import LogError, read_log
 from crux_tools.telemetry.summary import FaultNote, summarise
@@ -92,6 +93,8 @@ class ClimbResult:
     bus: str = "memory"
     """as in ClimbOptions"""
     courses: tuple[Course, ...] = ()
+    joint_notes: tuple[str, ...] = ()
+    """limits of the joints that were passed, as the report says it"""
     worst_interrupts: dict[str, int] | None = None
     """instructions, of the emulated boards"""
     guide: dict[str, Any] | None = None
@@ -129,6 +132,7 @@ class ClimbResult:
             "log": str(self.log),
             "log_complete": self.log_complete,
             "reason": self.reason,
+            "joint_notes": self.joint_notes,
         }
         if self.worst_interrupts is not None:
             result["worst_interrupts"] = self.worst_interrupts
@@ -335,14 +339,14 @@ def _judged(
     if not len(truth.cycle):
         raise WorkFailed(f"the runtime made no control cycle{': ' + last_words if last_words else ''}")
     verdict = judge(truth, legs[0][1], robot, outcome.ending is Ending.COMPLETE, legs[1:])
-    tracking, reported, missed = Tracking(), list[FaultNote](), 0
+    tracking, reported, missed, passed = Tracking(), list[FaultNote](), 0, list[str]()
     try:
         telemetry = read_log(log)
     except (LogError, OSError) as error:
         unlogged = unlogged or str(error)
     else:
         tracking, reported = track(truth, telemetry, *legs[-1], robot), summarise(telemetry).faults
-        missed = int(telemetry.state["missed_cycles"][-1])
+        missed, passed = int(telemetry.state["missed_cycles"][-1]), joint_loads(telemetry, robot.robot).short_notes()
     look_back(courses, truth, reported, dt_s)
     said = [last_words, f"log incomplete: {unlogged}" if unlogged else ""]
     return ClimbResult(
@@ -355,6 +359,7 @@ def _judged(
         log=log,
         log_complete=not (unlogged or last_words),
         courses=courses,
+        joint_notes=tuple(passed),
         truth=truth,
         model=robot,
     )

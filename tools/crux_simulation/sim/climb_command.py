@@ -154,6 +154,8 @@ def _print_summary(result: Any) -> None:
         cause = "" if course.cause is None else f" ({course.cause})"
         moved = "" if course.moved_m is None else f", body moved {course.moved_m * 1e3:.1f} mm"
         note(f"  fault     {fault['kind']}{on} at {fault['at_s']:g} s: {stopped}{cause}{held}{moved}")
+    for told in result.joint_notes:
+        note(f"  joints    {told}")
     note(f"  log       {result.log}")
 
 

@@ -38,7 +38,17 @@ class JointLoads:
         ]
 
     def notes(self) -> list[str]:
-        """Limits that were passed."""
+        """Limits that were passed, with every joint that did."""
+        return [f"{what}: {', '.join(joints)}." for what, joints in self._passed()]
+
+    def short_notes(self) -> list[str]:
+        """Limits that were passed, with the joint that did by most."""
+        return [
+            f"{what}: {len(joints)} of {self.rms.size} joints, worst {joints[0]}" for what, joints in self._passed()
+        ]
+
+    def _passed(self) -> list[tuple[str, list[str]]]:
+        """Limits with the joints that passed them, by how far."""
         passed = (
             ("Peak torque beyond the joint's effort", self.peak, self.peak_limit),
             ("RMS torque beyond what the winding bears for good", self.rms, self.continuous_limit),
@@ -46,12 +56,11 @@ class JointLoads:
         )
         found = []
         for what, torque, limit in passed:
-            over = [
-                f"{LIMB_NAMES[i]} joint{j + 1} {torque[i, j]:.1f} of {limit[i, j]:.1f} Nm"
-                for i, j in zip(*np.nonzero(torque > limit), strict=True)
-            ]
+            over = sorted(zip(*np.nonzero(torque > limit), strict=True), key=lambda at: -torque[at] / limit[at])
             if over:
-                found.append(f"{what}: {', '.join(over)}.")
+                words = (f"{torque[i, j]:.1f} of {limit[i, j]:.1f} Nm" for i, j in over)
+                names = (f"{LIMB_NAMES[i]} joint{j + 1}" for i, j in over)
+                found.append((what, [f"{name} {word}" for name, word in zip(names, words, strict=True)]))
         return found
 
 

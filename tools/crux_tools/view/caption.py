@@ -42,7 +42,7 @@ def _lines(recording: Recording, row: int) -> list[str]:
     state = recording.log.state[row]
     error_mm = 1e3 * np.linalg.norm(state["body_position_w_m"] - state["body_reference_position_w_m"])
     waiting, limb = int(state["waiting_for"]), int(state["waiting_limb"])
-    wait = f"waits for {LIMB_NAMES[limb] if limb >= 0 else 'all limbs'} to {name_of(WAIT_NAMES, waiting)}"
+    wait = f"waits for {name_of(LIMB_NAMES, limb) if limb >= 0 else 'all limbs'} to {name_of(WAIT_NAMES, waiting)}"
     return [
         f"{name_of(STATE_NAMES, int(state['supervisor_state']))}, cycle {state['cycle']}, plan time "
         f"{state['plan_time_s']:.2f} s" + (f", {wait}" if waiting else ""),
