@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.cost_weights import CLIMB
 from crux_contracts.robot import Robot, load_robot
 from crux_planner.checker.geometry import Array, Flags, Indices, body_rate_matrix, rotation_about_z, rotation_from_rpy
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import ChainState, load_model
-from crux_planner.model.problem import Weights
 from crux_planner.solvers.qp import Qp
 
 ROBOT = load_robot("scaler")
@@ -237,9 +237,9 @@ def _wall(
 
 def _cost(poses: Array, air: Array, hands: Array, forces: Array) -> float:
     """J (6) with the usual weights."""
-    w, goal = Weights(), poses[-1]
+    w, goal = CLIMB, poses[-1]
     speed = np.append(np.diff(poses[:, :3], axis=0) / DT_S, np.zeros((1, 3)), axis=0)
     total = w.position * ((poses[:, :3] - goal[:3]) ** 2).sum() + w.orientation * ((poses[:, 3:] - goal[3:]) ** 2).sum()
     total += w.velocity * ((speed**2).sum() + (_rates(poses) ** 2).sum()) + w.wrench * forces.sum()
-    total += w.lift * hands[..., 2][air].sum() + w.opening * 2 * OPENING_M * air.sum()
+    total -= w.lift * hands[..., 2][air].sum() + w.opening * 2 * OPENING_M * air.sum()
     return float(total + w.switching * np.abs(np.diff(air.astype(int), axis=0)).sum())

@@ -34,16 +34,17 @@ class OtherSequences:
     found: bool
     least: float  # share of the cost of the search's sequence below which no other is that was not judged, see `scope`
     judged: int
+    steps: int  # that all of them may take
 
     @property
     def scope(self) -> str:
         """What `least` is about."""
-        return f"{' or '.join(map(str, self.moves))} moves over contacts near the search's"
+        return f"{' or '.join(map(str, self.moves))} moves in up to {self.steps} steps, over contacts near the search's"
 
     def __str__(self) -> str:
-        by = "the MIP, cheaper than the search's by estimates" if self.found else "the search"
-        none = f"by the MIP none of {self.scope} cost less than {100 * self.least:.0f} % of the search's"
-        return f"contacts found by {by}; {none}, but for {self.judged} estimated one by one"
+        by = "a MIP (cheaper than the search's, by estimates)" if self.found else "the search"
+        none = f"HiGHS found no sequence of {self.scope} that costs less than {100 * self.least:.0f} % of the search's"
+        return f"contacts from {by}; {none} ({self.judged} candidates evaluated individually)"
 
     def to_json(self) -> dict[str, object]:
         """Of `crux plan --json`."""
@@ -96,6 +97,7 @@ def _converged(program: StanceMip) -> tuple[float, list[Array]]:
 class _Judge:
     def __init__(self, costs: EventCost, timed: Timed, value: float, deadline: float) -> None:
         self.costs, self.best, self.value, self.deadline = costs, timed, value, deadline
+        self.steps = timed.knots
         estimate = costs.estimate(timed)
         self.cost = np.inf if estimate is None else estimate.cost
         self.found, self.judged, self.least = False, 0, 1.0
@@ -141,8 +143,8 @@ class _Judge:
         """What is known in the end."""
         timed = self.best
         if self.found:
-            timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING) or timed
-        return OtherSequences(timed, tuple(self.moves), self.found, self.least, self.judged)
+            timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING, self.steps) or timed
+        return OtherSequences(timed, tuple(self.moves), self.found, self.least, self.judged, self.steps)
 
 
 def _swings(costs: EventCost, sequence: Sequence, moves: int) -> list[list[Swing]] | None:

@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from crux_contracts.cost_weights import cost_weights
 from crux_contracts.robot import Robot
 
-from crux_planner.checker.cost import Weights
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
 from crux_planner.checker.grips import FORGIVEN_NM, Frame, Offer
 from crux_planner.checker.no_way import AIR, NotShownError, NoWay, Places
@@ -94,7 +94,7 @@ class KnotCosts:
 
     def __init__(self, search: NoWay, robot: Robot) -> None:
         scenario, found, body = search.scenario, search.offers, robot.body
-        self.search, self.weights = search, Weights.of(scenario)
+        self.search, self.weights = search, cost_weights(scenario)
         if self.weights.wrench <= 0.0:
             raise NotShownError("forces have no weight in J")
         self._goal, self._balance = scenario.goal.body, search.balance
@@ -190,7 +190,7 @@ class KnotCosts:
         none = (low > high).any(axis=2)
         slope, force, moment = balance.slope(multipliers), multipliers[:3], multipliers[3:]
         by_body = (1.0 - FOLLOW * held.sum(axis=1))[:, None] * slope
-        weight, goal = self.weights.body, np.array(self._goal.position_m)
+        weight, goal = self.weights.position, np.array(self._goal.position_m)
         cheapest = goal - by_body / (2 * weight) if weight > 0.0 else np.where(by_body > 0.0, -np.inf, np.inf)
         place = np.minimum(np.maximum(cheapest, low), high)
         rest = np.minimum(slope * cells.rest[:, :, 0], slope * cells.rest[:, :, 1]).sum(axis=2)

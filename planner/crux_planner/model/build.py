@@ -30,7 +30,7 @@ from crux_planner.model.kinematics import rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
-from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem, Weights
+from crux_planner.model.problem import BodyBounds, Goal, Patch, Pose, Problem
 from crux_planner.model.shapes import limb_radii_m
 from crux_planner.model.workspace import LimbReach, Reach, WorkspaceRange, leaning_m, limb_reach, tilt_for
 
@@ -92,7 +92,7 @@ def build_problem(
         body=body,
         shape=shape,
         swing=limits,
-        weights=weights_of(scenario, Weights()),
+        weights=weights_of(scenario),
         friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         body_moment_kg_m=body_moment(robot),

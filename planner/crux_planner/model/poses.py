@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.cost_weights import cost_weights
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
@@ -56,18 +57,10 @@ def posture(robot: Robot, body: Pose, grippers: Array) -> dict[str, float]:
     return positions
 
 
-def weights_of(scenario: Scenario, usual: Weights) -> Weights:
-    """The usual weights with those that the scenario names put in their place."""
-    given = scenario.planner.weights
-    return Weights(
-        position=given.get("body", usual.position),
-        orientation=given.get("body", usual.orientation),
-        velocity=usual.velocity,
-        wrench=given.get("wrench", usual.wrench),
-        lift=-given["lift"] if "lift" in given else usual.lift,
-        opening=-given["opening"] if "opening" in given else usual.opening,
-        switching=given.get("switching", usual.switching),
-    )
+def weights_of(scenario: Scenario) -> Weights:
+    """The scenario's weights with the signs of (6): zeta and xi are negative."""
+    weights = cost_weights(scenario)
+    return Weights(**{**vars(weights), "lift": -weights.lift, "opening": -weights.opening})
 
 
 def point_text(problem: Problem, position: Array) -> str:

@@ -51,15 +51,15 @@ class BodyBounds:
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of J, equation (6), per knot."""
+    """Weights of J, equation (6), per knot: those of crux_contracts.cost_weights with the signs of (6)."""
 
-    position: float = 1.0  # Q, on (r - r_goal)^2 [1/m^2]
-    orientation: float = 1.0  # Q, on theta^2 [1/rad^2]
-    velocity: float = 10.0  # Q, on body velocity and rate
-    wrench: float = 1e-4  # R, on finger forces^2 [1/N^2] and (twist/k)^2
-    lift: float = -0.02  # zeta, on the height of grippers in the air [1/m]
-    opening: float = -0.02  # xi, on their finger separation [1/m]
-    switching: float = 0.3  # S, on changes of contact
+    position: float
+    orientation: float
+    velocity: float
+    wrench: float
+    lift: float  # zeta, negative
+    opening: float  # xi, negative
+    switching: float
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
 from crux_planner.model.limb import limb_masses
 from crux_planner.model.mass import body_moment, centre_of_mass, centres_of_mass, centres_of_pressure, composite_inertia
 from crux_planner.model.poses import body_and_ends, posture, weights_of
-from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose, Weights
+from crux_planner.model.problem import BodyBounds, CentroidalProblem, Goal, Pose
 from crux_planner.model.workspace import Reach, WorkspaceRange, acceptance_boxes, box, tilt_for
 
 FRICTION_MARGIN = 0.3  # share of the cone left unused: nothing squeezes a foot when it begins to slip
@@ -48,7 +48,6 @@ class Cut:
 USUAL = MarginProfile(0.1275, 0.07, (1.0, 0.35), 0.01)
 BOLD = MarginProfile(0.1275, 0.07, (2.0, 0.7), 0.0)  # where strides are too long for the usual
 BOLDEST = MarginProfile(0.075, 0.06, (2.0, 0.7), 0.0)  # where they are too long for that
-WEIGHTS = Weights(velocity=0.1, lift=-0.05, opening=0.0, switching=0.1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +153,7 @@ def build_walk(scenario: Scenario, robot: Robot) -> WalkProblem:
         step_height_m=walking.step_height_m,
         limbs_share=share,
         neutral_feet_b_m=neutral,
-        weights=weights_of(scenario, WEIGHTS),
+        weights=weights_of(scenario),
         profile=USUAL,
         opening_m=robot.gripper.opening_m[0],
         pad_radius_m=robot.gripper.pad_radius_m,

@@ -21,9 +21,9 @@ in the box.
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import tempfile
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -125,12 +125,10 @@ def limb_reach(limbs: Sequence[Limb], wanted: WorkspaceRange) -> LimbReach:
     kept = cache_folder() / f"{key}.npz"
     height, pads = wanted.body_height_m, wanted.pad_height_m
     grip_height_m = pads[0] - height[1], pads[1] - height[0]
-    try:
-        with np.load(kept) as known:
+    if (whole := _kept(kept)) is not None:
+        with np.load(whole) as known:
             boxes, inner, outer = (Reach(*(known[f"{kind}_{part}"][()] for part in _PARTS)) for kind in _KINDS)
             return LimbReach(boxes, inner, outer, grip_height_m)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        pass
     boxes = acceptance_boxes(limbs, wanted)
     reach = LimbReach(boxes, _inner(limbs, wanted, boxes), _outer(limbs, wanted, grip_height_m), grip_height_m)
     _keep(kept, {f"{kind}_{part}": getattr(getattr(reach, kind), part) for kind in _KINDS for part in _PARTS})
@@ -155,12 +153,27 @@ def leaning_m(limb: Limb, tilt_rad: float) -> float:
     return float(lever * max(tilt_rad - LEVEL_RAD, 0.0))
 
 
+_DIGEST = hashlib.sha256().digest_size
+
+
+def _kept(path: Path) -> io.BytesIO | None:
+    """What `_keep` wrote; None where it is not there, or not as it was written."""
+    try:
+        written = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = written[:_DIGEST], written[_DIGEST:]
+    return io.BytesIO(content) if hashlib.sha256(content).digest() == digest else None
+
+
 def _keep(path: Path, arrays: dict[str, Array]) -> None:
-    """Whole or not at all; where the folder cannot be written, the next plan computes it again."""
+    """Whole, with its digest, or not at all; where the folder cannot be written, the next plan computes it again."""
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+            file.write(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
         Path(file.name).replace(path)
     except OSError:
         return

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.cost_weights import CLIMB
 from crux_contracts.plan_file import read_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_planner.checker.certificate import CertificateError, digest, read, vector, verify
 from crux_planner.checker.cheapest_way import CheapestWay, Program, least_knots
-from crux_planner.checker.cost import Weights, cost
+from crux_planner.checker.cost import cost
 from crux_planner.checker.grips import offers
 from crux_planner.checker.knot_cost import GripCosts, KnotCosts
 from crux_planner.checker.limit_surface import cone_excess
@@ -73,7 +74,7 @@ def every_knot_of_the_plan_costs_what_is_shown(document: dict[str, Any], plan: P
     for entry in document["multipliers"]:
         for each in entry["of"]:
             way.show(entry["knot"], vector(each))
-    names, weights, goal = [each.name for each in way.search.offers], Weights(), way.scenario.goal.body
+    names, weights, goal = [each.name for each in way.search.offers], CLIMB, way.scenario.goal.body
     for k in range(way.steps):
         stance = plan.stance[k]
         grips = [(plan.cuboids.names[h], "xy"[f // 2]) for h, f in zip(plan.hold[k], plan.finger1_face[k], strict=True)]

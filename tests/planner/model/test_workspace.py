@@ -171,3 +171,19 @@ def test_what_a_robot_reaches_is_computed_once(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kept.write_bytes(kept.read_bytes()[:100])
     np.testing.assert_array_equal(reach_of(robot, reach.inner.max_tilt_rad).inner.extent_m, reach.inner.extent_m)
+
+
+def test_a_damaged_file_of_reach_is_not_believed(tmp_path: Path) -> None:
+    """Any byte changed, anywhere: also where a number still reads as a number."""
+    path, random = tmp_path / "reach.npz", np.random.default_rng(3)
+    workspace._keep(path, {"box": np.linspace(0.0, 1.0, 12), "tilt": np.array(0.1)})
+    written = path.read_bytes()
+    assert workspace._kept(path) is not None
+    for place in random.integers(0, len(written), 300):
+        damaged = bytearray(written)
+        damaged[place] ^= int(random.integers(1, 256))
+        path.write_bytes(damaged)
+        assert workspace._kept(path) is None
+    for length in (0, 31, 32, len(written) - 1):
+        path.write_bytes(written[:length])
+        assert workspace._kept(path) is None

@@ -1,0 +1,52 @@
+"""J (6) is one: what the planner minimises is what the checker counts, whatever the weights."""
+
+import numpy as np
+import pytest
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import WEIGHTS
+from crux_planner import Planner
+from crux_planner.checker.cost import cost
+from crux_planner.checker.plan_arrays import read_plan
+from crux_planner.checker.report import Findings
+from crux_planner.pipeline.bound_certificate import certify_bound
+from walls import scenario, two_rows
+
+ROBOT = load_robot("scaler")
+TILTED_DEG = [2.0, -2.5, 3.0]  # so that position and orientation both count
+
+
+def wall(weights: dict[str, float]) -> dict[str, object]:
+    content = two_rows()
+    content["start"]["body"]["rpy_deg"] = TILTED_DEG
+    content["planner"] = {"weights": weights}
+    return content
+
+
+ODD = {"velocity": 40.0, "wrench": 5e-4, "lift": 0.5, "opening": 0.3, "switching": 1.1}
+
+
+@pytest.mark.parametrize("weights", [{"body": 3.0}, {"body": 0.5, "orientation": 4.0}, {"position": 2.5, **ODD}])
+def test_a_weight_means_the_same_to_planner_and_checker(weights: dict[str, float]) -> None:
+    """All of them well away from their usual values."""
+    assert set(WEIGHTS) == {"body", "orientation", "position", *ODD}
+    read = scenario(wall(weights))
+    result = Planner(read, ROBOT).plan()
+    arrays = read_plan(result.plan, Findings())
+    assert arrays is not None
+    assert cost(arrays, read) == pytest.approx(result.cost, rel=2e-3)  # the NLP adds a little for spines
+
+
+def test_a_certified_bound_is_below_a_plan_under_drawn_weights() -> None:
+    """Small scenes with weights drawn: the bound of plans of so many steps is never above the plan at hand."""
+    random = np.random.default_rng(11)
+    for _ in range(2):
+        drawn = {
+            str(name): float(10 ** random.uniform(-2, 0.5)) for name in random.choice(WEIGHTS[:4], 2, replace=False)
+        }
+        read = scenario(wall(drawn))
+        result = Planner(read, ROBOT).plan()
+        arrays = read_plan(result.plan, Findings())
+        assert arrays is not None
+        counted = cost(arrays, read)
+        bound = certify_bound(read, ROBOT, result.steps, 10 * counted)["bound"]
+        assert bound < counted, drawn
