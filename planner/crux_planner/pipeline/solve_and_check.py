@@ -132,7 +132,8 @@ def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> P
     if any(climb.swings.swing(*swing) is None for swing in swings):
         return InfeasibleError("passage", "a swing of these moves was found wrong, and there is no other")
     silent = replace(climb.work, log=lambda _line: None, bound=None)
-    return solve_and_check(replace(_over(climb, steps), work=silent, deadline=deadline), moves)
+    longer = replace(climb, scenario=rewritten(climb.scenario, steps=steps))
+    return solve_and_check(replace(_over(longer, steps), work=silent, deadline=deadline), moves)
 
 
 def _schedule_and_finish(
@@ -157,9 +158,8 @@ def _schedule_and_finish(
 
 
 def _over(climb: Climb, steps: int) -> Climb:
-    """The same climb with another horizon."""
-    problem = replace(climb.problem, steps=steps)
-    return replace(climb, problem=problem, scenario=rewritten(climb.scenario, steps=steps))
+    """The same climb, of so many of the horizon's steps."""
+    return replace(climb, problem=replace(climb.problem, steps=steps))
 
 
 def evenly(climb: Climb, moves: list[Move]) -> Schedule:
