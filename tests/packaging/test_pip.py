@@ -36,7 +36,9 @@ def locked() -> dict[str, str]:
 
 
 def packages_fetched(text: str) -> Iterator[str]:
-    """What `pip install` in a text would look for on an index: no option nor its value, path, or what is filled in."""
+    """What `pip install` in a text would look for on an index: no option nor its value, path, or what is filled in;
+    and each name that has one of our extras, wherever it stands."""
+    yield from re.findall(r"(?<![\w./}-])([a-z][\w-]*)\[(?:sim|campaign)\b", text)
     for line in re.findall(r"pip install ([^\n`;&|<]*)", text):
         words = [word.strip("\"'(),:") for word in line.split()]
         for before, word in zip(["", *words], words, strict=False):
@@ -48,7 +50,8 @@ def test_advice_is_read_as_pip_would() -> None:
     text = (
         "`pip install 'crux[sim]'` pip install -q ./a.whl other==1 \n pip install --target x '.[sim]' `pip install .`"
     )
-    assert list(packages_fetched(text)) == ["crux", "other"]
+    assert {*packages_fetched(text)} == {"crux", "other"}
+    assert {*packages_fetched("install crux-sim, or by pip 'crux[sim,campaign]'")} == {"crux"}
 
 
 def test_no_advice_fetches_a_package_that_is_not_ours_or_locked() -> None:
