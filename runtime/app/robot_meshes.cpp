@@ -25,6 +25,15 @@ std::string within(const std::filesystem::path& path) {
   return found.generic_string();
 }
 
+/// Whether a file lies in a folder, symbolic links followed.
+bool lies_in(const std::filesystem::path& file, const std::filesystem::path& folder) {
+  std::error_code unknown;  // what cannot be looked at is not there
+  const std::filesystem::path place = std::filesystem::canonical(file, unknown);
+  if (unknown) return false;
+  const std::filesystem::path whole = std::filesystem::canonical(folder, unknown);
+  return !unknown && std::ranges::mismatch(whole, place).in1 == whole.end();
+}
+
 }  // namespace
 
 std::vector<RobotMesh> meshes_of(const std::string& urdf, const std::filesystem::path& folder) {
@@ -38,8 +47,8 @@ std::vector<RobotMesh> meshes_of(const std::string& urdf, const std::filesystem:
       const char* filename = mesh ? mesh->Attribute("filename") : nullptr;
       if (filename == nullptr) continue;
       RobotMesh one{within(inner(filename)), folder / inner(filename)};
-      std::error_code unknown;  // what cannot be looked at is not there
-      if (!std::filesystem::is_regular_file(one.path, unknown)) continue;
+      std::error_code unknown;
+      if (!lies_in(one.path, folder) || !std::filesystem::is_regular_file(one.path, unknown)) continue;
       if (std::ranges::find(found, one.name, &RobotMesh::name) == found.end()) found.push_back(std::move(one));
     }
   return found;

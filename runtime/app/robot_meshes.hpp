@@ -12,7 +12,7 @@ struct RobotMesh {
   std::filesystem::path path;
 };
 
-/// Of every file once, those alone that are there.
+/// Every file once that is there and lies in the robot's folder: a log shows its meshes to all who can read it.
 std::vector<RobotMesh> meshes_of(const std::string& urdf, const std::filesystem::path& folder);
 
 }  // namespace crux

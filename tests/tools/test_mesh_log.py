@@ -26,7 +26,9 @@ WORLD = "version: 1\nname: greasy\nholds: {h3: {friction_factor: 0.5}}\n"
 
 @pytest.fixture
 def with_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the robots of this machine; scaler has three meshes, one of them of a file that is not there."""
+    """The folder of the robots of this machine; scaler has two meshes, one that is not there, and three that are
+    not in its folder.
+    """
     robots = tmp_path / "robots"
     shutil.copytree(ROBOTS, robots)
     monkeypatch.setattr("crux_contracts.robot.ROBOTS", robots)
@@ -35,7 +37,11 @@ def with_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         trimesh.creation.box([10 * (size + 1)] * 3).export(robots / "scaler" / "meshes" / Path(name).name)
     urdf = robots / "scaler" / "scaler.urdf"
     text = urdf.read_text().replace("visual>", "collision>")
-    for link, name in {**MESHES, "RF_link2": LOST}.items():
+    secret = tmp_path / "secret.stl"  # of this machine, not of the robot
+    trimesh.creation.box([5] * 3).export(secret)
+    (robots / "scaler" / "meshes" / "way-out.stl").symlink_to(secret)
+    out = {"LR_link2": f"file://{secret}", "RR_link2": "meshes/way-out.stl", "LR_link3": "../../secret.stl"}
+    for link, name in {**MESHES, **out, "RF_link2": LOST}.items():
         assert f'<link name="{link}">' in text
         text = text.replace(f'<link name="{link}">', f'<link name="{link}">{PICTURE.format(name)}')
     urdf.write_text(text)

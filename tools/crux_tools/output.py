@@ -9,13 +9,13 @@ import json
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from crux_tools.errors import UsageError
+from crux_tools.private_folder import private_folder
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +47,7 @@ def note(text: str) -> None:
 def alone_with(path: Path) -> Iterator[None]:
     """Holds an output for the time of a with-block; raises UsageError where another command of this user does."""
     name = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:16]
-    with (Path(tempfile.gettempdir()) / f"crux-output-{os.getuid()}-{name}.lock").open("w") as lock:
+    with (private_folder() / f"output-{name}.lock").open("w") as lock:
         try:  # the file stays: unlinking a locked file would let a third command lock its successor
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -7,10 +7,10 @@ import errno
 import fcntl
 import random
 import socket
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+
+from crux_tools.private_folder import private_folder
 
 BUS_GROUP = "239.74.163.2"
 LCM_GROUP = "239.255.76.67"
@@ -54,7 +54,7 @@ def run_ports() -> Iterator[RunPorts]:
         base = chooser.choice(PORTS)
         with contextlib.ExitStack() as held:
             try:  # the file stays: unlinking a locked file would let a third run lock its successor
-                lock = held.enter_context((Path(tempfile.gettempdir()) / f"crux-ports-{base}.lock").open("w"))
+                lock = held.enter_context((private_folder() / f"ports-{base}.lock").open("w"))
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 continue

@@ -32,6 +32,15 @@ def _numbers(element: ET.Element | None, name: str, default: str) -> tuple[float
     return tuple(map(float, (default if element is None else element.get(name, default)).split()))
 
 
+def _file(robot: robots.Robot, inner: str) -> Path | None:
+    """A mesh of the robot's folder, whether a log carries it there or this machine has it; links do not lead out."""
+    for folder, name in ((robot.folder, inner), (robot.folder, inside(inner)), (robots.ROBOTS / robot.name, inner)):
+        path = (folder / name).resolve()
+        if path.is_relative_to(folder.resolve()) and path.is_file():
+            return path
+    return None
+
+
 def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
     """By link. A link with a mesh whose file is not there is left out, to be drawn by the shapes that collide."""
     found: dict[str, list[Mesh]] = {}
@@ -43,8 +52,7 @@ def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
                 break
             name = mesh.get("filename", "").removeprefix("file://")
             inner = name.removeprefix("package://").partition("/")[2] if name.startswith("package://") else name
-            places = (robot.folder / inner, robot.folder / inside(inner), robots.ROBOTS / robot.name / inner)
-            file = next(filter(Path.is_file, places), None)
+            file = _file(robot, inner)
             if file is None:
                 break
             origin = visual.find("origin")
