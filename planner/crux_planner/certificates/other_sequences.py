@@ -39,7 +39,7 @@ class OtherSequences:
     @property
     def scope(self) -> str:
         """What `least` is about."""
-        return f"{' or '.join(map(str, self.moves))} moves in up to {self.steps} steps, over contacts near the search's"
+        return f"{' or '.join(map(str, self.moves))} moves in up to {self.steps} steps over contacts near the search's"
 
     def __str__(self) -> str:
         by = "a MIP (cheaper than the search's, by estimates)" if self.found else "the search"
