@@ -48,7 +48,7 @@ def other_bytes(data: bytes, draw: Draw) -> bytes:
 
 def other_words(data: bytes, draw: Draw) -> bytes:
     """Words, signs and line ends of a text in others' place; or a line left out, or twice."""
-    text = data.decode()
+    text = data.decode("utf-8", "replace") or "x"
     for _ in range(draw.draw(st.integers(1, 3))):
         if draw.draw(st.booleans()):
             tokens = list(_TOKEN.finditer(text))
@@ -88,7 +88,7 @@ def other_tree(tree: Any, draw: Draw) -> Any:
         elif action == "rename" and isinstance(parent, dict):
             parent[draw.draw(st.text(max_size=6))] = parent.pop(last)
         else:
-            parent[last] = draw.draw(st.sampled_from(VALUES))
+            parent[last] = copy.deepcopy(draw.draw(st.sampled_from(VALUES)))
     return tree
 
 

@@ -38,6 +38,7 @@ N_LIMBS = 4
 # Fields that logs of earlier runtimes do not have, and that nothing here needs.
 ADDED = {
     "/control_input": {"bus_state", "command_value", "late_s"},
+    "/command": {"value"},
     "/cycle_timing": {"answer_ns"},
     "/limb_telemetry": {
         *("utilisation", "stance_shift_g_m", "stance_turn_g_rad", "slip_m"),
@@ -328,6 +329,18 @@ def telemetry_of(path: Path, channels: Channels) -> Telemetry:
         raise LogError(f"{error}; {newer}" if newer else str(error)) from None
 
 
+def _lacking(message: Any, type_name: str) -> set[str]:
+    """Fields of its type that a decoded message does not have, those of messages within it too."""
+    lacking = set[str]()
+    for name, kind, dimension in MEMBERS[type_name]:
+        value = getattr(message, name, None)
+        if value is None:
+            lacking.add(name)
+        elif kind in MEMBERS and (dimension is None or len(value)):
+            lacking |= _lacking(value if dimension is None else value[0], kind)
+    return lacking
+
+
 def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemetry:
     tables = {topic: table for topic, table in channels.tables.items() if topic in BY_TOPIC}
     times_ns = dict(channels.times_ns)
@@ -340,6 +353,10 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
         known = {name for name, *_ in MEMBERS[BY_TOPIC[topic].type]} - ADDED.get(topic, set())
         lacking = known - set(table.dtype.names or ())
         if lacking:
+            raise LogError(f"{path}: channel {topic} has no {', '.join(sorted(lacking))}: written by another crux?")
+    for topic, messages in channels.messages.items():
+        found = _lacking(messages[0], BY_TOPIC[topic].type) if messages and topic in BY_TOPIC else set()
+        if lacking := found - ADDED.get(topic, set()):
             raise LogError(f"{path}: channel {topic} has no {', '.join(sorted(lacking))}: written by another crux?")
     for topic in PER_LIMB:
         tables[topic], times_ns[topic] = _by_limb(tables[topic], times_ns[topic])
@@ -355,7 +372,7 @@ def _telemetry_of(path: Path, channels: Channels, remarks: list[str]) -> Telemet
     notes = [*remarks, *channels.notes]
     if channels.end is None:
         notes.append("the log was not closed (cut off, or its runtime killed or still writing): read as far as it goes")
-    elif int(channels.end.get("dropped_records", "0")):
+    elif channels.end.get("dropped_records", "0") != "0":
         notes.append(f"{channels.end['dropped_records']} cycles are missing: the log's queue was full")
     other_robot = difference(channels.metadata, channels.attachments)
     notes += [other_robot] if other_robot else []
