@@ -13,7 +13,7 @@ namespace crux {
 /// A mapping of a file that has been checked: what is asked for is there and of its kind.
 class YamlSection {
  public:
-  explicit YamlSection(YAML::Node node) : node_(std::move(node)) {}
+  explicit YamlSection(const YAML::Node& node) : node_(node) {}
 
   YamlSection section(const std::string& key) const { return YamlSection(node_[key]); }
   std::string text(const std::string& key) const { return node_[key].Scalar(); }
