@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,9 +38,10 @@ SETTINGS = (
 )
 VARIABLES = ("PIP_", "UV_", "CARGO_", "SSL_CERT", "REQUESTS_CA", "CURL_CA", "http_proxy", "https_proxy", "no_proxy")
 RELEASES = {"bookworm": "Debian 12", "trixie": "Debian 13", "jammy": "Ubuntu 22.04", "noble": "Ubuntu 24.04"}
-BUILDS = (
-    "make programs && .venv/bin/crux --version && .venv/bin/crux plan msgs/scenarios/climb-one-step.yaml -o plan.mcap"
-)
+PLANS = ".venv/bin/crux --version && .venv/bin/crux plan msgs/scenarios/climb-one-step.yaml -o plan.mcap"
+BUILDS = f"cmake --fresh -S . -B build/cmake -G Ninja && make programs && {PLANS}"
+SETS_UP = f"rm -rf .venv && make setup-programs && {PLANS}"
+ALONE = "unshare -n sh -c 'ip link set lo up && make climb'"
 MOUNTS = """set -eu
 mount -t overlay overlay -o "lowerdir=$1,upperdir=$2/upper,workdir=$2/work" "$2/root"
 mount -t proc proc "$2/root/proc"
@@ -51,7 +53,10 @@ exec chroot "$2/root" su - "$3" -c "$4"
 
 @dataclass(frozen=True)
 class Machine:
-    """`before` runs as root; `command` in the checkout, as `user`; it has to end in status 0 and say `says`."""
+    """`before` runs as root; `command` in the checkout, as `user`; it has to end in status 0 and say `says`.
+
+    `bare`: with none of the packages and products of the first machine; `clone`: with a checkout of its own.
+    """
 
     name: str
     command: str = BUILDS
@@ -59,22 +64,23 @@ class Machine:
     says: str = "planned and checked"
     checkout: str = "crux"
     user: str = "root"
-    bare: bool = False  # has none of the packages that the first machine installed
-    repository: bool = True
+    bare: bool = False
+    clone: bool = False
 
 
+# What the first one compiled serves the others but the path with spaces: CMake looks for tools anew, and ninja compiles
+# what that changes.
 MACHINES = (
-    Machine("bare", "make climb", says="the robot is at the goal", bare=True, checkout="bare"),
-    Machine(
-        "no multicast route", "unshare -n sh -c 'ip link set lo up && make climb'", says="at the goal", checkout="bare"
-    ),
+    Machine("bare", "make climb", says="the robot is at the goal", bare=True, clone=True),
+    Machine("no multicast route", ALONE, says="the robot is at the goal"),
     Machine("libgtest-dev alone", before="apt-get install -qq -y libgtest-dev"),
     Machine("gcc-arm-none-eabi alone", before="apt-get install -qq -y --no-install-recommends gcc-arm-none-eabi"),
-    Machine("broken python3 first", before="ln -s /bin/false /usr/local/bin/python3"),
-    Machine("pypy3 as python3", before="apt-get install -qq -y pypy3; ln -s /usr/bin/pypy3 /usr/local/bin/python3"),
-    Machine("path with spaces", f"{BUILDS} && make climb docs", says="at the goal", checkout="my crux"),
-    Machine("without .git", says="(commit unknown)", repository=False),
-    Machine("a user with sudo", user="climber", bare=True),
+    Machine("broken python3 first", SETS_UP, before="ln -s /bin/false /usr/local/bin/python3"),
+    Machine("pypy3 first", SETS_UP, before="apt-get install -qq -y pypy3; ln -s /usr/bin/pypy3 /usr/local/bin/python3"),
+    Machine(
+        "without .git", "tools/setup/version && " + BUILDS, before="rm -rf /root/crux/.git", says="(commit unknown)"
+    ),
+    Machine("a user with sudo", SETS_UP, user="climber", bare=True, clone=True),
     Machine(
         "a user without sudo",
         "! make climb",
@@ -82,7 +88,9 @@ MACHINES = (
         says="as root: apt-get install",
         user="climber",
         bare=True,
+        clone=True,
     ),
+    Machine("path with spaces", "make climb docs", says="the robot is at the goal", checkout="my crux", clone=True),
 )
 
 
@@ -114,16 +122,6 @@ def make_base(release: str, base: Path) -> str:
     return ""
 
 
-def lay_checkout(machine: Machine, place: Path) -> None:
-    """The commit that is checked out here, with its repository or as an archive."""
-    if machine.repository:
-        subprocess.run(["git", "clone", "-q", "--no-hardlinks", ROOT, place], check=True)
-    else:
-        place.mkdir(parents=True)
-        packed = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
-        subprocess.run(["tar", "-x"], cwd=place, input=packed, check=True)
-
-
 @dataclass(frozen=True)
 class Row:
     """What happened on a machine: `result` is ok, or what was missing; MB are what it wrote."""
@@ -145,8 +143,8 @@ def run(machine: Machine, release: str, folder: Path, jobs: int) -> Row:
     lower = f"{folder}/base" if machine.bare else f"{bare}:{folder}/base"
     home = "root" if machine.user == "root" else f"home/{machine.user}"
     place = own / "upper" / home / machine.checkout
-    if machine.bare or machine.checkout != "bare":
-        lay_checkout(machine, place)
+    if machine.clone:
+        subprocess.run(["git", "clone", "-q", "--no-hardlinks", ROOT, place], check=True)
     owner = (folder / "base" / home).stat().st_uid
     for path in (place.parent, place, *place.rglob("*")):
         if path.exists():
@@ -167,24 +165,23 @@ def run(machine: Machine, release: str, folder: Path, jobs: int) -> Row:
     log = own.with_suffix(".log")
     log.write_text(done.stdout, encoding="utf-8")
     fits = done.returncode == 0 and machine.says in done.stdout
-    size = subprocess.run(["du", "-smx", own / "upper"], capture_output=True, text=True, check=True).stdout.split()[0]
+    size = subprocess.run(["du", "-sx", "-BMB", own / "upper"], capture_output=True, text=True, check=True).stdout
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    if machine.checkout != "bare":
+    if machine.name != "bare":
         shutil.rmtree(own)
-    return Row(release, machine.name, "ok" if fits else f"FAILED, see {log}", wall_s, cpu_s, float(size))
+    return Row(release, machine.name, "ok" if fits else f"FAILED, see {log}", wall_s, cpu_s, float(size.split("MB")[0]))
 
 
-def try_release(release: str, folder: Path, only: str, jobs: int) -> list[Row]:
-    """The rows of a release, printed as they are known."""
+def try_release(release: str, folder: Path, only: str, jobs: int) -> Iterator[Row]:
+    """The rows of a release; the bare machine comes along where others need it."""
     why = make_base(release, folder / "base")
-    rows = [Row(release, "all", f"not tried: {why}")] if why else []
-    for machine in () if why else MACHINES:
-        if only in f"{release} {machine.name}" or (machine.name == "bare" and not (folder / "bare" / "upper").is_dir()):
-            rows.append(run(machine, release, folder, jobs))
-    for row in rows:
-        figures = f"{row.wall_s:7.0f} s {row.cpu_s:6.0f} s {row.disk_mb:6.0f} MB"
-        print(f"{RELEASES[release]:<13} {row.machine:<24} {figures}  {row.result}", flush=True)
-    return rows
+    if why:
+        yield Row(release, "all", f"not tried: {why}")
+        return
+    for machine in MACHINES:
+        lacks = machine.name == "bare" and not (folder / "bare" / "upper").is_dir()
+        if only in f"{release} {machine.name}" or lacks:
+            yield run(machine, release, folder, jobs)
 
 
 def main() -> int:
@@ -196,11 +193,14 @@ def main() -> int:
     options = parser.parse_args()
     print(f"{'system':<13} {'machine':<24} {'wall':>9} {'CPU':>8} {'disk':>9}  result", flush=True)
     rows = []
-    for release in RELEASES:
+    for release, system in RELEASES.items():
         if options.only.split(" ")[0] in ("", *RELEASES) and not release.startswith(options.only.split(" ")[0]):
             continue
-        rows += try_release(release, options.folder.resolve() / release, options.only, options.jobs)
-    may_be_missing = {release for release, name in RELEASES.items() if name.startswith("Ubuntu")}
+        for row in try_release(release, options.folder.resolve() / release, options.only, options.jobs):
+            rows.append(row)
+            figures = f"{row.wall_s:7.0f} s {row.cpu_s:6.0f} s {row.disk_mb:6.0f} MB"
+            print(f"{system:<13} {row.machine:<24} {figures}  {row.result}", flush=True)
+    may_be_missing = {release for release, system in RELEASES.items() if system.startswith("Ubuntu")}
     return int(any(row.result != "ok" and not (row.machine == "all" and row.release in may_be_missing) for row in rows))
 
 
