@@ -119,7 +119,7 @@ class Checker {
     for (const char* name : {"name", "urdf", "body_link"})
       if (found[name]) check_text(found[name], name);
     if (const YAML::Node urdf = found["urdf"]; urdf && kind_of(urdf) == Kind::kText) {
-      const std::string name = urdf.Scalar();
+      const std::string& name = urdf.Scalar();
       if (name.find('/') != std::string::npos || name == "." || name == "..")
         note(urdf, "urdf", "expected a file name in the same folder");
     }
