@@ -197,7 +197,13 @@ def _set(name: str, value: object) -> Callable[[plan_t], None]:
 
 
 def _limb(name: str, value: object) -> Callable[[plan_t], None]:
-    return lambda plan: setattr(plan.knots[3].limbs[1], name, value)
+    """Of a limb that holds on at that knot and beside it."""
+
+    def change(plan: plan_t) -> None:
+        holds = [limb for limb in range(4) if not any(knot.limbs[limb].phase for knot in plan.knots[2:5])]
+        setattr(plan.knots[3].limbs[holds[0]], name, value)
+
+    return change
 
 
 def _knot(name: str, value: object) -> Callable[[plan_t], None]:

@@ -207,7 +207,7 @@ BROKEN = {
     "unknown weight": (
         "{lift: 2}",
         "{height: 2}",
-        r"planner\.weights\.height: unknown key; expected body, wrench, lift",
+        r"planner\.weights\.height: unknown key; expected body, position, orientation, velocity, wrench, lift",
     ),
     "unknown limit surface": (
         "limit_surface: inner",

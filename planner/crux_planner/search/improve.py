@@ -57,7 +57,8 @@ def improve_in_fewest(costs: EventCost, quickest: Timed, deadline: float) -> tup
     and the rest improved again, until nothing waits.
     """
     found: list[tuple[float, Timed]] = []
-    for steps in dict.fromkeys((quickest.knots, costs.problem.steps)):
+    fits = quickest.knots <= costs.problem.steps
+    for steps in dict.fromkeys((quickest.knots, costs.problem.steps) if fits else (costs.problem.steps,)):
         timed, last = improve(costs, quickest.moves, deadline, costs.work + WORK, steps), np.inf
         while timed is not None and (estimate := costs.estimate(timed)) is not None and estimate.cost < last:
             last = estimate.cost
@@ -67,7 +68,7 @@ def improve_in_fewest(costs: EventCost, quickest: Timed, deadline: float) -> tup
                 break
             timed = improve(costs, timed.moves, deadline, costs.work + WORK, moving.knots)
     least, best = min(found, key=lambda each: each[0], default=(np.inf, None))
-    plain = costs.estimate(quickest)
+    plain = costs.estimate(quickest) if fits else None
     return best, plain is not None and plain.cost < (1.0 + _UNSURE) * least and not quickest.same(best)
 
 
