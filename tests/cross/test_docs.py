@@ -55,6 +55,17 @@ def test_commands_and_frames_are_all_there(pages: Path) -> None:
     assert {name for name in signals if f"`{name}`" not in frames} == set()
 
 
+def test_what_pages_include_begins_and_ends_at_words_that_are_there(pages: Path) -> None:
+    included = re.findall(
+        r"^```\{include\} (\S+)\n((?::.*\n)*)", (pages / "index.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert included
+    for source, options in included:
+        text = (pages / source).read_text(encoding="utf-8")
+        for words in re.findall(r'^:(?:start-after|end-before): "(.*)"$', options, re.MULTILINE):
+            assert text.count(words.replace("\\n", "\n")) == 1, (source, words)
+
+
 @pytest.mark.skipif(not GENERATOR.exists(), reason="make docs has not installed its generator")
 def test_the_site_has_no_warning_and_needs_no_network(pages: Path, tmp_path: Path) -> None:
     words = [GENERATOR, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", ROOT / "docs" / "site", pages, tmp_path]
