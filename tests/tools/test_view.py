@@ -355,10 +355,11 @@ def test_an_mp4_shows_its_pictures_one_after_the_other() -> None:
             "const film = document.createElement('video'); film.muted = true;"
             f"film.src = 'data:video/mp4;base64,{base64.b64encode(film).decode()}';"
             "const canvas = document.createElement('canvas'), pen = canvas.getContext('2d');"
-            "const at = async (time) => { film.currentTime = time; await new Promise((done) => film.onseeked = done);"
-            " pen.drawImage(film, 0, 0); return [...pen.getImageData(50, 50, 1, 1).data].slice(0, 3); };"
+            "const near = (colour) => { pen.drawImage(film, 0, 0); const shown = pen.getImageData(50, 50, 1, 1).data;"
+            " return !film.seeking && colour.every((part, i) => Math.abs(part - shown[i]) <= 12); };"
         )
         page.wait_until("film.readyState >= 2")
         assert page.value("[film.videoWidth, film.videoHeight]") == [320, 240]
         for time_s, colour in ((0.0, colours[0]), (page.value("film.duration"), colours[1])):
-            assert page.value(f"at({time_s})") == pytest.approx(colour, abs=12)
+            page.value(f"film.currentTime = {time_s}")
+            page.wait_until(f"near({list(colour)})")  # a decoder on a busy machine shows the picture some time later
