@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
+from crux_contracts.channels import FAULTS
 from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
@@ -133,6 +135,26 @@ def test_a_body_turned_to_where_a_gripper_may_just_turn_under_it_is_a_start_of_a
         body_yaw = Situation(plan, status, robot).scenario().start.body.rpy_rad[2]
         assert body_yaw == pytest.approx(turned, abs=0.011)
         assert all(robot.grasp.gripper_yaw_rad[0] < yaw - body_yaw < robot.grasp.gripper_yaw_rad[1] for yaw in yaws)
+
+
+def test_it_waits_until_an_operator_has_cleared_what_another_plan_does_not_help_with(plan: plan_t) -> None:
+    said = list[str]()
+    link = SimpleNamespace(status=status_t(), send=lambda _: SimpleNamespace(plan_id=plan.plan_id))
+    guide = Guide(link, plan, load_robot("scaler"), said.append)  # type: ignore[arg-type]
+    state, fault = link.status.state, link.status.fault
+    state.supervisor_state, fault.code = HOLDING, next(f.code for f in FAULTS if f.name == "cycle_late")
+    looks = []
+    for state.time_s in (0.0, 10.0, 11.0, 12.0):
+        looks.append(guide.attend())
+    assert looks == [Attended.WAITING, *[Attended.OPERATOR] * 3]
+    assert len(said) == 2
+    assert "waiting until an operator clears it" in said[1]
+    fault.code = 0
+    assert guide.attend() is Attended.NOTHING
+    state.supervisor_state = CLIMBING
+    assert guide.attend() is Attended.NOTHING
+    state.supervisor_state, state.plan_complete = HOLDING, True
+    assert guide.attend() is Attended.DONE
 
 
 def test_no_runtime_and_no_terminal_are_told(

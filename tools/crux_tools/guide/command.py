@@ -1,4 +1,4 @@
-"""`crux guide`: beside a runtime, plans again where the robot holds for a cause that planning can mend."""
+"""`crux guide`: beside a runtime, plans again where the robot holds for a cause that another plan may avoid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ LOOKS_EVERY_S = 0.1
 _DESCRIPTION = """Listens to a runtime that climbs PLAN.mcap. Where the robot holds because a hold was lost, moved or is
 slippery, the body is elsewhere or a limb is weak, it puts what was measured on its map, plans again from where the
 robot stands, with limbs in the air if need be, says what it will do, uploads the plan and starts it; where no way leads
-to the goal, one back to the last safe stance. The runtime does not need it: without it the robot holds, or climbs its
+to the goal, one back to the last safe stance. For any other fault it says what to do, waits until an operator has
+cleared it, and goes on when the climb does. The runtime does not need it: without it the robot holds, or climbs its
 plan to the end. Exit status 0: the robot is at the goal; 1: the guide gave up, and said why."""
 _EXAMPLES = (
     "crux guide out/plan.mcap",

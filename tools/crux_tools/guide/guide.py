@@ -1,4 +1,4 @@
-"""Beside a runtime: where the robot holds for a cause that planning can mend, plans again from there and goes on."""
+"""Beside a runtime: where the robot holds for a cause that another plan may avoid, plans from there and goes on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from crux_tools.guide.situation import Situation
 from crux_tools.operator_link import OperatorLink
 from crux_tools.operator_status import fault_of
 
-MENDED = (
+REPLANNED = (
     "event_timeout",
     "body_error",
     "tracking_error",
@@ -46,6 +46,7 @@ class Attended(Enum):
     WAITING = "the robot is about to hold"
     STARTED = "another plan is climbed"
     DONE = "the robot is at the goal"
+    OPERATOR = "an operator has to clear the fault"
     GAVE_UP = "no plan leads on"
 
 
@@ -68,6 +69,7 @@ class Guide:
     _still: tuple[float, float] | None = field(default=None, init=False)  # plan time at which it stands, and since when
     _reason: str = field(default="", init=False)  # why the last plan was made
     _gave_up: bool = field(default=False, init=False)
+    _awaited: str = field(default="", init=False)  # the fault that an operator has to clear
 
     def __post_init__(self) -> None:
         # Everything that planning needs is loaded before it is needed.
@@ -78,7 +80,7 @@ class Guide:
         plan_id = self.link.send(command_t.STATUS).plan_id
         status = self.link.status
         if status is None or status.state.supervisor_state != robot_state_t.HOLDING:
-            self._still = None
+            self._still, self._awaited = None, ""
             return Attended.NOTHING
         fault = fault_of(status)
         if fault is None:
@@ -86,13 +88,17 @@ class Guide:
             return Attended.DONE if done else Attended.NOTHING
         if self._gave_up:
             return Attended.GAVE_UP
+        if self._awaited == fault["name"]:
+            return Attended.OPERATOR
         if not self._stands(status):
             return Attended.WAITING
         self.say(f"holds: {fault['where']}{fault['text']}")
         if plan_id != self.plan.plan_id:
             return self._give_up(f"the runtime climbs plan {plan_id[:12]}, not {self.plan.plan_id[:12]}")
-        if fault["name"] not in MENDED:
-            return self._give_up(f"no other plan mends that; {fault['do']}")
+        if fault["name"] not in REPLANNED:
+            self._awaited = fault["name"]
+            self.say(f"another plan does not help; waiting until an operator clears it: {fault['do']}")
+            return Attended.OPERATOR
         return self._lead_on(Situation(self.plan, status, self.robot))
 
     def _stands(self, status: status_t) -> bool:
