@@ -159,8 +159,8 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, text: str, line: i
 
 
 def test_the_table_has_every_key_and_no_other() -> None:
-    """tools/README.md against what the reader takes."""
-    page = (ROOT / "tools" / "README.md").read_text()
+    """docs/worlds.md against what the reader takes."""
+    page = (ROOT / "docs" / "worlds.md").read_text()
     section = re.split(r"\n##+ ", page[page.index("## Worlds that are not the plan") + 3 :])[0]
     rows = re.findall(r"^\| (`.*?) \|(.*)$", section, re.MULTILINE)
     first = {word for cell, _ in rows for word in re.findall(r"`([^`]+)`", cell)}
@@ -176,9 +176,9 @@ def test_the_table_has_every_key_and_no_other() -> None:
     assert inner <= {word for row in rows for word in re.findall(r"`([^`]+)`", row[1])}
 
 
-def test_the_worlds_that_ship_are_worlds_and_stand_in_the_readme() -> None:
+def test_the_worlds_that_ship_are_worlds_and_stand_on_the_page() -> None:
     paths = sorted((ROOT / "tools" / "worlds").glob("*.yaml"))
-    page = (ROOT / "tools" / "README.md").read_text()
+    page = (ROOT / "docs" / "worlds.md").read_text()
     assert set(re.findall(r"^\| `([\w.-]+)\.yaml`", page, re.MULTILINE)) == {path.stem for path in paths}
     for path in paths:
         assert read_world(path).name == path.stem

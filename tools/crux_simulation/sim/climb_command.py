@@ -39,7 +39,7 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="WORLD.yaml",
         help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
-        "runtime know of it (tools/README.md has the keys, tools/worlds examples)",
+        "runtime know of it (docs/worlds.md has the keys, tools/worlds examples)",
     )
     parser.add_argument(
         "--world-seed",
@@ -87,7 +87,7 @@ def add_parser(subparsers: Any) -> None:
         "--faults",
         type=Path,
         metavar="FILE.yaml",
-        help="what goes wrong on the buses or with the runtime's process, and when (tools/README.md has the kinds)",
+        help="what goes wrong on the buses or with the runtime's process, and when (docs/worlds.md has the kinds)",
     )
     _add_world_options(parser)
     parser.add_argument(

@@ -1,7 +1,7 @@
 """World files: what differs in truth from what the plan says, as `crux climb --world FILE` reads it.
 
 Only the physics of a climb knows of it. Any number may be drawn: {uniform: [least, most]} or {normal: [mean,
-deviation]}; in place of a list of numbers, one such draw for each. tools/README.md has the table of keys, units and
+deviation]}; in place of a list of numbers, one such draw for each. docs/worlds.md has the table of keys, units and
 frames.
 """
 
