@@ -49,7 +49,7 @@ def on_desk(robot: Robot, maker: Maker) -> Iterator[tuple[Board, Desk, NodeLink]
             desk.end()
 
 
-@pytest.mark.parametrize("kind", ["joint", "gripper"])
+@pytest.mark.parametrize("kind", ["joint", pytest.param("gripper", marks=pytest.mark.sweep)])
 def test_a_board_takes_the_image_for_the_slot_that_does_not_run(robot: Robot, tmp_path: Path, kind: str) -> None:
     maker = Maker(tmp_path, kind)
     package = tmp_path / "package"

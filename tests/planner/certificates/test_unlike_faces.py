@@ -79,10 +79,11 @@ SEEDS = pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.ma
 
 
 @SEEDS
-def test_no_proof_denies_a_plan_that_presses_its_better_faces(seed: int) -> None:
+@pytest.mark.parametrize("budget_s", [4.0, pytest.param(20.0, marks=pytest.mark.sweep)])
+def test_no_proof_denies_a_plan_that_presses_its_better_faces(seed: int, budget_s: float) -> None:
     read, known = wall_and_plan(seed)
     assert check_plan(known, ROBOT).ok
-    proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), clock.now() + 20
+    proof, until = Proof(read, ROBOT, build_problem(read, ROBOT)), clock.now() + budget_s
     assert (proof.quick() or proof.goal_equilibrium(10**6, until) or proof.disconnected(10**6, until)) is None
 
 
