@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crux_contracts.terminal import plain, say
+
 if TYPE_CHECKING:
     from crux_contracts.robot import Robot
     from crux_contracts.scenario import Scenario
@@ -119,7 +121,7 @@ def run_plan(args: argparse.Namespace) -> int:
     written: dict[str, Any] = {"plan": str(args.output), "plan_id": result.plan.plan_id}
     if args.certificate is not None:
         written["certified_bound"], said = _certify_bound(args.certificate, scenario, robot, result)
-        print(f"crux plan: {said}", file=sys.stderr)
+        say(f"crux plan: {said}", to_errors=True)
     if args.json:
         print(json.dumps({**result.to_json(), **written}))
     return DONE
@@ -203,7 +205,7 @@ def _astray(args: argparse.Namespace) -> str:
 
 def _fail(args: argparse.Namespace, message: str, status: int, **more: Any) -> int:
     for line in message.splitlines():
-        print(f"crux plan: {line}", file=sys.stderr)
+        say(f"crux plan: {line}", to_errors=True)
     if args.json:
         print(json.dumps({"ok": False, "error": message, **more}))
     return status
@@ -213,34 +215,34 @@ def _show(result: PlanResult, output: Path) -> None:
     from crux_contracts.interpolation import is_walk
 
     seconds = result.steps * result.plan.dt_s
-    print(
+    say(
         f"{output}: {result.plan.scenario_name!r}, gait {' '.join(result.gait) or 'without a step'}, "
         f"{result.steps} steps, {seconds:g} s"
     )
     margin = result.check.friction_margin_N
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in result.timing.items())
-    print(f"planned and checked in {result.seconds:.2f} s by the clock ({parts})")
-    print(f"computed for {result.computed_s:.2f} s, which --time-limit counts (CPU time, workers included)")
-    print(f"{result.iterations} iterations, cost {result.cost:.3f}")
+    say(f"planned and checked in {result.seconds:.2f} s by the clock ({parts})")
+    say(f"computed for {result.computed_s:.2f} s, which --time-limit counts (CPU time, workers included)")
+    say(f"{result.iterations} iterations, cost {result.cost:.3f}")
     if result.others is not None:
-        print(result.others)
+        say(str(result.others))
     if result.gap is not None:
         proven = f"proven {result.scope}: no plan of {result.steps} steps costs less than"
-        print(f"{proven} {100 * (1 - result.gap):.0f} % of that")
+        say(f"{proven} {100 * (1 - result.gap):.0f} % of that")
     if result.nominal_cost is not None:
         less = 100 * (1 - result.nominal_cost / result.cost)
-        print(f"holds for all of the scenario's uncertainty; the same contacts cost {less:.0f} % less without it")
+        say(f"holds for all of the scenario's uncertainty; the same contacts cost {less:.0f} % less without it")
     if margin is not None:
         pressed = " with the plan's squeeze, as J's forces; the robot presses so or harder"
         squeeze = "" if is_walk(result.plan) else pressed
-        print(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N{squeeze}")
+        say(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N{squeeze}")
 
 
 @contextmanager
 def _progress() -> Iterator[tuple[Callable[[str, float], None] | None, Callable[[str], None]]]:
     """A progress bar on standard error where that is a terminal, and how to print a line beside it."""
     if not sys.stderr.isatty():
-        yield None, lambda line: print(line, file=sys.stderr, flush=True)
+        yield None, lambda line: say(line, to_errors=True)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -250,5 +252,5 @@ def _progress() -> Iterator[tuple[Callable[[str, float], None] | None, Callable[
         task = bar.add_task("planning", total=1.0)
         yield (
             lambda what, share: bar.update(task, completed=share, description=f"planning: {what}"),
-            lambda line: bar.console.print(line, highlight=False, markup=False),
+            lambda line: bar.console.print(plain(line), highlight=False, markup=False),
         )

@@ -11,6 +11,8 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from crux_contracts.terminal import say
+
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
 from crux_tools.paths import CHECKOUT, SCENARIOS, how_to_add, version_and_requirements
@@ -80,7 +82,7 @@ class _Version(argparse.Action):
             commit = str(importlib.import_module("crux_commit").COMMIT)
         except ModuleNotFoundError:
             commit = "unknown, not built yet"
-        print(f"crux {version_and_requirements()[0]} (commit {commit})")
+        say(f"crux {version_and_requirements()[0]} (commit {commit})")
         parser.exit()
 
 

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.terminal import say
+
 from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
@@ -57,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json({"ok": True, "file": str(path), "line": line})
         return 0
-    print(line)
+    say(line)
     if options.action == "new":
         note(f"your private key is {path}; the line above belongs into the file of crux-runtime --keys FILE")
     return 0

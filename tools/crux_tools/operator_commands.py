@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.terminal import in_a_line
+
 from crux_tools.arguments import taught
 from crux_tools.output import add_json_option, note, print_json
 
@@ -44,7 +46,7 @@ def _report(options: argparse.Namespace, answer: Any) -> int:
     if options.json:
         print_json({"ok": True, "state": state, "plan_id": answer.plan_id})
     else:
-        note(f"runtime: {state}" + (f", plan {answer.plan_id[:12]}" if answer.plan_id else ", no plan"))
+        note(f"runtime: {state}" + (f", plan {in_a_line(answer.plan_id[:12])}" if answer.plan_id else ", no plan"))
     return 0
 
 
@@ -222,7 +224,8 @@ def run_lease(options: argparse.Namespace) -> int:
         while True:
             answer = link.take_lease()
             if answer is None or answer.verdict != acknowledgement_t.ACCEPTED:
-                raise WorkFailed(f"the lease is lost: {'no runtime answers' if answer is None else answer.reason}")
+                why = "no runtime answers" if answer is None else in_a_line(answer.reason)
+                raise WorkFailed(f"the lease is lost: {why}")
             if not said:
                 note("you have the lease, until Ctrl-C")
                 said = True

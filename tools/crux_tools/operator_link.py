@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from crux_contracts import channels
+from crux_contracts.terminal import in_a_line
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t, status_t
 
 from crux_tools.errors import UsageError, WorkFailed
@@ -183,7 +184,7 @@ class OperatorLink:
         if answer is None:
             raise WorkFailed(f"no runtime answers on {self.url}; {START_IT}")
         if answer.verdict != acknowledgement_t.ACCEPTED:
-            raise WorkFailed(f"the runtime refuses: {answer.reason}")
+            raise WorkFailed(f"the runtime refuses: {in_a_line(answer.reason)}")
         return answer
 
     def upload(self, plan: plan_t) -> acknowledgement_t:
@@ -214,13 +215,13 @@ class OperatorLink:
         if verdict is None:
             raise WorkFailed(f"the runtime took all {len(pieces)} pieces of the plan but gave no verdict")
         if verdict.verdict != acknowledgement_t.ACCEPTED:
-            raise UsageError(f"the runtime refuses the plan: {verdict.reason}")
+            raise UsageError(f"the runtime refuses the plan: {in_a_line(verdict.reason)}")
         return verdict
 
     def _send_piece(self, message: plan_piece_t) -> None:
         for _ in range(TRIES):
             if (refused := self._without_lease()) is not None:
-                raise WorkFailed(f"the runtime refuses: {refused.reason}")
+                raise WorkFailed(f"the runtime refuses: {in_a_line(refused.reason)}")
             self._begin()
             if self._signs():
                 self._publish_signed(message.encode())
@@ -239,6 +240,6 @@ class OperatorLink:
             if answer is None or self._is_stale(answer):
                 continue
             if answer.verdict != acknowledgement_t.ACCEPTED:
-                raise UsageError(f"the runtime refuses the plan: {answer.reason}")
+                raise UsageError(f"the runtime refuses the plan: {in_a_line(answer.reason)}")
             return
         raise WorkFailed(f"no runtime on {self.url} acknowledges piece {message.piece} of the plan; {START_IT}")

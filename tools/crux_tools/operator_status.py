@@ -7,6 +7,7 @@ from typing import Any
 
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.terminal import in_a_line
 from crux_msgs import acknowledgement_t, status_t
 from crux_msgs.tables import FAULT_HELP
 
@@ -137,7 +138,7 @@ def status_lines(status: status_t | None) -> list[str]:
         return ["it tells nothing of its nodes and faults: of an older crux, or its message was lost"]
     lines = ["INSECURE: whoever reaches LCM commands it; for tests and simulations"] if status.insecure else []
     if status.lease_holder:
-        lines.append(f"{status.lease_holder} commands it, for {status.lease_s:.0f} s more")
+        lines.append(f"{in_a_line(status.lease_holder)} commands it, for {status.lease_s:.0f} s more")
     lines += _climb_lines(status)
     if (fault := fault_of(status)) is not None:
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")

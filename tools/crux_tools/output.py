@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.terminal import say
+
 from crux_tools.errors import UsageError
 from crux_tools.private_folder import private_folder
 
@@ -40,7 +42,7 @@ def print_json(result: dict[str, Any]) -> None:
 
 def note(text: str) -> None:
     """A line for the person at the terminal, on standard error."""
-    print(text, file=sys.stderr)
+    say(text, to_errors=True)
 
 
 @contextmanager

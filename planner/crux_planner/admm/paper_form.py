@@ -20,6 +20,7 @@ import highspy
 import numpy as np
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
+from crux_contracts.terminal import say
 
 from crux_planner.admm.paper_scene import PaperScene, paper_scene
 from crux_planner.model.arrays import Array, Indices
@@ -243,7 +244,7 @@ def main() -> int:
     said["remark"] = (
         f"{said['rows']} rows, {said['binaries']} binaries: {incumbent}, bound {proven}, {said['status'].lower()}"
     )
-    print(json.dumps(said) if options.json else said["remark"])
+    say(json.dumps(said) if options.json else said["remark"])
     return 0 if said["ok"] else 1
 
 

@@ -2,10 +2,10 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.terminal import in_a_line, plain, say
 from crux_contracts.yaml_document import DocumentError
 
 from crux_planner.checker.report import CheckReport, JointLoad, PeakTorque, Violation
@@ -86,17 +86,17 @@ def _check_certificate(args: argparse.Namespace) -> int:
             raise CertificateError(f"about another scenario than {args.scenario}")
         scenario, shown = verify(document)
     except CertificateError as error:
-        print(f"crux check: {args.plan}: refused: {error}", file=sys.stderr)
+        say(f"crux check: {args.plan}: refused: {error}", to_errors=True)
         if args.json:
             print(json.dumps({"ok": False, "error": str(error)}))
         return VIOLATED
     said = {"ok": True, "scenario": scenario.name, "claim": document["claim"], "shown": shown}
-    print(json.dumps(said) if args.json else f"{args.plan}: {scenario.name!r} for {scenario.robot}: shown: {shown}")
+    say(json.dumps(said) if args.json else f"{args.plan}: {scenario.name!r} for {scenario.robot}: shown: {shown}")
     return OK
 
 
 def _unreadable(args: argparse.Namespace, message: str) -> int:
-    print(f"crux check: {message}", file=sys.stderr)
+    say(f"crux check: {message}", to_errors=True)
     if args.json:
         print(json.dumps({"ok": False, "error": message}))
     return UNREADABLE
@@ -108,7 +108,7 @@ def show(title: str, report: CheckReport, *, on_feet: bool) -> None:
     from rich.markup import escape
 
     console = Console(highlight=False)
-    console.print(escape(title), soft_wrap=True)
+    console.print(escape(plain(title)), soft_wrap=True)
     if report.violations:
         count = len(report.violations)
         console.print(f"[bold red]fails[/]: {count} violation{'s' if count > 1 else ''}")
@@ -149,7 +149,7 @@ def _table(title: str, entries: list[Violation]) -> Any:
             "" if entry.finger is None else str(entry.finger),
             "" if entry.time_s is None else f"{entry.time_s:.2f} s",
             f"{entry.amount:.4g} {entry.unit}",
-            escape(entry.detail),
+            escape(in_a_line(entry.detail)),
         )
     return table
 

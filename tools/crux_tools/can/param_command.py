@@ -10,6 +10,7 @@ from typing import Any
 
 from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
+from crux_contracts.terminal import say
 
 from crux_tools.arguments import taught
 from crux_tools.can.node_link import DEFAULT_BUSES, NodeLink, limb_bus, node_name
@@ -174,7 +175,7 @@ def run(options: argparse.Namespace) -> int:
         print_json({"ok": True, "node": str(link.name), "parameters": [vars(entry) for entry in shown]})
         return 0
     for entry in shown:
-        print(_line(entry))
+        say(_line(entry))
     if options.value is not None and not options.save:
         note("not saved: gone at the node's next start; --save keeps it")
     return 0

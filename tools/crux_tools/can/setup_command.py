@@ -8,6 +8,8 @@ import os
 import subprocess
 from typing import Any
 
+from crux_contracts.terminal import say
+
 from crux_tools.arguments import positive, taught
 from crux_tools.errors import WorkFailed
 from crux_tools.output import add_json_option, note, print_json
@@ -100,7 +102,7 @@ def run_up(options: argparse.Namespace) -> int:
     lines = [shell_line(command) for command in commands]
     if options.dry_run:
         for line in [] if options.json else lines:
-            print(line)
+            say(line)
     else:
         if os.geteuid() != 0:
             raise WorkFailed(f"setting interfaces up needs root; run there: {' && '.join(lines)}")
@@ -129,7 +131,7 @@ def _persist(interfaces: list[Any], robot: Any, options: argparse.Namespace) -> 
         print_json({"ok": True, "files": files, "done": not options.dry_run})
     elif options.dry_run:
         for name, text in files.items():
-            print(f"# /{name}\n{text}")
+            say(f"# /{name}\n{text}")
     return 0
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from crux_contracts.node_services import number
 from crux_contracts.output_file import look_at_outputs, write_whole
+from crux_contracts.terminal import say
 
 from crux_tools.arguments import taught
 from crux_tools.can.image import (
@@ -99,8 +100,8 @@ def run_sign(options: argparse.Namespace) -> int:
         })  # fmt: skip
     else:
         places = ", ".join(f"0x{address:08X}" if address else "any slot" for address in addresses)
-        print(f"{options.output}: {options.kind} {version_text(version)} for {places}")
-        print(f"{len(data)} bytes, public key {public}")
+        say(f"{options.output}: {options.kind} {version_text(version)} for {places}")
+        say(f"{len(data)} bytes, public key {public}")
     return 0
 
 

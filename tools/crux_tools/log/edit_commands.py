@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from crux_contracts.terminal import in_a_line, say
+
 from crux_tools.arguments import taught
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
@@ -182,10 +184,11 @@ def run_info(options: argparse.Namespace) -> int:
     width = max(len(what) for what, _ in rows)
     last = ""
     for what, value in rows:
-        print(f"{'' if what == last else what:<{width}}  {value}")
+        say(f"{'' if what == last else what:<{width}}  {in_a_line(value)}")
         last = what
-    print(f"\n{'topic':<20} {'messages':>9} {'bytes':>11} {'from s':>9} {'to s':>9}  message")
+    say(f"\n{'topic':<20} {'messages':>9} {'bytes':>11} {'from s':>9} {'to s':>9}  message")
     for channel in found.channels:
         times = "" if channel.from_s is None else f"{channel.from_s:>9.3f} {channel.to_s:>9.3f}"
-        print(f"{channel.topic:<20} {channel.messages:>9} {channel.bytes:>11} {times:>19}  {channel.type}")
+        topic, kind = in_a_line(channel.topic), in_a_line(channel.type)
+        say(f"{topic:<20} {channel.messages:>9} {channel.bytes:>11} {times:>19}  {kind}")
     return 0

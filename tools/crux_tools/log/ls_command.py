@@ -7,6 +7,8 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crux_contracts.terminal import in_a_line, say
+
 from crux_tools.arguments import taught, whole
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json, progress
@@ -121,9 +123,10 @@ def run_ls(options: argparse.Namespace) -> int:
         print_json({"ok": True, "of": len(found), "logs": [asdict(entry) for entry in chosen]})
         return 0
     heads = ["begun (UTC)", "wall", "robot", "verdict", "slips", "margin", "faults", "note", "log"]
-    lines = [heads, *(_cells(entry, options.folder.resolve()) for entry in chosen)]
+    rows = (_cells(entry, options.folder.resolve()) for entry in chosen)
+    lines = [heads, *([in_a_line(cell) for cell in row] for row in rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(heads))]
     for line in lines:
-        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+        say("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
     note(f"{len(chosen)} of {len(found)} logs")
     return 0

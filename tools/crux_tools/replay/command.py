@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crux_contracts.terminal import say
+
 from crux_tools.arguments import positive, taught
 from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json
@@ -59,9 +61,9 @@ def _print_table(table: list[tuple[str, str]]) -> None:
     width = max(len(key) for key, _ in table)
     for key, value in table:
         first, *more = value.split("\n")
-        print(f"{key:<{width}}  {first}")
+        say(f"{key:<{width}}  {first}")
         for line in more:
-            print(f"{'':<{width}}  {line}")
+            say(f"{'':<{width}}  {line}")
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -85,17 +87,17 @@ def _check(options: argparse.Namespace) -> int:
         print_json(found.to_json() | {"ok": ok, "bus": None if bus is None else vars(bus)})
         return 0 if ok else 1
     if found.first_difference is not None:
-        print(f"differs: {found.first_difference}")
+        say(f"differs: {found.first_difference}")
     elif found.largest:
-        print(f"{found.cycles} cycles computed again: every state the same, numbers within {found.largest:.1e}")
+        say(f"{found.cycles} cycles computed again: every state the same, numbers within {found.largest:.1e}")
     else:
-        print(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
+        say(f"{found.cycles} cycles computed again: every output and state the same, bit for bit")
     if found.missing_cycle is not None:
-        print(f"cycle {found.missing_cycle} is not in the log: nothing from there on can be computed again")
+        say(f"cycle {found.missing_cycle} is not in the log: nothing from there on can be computed again")
     if bus is not None and bus.first_difference is not None:
-        print(f"differs: {bus.first_difference}")
+        say(f"differs: {bus.first_difference}")
     elif bus is not None:
-        print(f"{bus.frames} CAN frames checked again: every count of {HEALTH} comes out the same")
+        say(f"{bus.frames} CAN frames checked again: every count of {HEALTH} comes out the same")
     return 0 if ok else 1
 
 

@@ -6,6 +6,8 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+from crux_contracts.terminal import in_a_line
+
 from crux_tools.telemetry.summary import FaultNote, Summary, Wait
 
 
@@ -32,13 +34,13 @@ def judged(verdict: Any) -> list[str]:
     return [
         f"{verdict.slips or 'no'} slip{'' if verdict.slips == 1 else 's'} "
         f"(largest {verdict.largest_slip_m * 1e3:.2f} mm)",
-        f"a fall ({verdict.fall_reason})" if verdict.fell else "no fall",
+        f"a fall ({in_a_line(verdict.fall_reason)})" if verdict.fell else "no fall",
         *([] if verdict.log_complete else ["log incomplete"]),
     ]
 
 
 def _verdict(verdict: Any) -> str:
-    head = "climbed" if verdict.ok else f"failed: {verdict.reason}"
+    head = "climbed" if verdict.ok else f"failed: {in_a_line(verdict.reason)}"
     off = f"{verdict.goal_error_m * 1e3:.1f} mm and {math.degrees(verdict.goal_error_rad):.1f} deg off the goal"
     return f"{head}\n{off}, {', '.join(judged(verdict))}"
 
@@ -48,7 +50,7 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
     tracking = summary.tracking
     table = [("verdict", _verdict(SimpleNamespace(**summary.verdict)))] if summary.verdict else []
     table += [
-        ("plan", f"{summary.scenario or 'none'} ({(summary.plan_id or '–')[:12]})"),
+        ("plan", in_a_line(f"{summary.scenario or 'none'} ({(summary.plan_id or '–')[:12]})")),
         ("outcome", _outcome(summary)),
         ("duration", f"{summary.duration_s:.2f} s, {summary.cycles} control cycles"),
         ("states", "\n".join(f"{s.state} {s.from_s:.2f} … {s.to_s:.2f} s" for s in summary.states)),
