@@ -74,13 +74,13 @@ def test_every_kind_is_a_world_of_its_own(plan: Any) -> None:
 
 def test_ends_are_counted_by_whether_there_was_another_hold() -> None:
     def row(
-        ok: bool, has_other: bool, body_m: float = 0.01, stood_s: tuple[float, ...] = (), slips: int = 0
+        ok: bool, has_other: bool, fell: bool = False, stood_s: tuple[float, ...] = (), slips: int = 0
     ) -> dict[str, Any]:
-        climb = {"ok": ok and not slips, "reached_goal": ok, "slips": slips, "has_other": has_other}
+        climb = {"ok": ok and not slips, "reached_goal": ok, "fell": fell, "slips": slips, "has_other": has_other}
         guide = {"plans": len(stood_s), "stood_s": list(stood_s)}
-        return {"climb": {**climb, "tracking": {"body_m": body_m}, "guide": guide}}
+        return {"climb": {**climb, "guide": guide}}
 
-    rows = [row(True, True, stood_s=(1.0, 4.0)), row(False, True, body_m=0.3), row(True, False, slips=6)]
+    rows = [row(True, True, stood_s=(1.0, 4.0)), row(False, True, fell=True), row(True, False, slips=6)]
     assert line_of(rows) == {
         "climbs": 3, "at_goal": 2, "with_another_hold": 2, "of_these_at_goal": 1, "slipped": 1, "replanned": 1,
         "fell": 1, "stood_s": {"median": 2.5, "most": 4.0},

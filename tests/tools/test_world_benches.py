@@ -32,8 +32,14 @@ from crux_tools.cli import main
 from hand_plan import climbing_plan, standing_plan
 
 
-def row(verdict: str = "failed", reason: str = "", fell: bool = False, body_m: float = 0.002) -> dict[str, Any]:
-    return {"verdict": verdict, "reason": reason, "climb": {"fell": fell, "tracking": {"body_m": body_m}}}
+def row(
+    verdict: str = "failed", reason: str = "", fell: bool = False, body_m: float = 0.002, lost: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    return {
+        "verdict": verdict,
+        "reason": reason,
+        "climb": {"fell": fell, "lost_grips": list(lost), "tracking": {"body_m": body_m}},
+    }
 
 
 @pytest.fixture(scope="module")
@@ -182,18 +188,21 @@ def test_every_cause_is_a_fault_that_the_runtime_knows() -> None:
     assert causes <= {fault.name for fault in FAULT_BY_CODE.values()}
 
 
-def test_a_limb_off_its_hold_has_not_fallen_where_the_body_stays() -> None:
-    lost, thrown = row(fell=True, body_m=0.004), row(fell=True, body_m=0.2)
-    assert [ending_of(end, Fault("hold-breaks", "")).fell for end in (lost, thrown)] == [False, True]
-    assert ending_of(lost, Fault("ft-zero", "RF")).fell
+def test_a_fall_is_what_the_judge_calls_one_and_a_lost_grip_counts_where_the_fault_is_about_no_hold() -> None:
+    lost, thrown = row(body_m=0.0158, lost=("RF",)), row(fell=True, body_m=0.2, lost=("RF",))
+    for kind, counts in (("hold-breaks", False), ("ft-zero", True)):
+        ends = [ending_of(end, Fault(kind, "" if kind in LOSES_A_HOLD else "RF")) for end in (lost, thrown)]
+        assert [end.fell for end in ends] == [False, True]
+        assert [end.lost_grip for end in ends] == [counts, counts]
+    assert (worlds.fell(lost), worlds.lost_grip(lost)) == (False, True)
     ends = [ending_of(lost, Fault("hold-breaks", ""))]
     for grips_left in (3, 2):
         thrown["climb"]["grips_left"] = grips_left
         ends.append(ending_of(thrown, Fault("hold-breaks", "")))
     line = world_faults.line_of(ends)
     few = line.pop("few_grips")
-    assert line == {"climbs": 3, "at_goal": 0, "told": 0, "fell": 2, "most_body_m": 0.2}
-    assert few == {"climbs": 1, "at_goal": 0, "told": 0, "fell": 1, "most_body_m": 0.2}
+    assert line == {"climbs": 3, "at_goal": 0, "told": 0, "lost_grips": 0, "fell": 2, "most_body_m": 0.2}
+    assert few == {"climbs": 1, "at_goal": 0, "told": 0, "lost_grips": 0, "fell": 1, "most_body_m": 0.2}
 
 
 def test_grips_are_counted_in_physics_as_a_hold_breaks(plan: plan_t, tmp_path: Path) -> None:
@@ -210,4 +219,7 @@ def test_causes_are_counted_without_their_numbers() -> None:
     )
     assert worlds.cause_of(stopped) == "failed: 8 tracking_error"
     assert worlds.cause_of(row(reason="the body ended 14.0 mm off", fell=True)) == "failed, fell: no fault told"
+    assert (
+        worlds.cause_of(row(reason="the body ended 14.0 mm off", lost=("RF",))) == "failed, lost a grip: no fault told"
+    )
     assert worlds.cause_of(row(verdict="no plan", reason="no hold; more")) == "no plan: no hold"

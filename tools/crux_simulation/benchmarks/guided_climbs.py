@@ -22,7 +22,6 @@ from crux_tools.report.results import LOG_FILE, Row
 from crux_tools.report.statistics import Rate
 from crux_tools.telemetry import read_channels
 
-from crux_simulation.benchmarks.world_faults import FALL_M
 from crux_simulation.benchmarks.worlds import SCENES
 from crux_simulation.campaign.command import add_cluster_options
 from crux_simulation.campaign.job import ClimbJob, WorldFile
@@ -182,7 +181,6 @@ def line_of(rows: list[Row]) -> dict[str, Any]:
     climbs = [row["climb"] for row in rows]
     stood_s = [time_s for climb in climbs for time_s in climb.get("guide", {}).get("stood_s", [])]
     others = [climb for climb in climbs if climb["has_other"]]
-    body_m = [float((climb.get("tracking") or {}).get("body_m") or 0.0) for climb in climbs]
     return {
         "climbs": len(climbs),
         "at_goal": sum(bool(climb["reached_goal"]) for climb in climbs),
@@ -190,7 +188,7 @@ def line_of(rows: list[Row]) -> dict[str, Any]:
         "of_these_at_goal": sum(bool(climb["reached_goal"]) for climb in others),
         "slipped": sum(climb["slips"] > 0 for climb in climbs),
         "replanned": sum(climb.get("guide", {}).get("plans", 0) > 0 for climb in climbs),
-        "fell": sum(moved_m > FALL_M for moved_m in body_m),
+        "fell": sum(bool(climb["fell"]) for climb in climbs),
         "stood_s": {"median": float(np.median(stood_s)), "most": max(stood_s)} if stood_s else None,
     }
 

@@ -87,7 +87,6 @@ FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where
 START_S = 2.0  # of the climb: there the plan's time begins
 FOR_S = (0.3, 2.0)
 SHARE = (0.1, 0.8)  # of a core
-FALL_M = 0.100
 LEAST_GRIPS = 3  # left as a hold breaks; with fewer another limb was on its way
 FAULTS_FILE = "faults.yaml"
 
@@ -209,6 +208,8 @@ class Ending:
     kind: str
     climbed: bool
     fell: bool
+    lost_grip: bool
+    """by another limb than those whose hold the fault is about"""
     told: bool
     """by a fault that names the cause, and the limb it was on where it was on one; of the runtime: that very one, and
     where it died the nodes held the robot"""
@@ -218,12 +219,13 @@ class Ending:
 
 
 def ending_of(row: Row, fault: Fault) -> Ending:
-    """A limb that has lost its hold has not fallen where the body stays."""
+    """Of a campaign's row; what a fall and a lost grip are, the judge says."""
     climb: dict[str, Any] = row.get("climb", {})
     body_m = float((climb.get("tracking") or {}).get("body_m") or 0.0)
     few_grips = climb.get("grips_left", LEAST_GRIPS) < LEAST_GRIPS
-    fell = bool(climb.get("fell")) if fault.kind not in LOSES_A_HOLD else body_m > FALL_M
-    climbed = bool(climb.get("reached_goal")) and not climb.get("fell") and not climb.get("slips")
+    fell, lost_grip = bool(climb.get("fell")), bool(climb.get("lost_grips"))
+    climbed = bool(climb.get("reached_goal")) and not fell and not lost_grip and not climb.get("slips")
+    lost_grip = lost_grip and fault.kind not in LOSES_A_HOLD
     if fault.kind in OF_THE_RUNTIME:
         told = any(cause in row["reason"] for cause in OF_THE_RUNTIME[fault.kind].causes)
         told = told and climb.get("robot_on_wall") is True
@@ -231,7 +233,7 @@ def ending_of(row: Row, fault: Fault) -> Ending:
         faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])
         causes = IN_THE_WORLD[fault.kind].causes
         told = any(name in causes and (not fault.limb or limb == fault.limb) for name, limb in faults)
-    return Ending(fault.kind, climbed, fell, told, body_m, few_grips)
+    return Ending(fault.kind, climbed, fell, lost_grip, told, body_m, few_grips)
 
 
 def line_of(found: list[Ending]) -> dict[str, Any]:
@@ -241,6 +243,7 @@ def line_of(found: list[Ending]) -> dict[str, Any]:
         "climbs": len(found),
         "at_goal": sum(end.climbed for end in found),
         "told": sum(end.told for end in found),
+        "lost_grips": sum(end.lost_grip for end in found),
         "fell": sum(end.fell for end in found),
         "most_body_m": max(end.body_m for end in found),
     }
@@ -248,13 +251,14 @@ def line_of(found: list[Ending]) -> dict[str, Any]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when nothing fell, and every climb ended at the goal or with its cause told, of the right limb."""
+    """Exit status 0 when nothing fell nor lost a grip that was not the fault's, and every climb told the right cause or
+    ended at the goal."""
     from crux_simulation.campaign.engine import run_anew
 
     jobs = jobs_of(options.count, options.seed, options.kinds)
     rows = run_anew(jobs, options.output, options, "climbing with one fault")
     endings = [ending_of(row, draw_fault(row["seed"])) for row in rows if "climb" in row]
-    ok = all(not end.fell and (end.climbed or end.told) for end in endings)
+    ok = all(not end.fell and not end.lost_grip and (end.climbed or end.told) for end in endings)
     kinds: dict[str, list[Ending]] = defaultdict(list)
     for end in endings:
         kinds[end.kind].append(end)
@@ -262,10 +266,11 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json({"ok": ok, "count": options.count, "climbed": len(endings), "kinds": table})
         return 0 if ok else 1
-    note(f"{'fault':20} {'climbs':>6} {'at goal':>8} {'told':>5} {'fell':>5} {'body at most':>13}")
+    note(f"{'fault':20} {'climbs':>6} {'at goal':>8} {'told':>5} {'lost':>5} {'fell':>5} {'body at most':>13}")
     for kind, line in sorted(table.items()):
         body = f"{1e3 * line['most_body_m']:.1f} mm"
-        note(f"{kind:20} {line['climbs']:6} {line['at_goal']:8} {line['told']:5} {line['fell']:5} {body:>13}")
+        counts = " ".join(f"{line[name]:5}" for name in ("told", "lost_grips", "fell"))
+        note(f"{kind:20} {line['climbs']:6} {line['at_goal']:8} {counts} {body:>13}")
         if few := line.get("few_grips"):
             body = f"{1e3 * few['most_body_m']:.1f} mm"
             note(f"  of these with fewer than three grips left: {few['climbs']}, {few['fell']} fell, {body}")

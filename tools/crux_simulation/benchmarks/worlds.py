@@ -56,8 +56,13 @@ def fell(row: Row) -> bool:
     return bool(row.get("climb", {}).get("fell"))
 
 
+def lost_grip(row: Row) -> bool:
+    """A limb lost its hold in stance, whether the others held the robot or not."""
+    return bool(row.get("climb", {}).get("lost_grips"))
+
+
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when nothing fell and 97 % of the climbs ended at the goal."""
+    """Exit status 0 when nothing fell, no grip was lost and 97 % of the climbs ended at the goal."""
     from crux_simulation.campaign.engine import run_anew
     from crux_simulation.sim.world_file import read_world
 
@@ -65,14 +70,15 @@ def run(options: argparse.Namespace) -> int:
     look_at_folder("--output", options.output)
     world = WorldFile(spec.name, options.world.read_text(encoding="utf-8"))
     rows = run_anew(jobs_of(options.count, options.seed, world), options.output, options, "climbing in drawn worlds")
-    falls = sum(map(fell, rows))
+    falls, lost = sum(map(fell, rows)), sum(map(lost_grip, rows))
     at_goal = sum(row["verdict"] == CLIMBED for row in rows)
-    ok = falls == 0 and at_goal >= AT_GOAL_SHARE * options.count
+    ok = falls == 0 and lost == 0 and at_goal >= AT_GOAL_SHARE * options.count
     reasons = Counter(cause_of(row) for row in rows if row["verdict"] != CLIMBED)
     if options.json:
-        print_json({"ok": ok, "count": options.count, "climbed": at_goal, "fell": falls, "reasons": dict(reasons)})
+        found = {"climbed": at_goal, "fell": falls, "lost_grips": lost, "reasons": dict(reasons)}
+        print_json({"ok": ok, "count": options.count, **found})
         return 0 if ok else 1
-    note(f"at the goal without slip or fall {Rate(at_goal, options.count)}; {falls} fell")
+    note(f"at the goal without slip or fall {Rate(at_goal, options.count)}; {lost} lost a grip; {falls} fell")
     for reason, count in reasons.most_common():
         note(f"{count:5}  {reason}")
     note(f"results in {options.output}; crux report {options.output} -o FILE.html shows them")
@@ -83,4 +89,5 @@ def cause_of(row: Row) -> str:
     """Verdict and the first fault told, without its numbers."""
     reason = str(row["reason"]).split("; ")
     fault = next((part.split(": ")[1].split(",")[0] for part in reason if " s: " in part), "no fault told")
-    return f"{row['verdict']}{', fell' if fell(row) else ''}: {fault if row['verdict'] == FAILED else reason[0]}"
+    mishap = ", fell" if fell(row) else ", lost a grip" if lost_grip(row) else ""
+    return f"{row['verdict']}{mishap}: {fault if row['verdict'] == FAILED else reason[0]}"

@@ -105,9 +105,10 @@ class ClimbResult:
 
     @property
     def ok(self) -> bool:
-        """The robot reached the goal without a slip or a fall, and the log is complete."""
+        """The robot reached the goal without a slip, a lost grip or a fall, and the log is complete."""
         verdict = self.verdict
-        return verdict.reached_goal and not verdict.fell and verdict.slips == 0 and self.log_complete
+        went_well = verdict.reached_goal and not verdict.fell and not verdict.lost_grips and verdict.slips == 0
+        return went_well and self.log_complete
 
     def as_json(self) -> dict[str, Any]:
         """The object `crux climb --json` prints."""
@@ -116,6 +117,7 @@ class ClimbResult:
             "ok": self.ok,
             "reached_goal": verdict.reached_goal,
             "fell": verdict.fell,
+            "lost_grips": list(verdict.lost_grips),
             "slips": verdict.slips,
             "tracking": {
                 "body_m": tracking.body_max_m,
@@ -151,7 +153,8 @@ class ClimbResult:
         message.world = world
         message.ok, message.log_complete, message.reason = self.ok, self.log_complete, self.reason
         for name, value in vars(verdict).items():
-            setattr(message, name, value)
+            if hasattr(message, name):  # lost grips stand in the reason
+                setattr(message, name, value)
         return message
 
 
@@ -166,6 +169,7 @@ def _reason(outcome: Outcome, verdict: Verdict, faults: list[str]) -> str:
     parts += faults
     if verdict.fell:
         parts.append(verdict.fall_reason)
+    parts += [f"limb {limb} lost its hold in stance at {at_s:.1f} s" for limb, at_s in verdict.lost_grips.items()]
     if verdict.slips:
         parts.append(f"{verdict.slips} slips, the largest {verdict.largest_slip_m * 1e3:.1f} mm")
     if outcome.ending is Ending.COMPLETE and not verdict.reached_goal:

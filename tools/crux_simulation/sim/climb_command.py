@@ -128,11 +128,12 @@ def _amount(value: float | None, scale: float, digits: int = 1) -> str:
 
 def _print_summary(result: Any) -> None:
     verdict, tracking = result.verdict, result.tracking
+    lost = "".join(f", {limb} lost its hold" for limb in verdict.lost_grips)
     note(f"{'climbed' if result.ok else 'failed'}: {result.reason or 'the robot is at the goal'}")
     note(
         f"  goal      {verdict.goal_error_m * 1e3:.1f} mm off, {'reached' if verdict.reached_goal else 'not reached'}; "
         f"{verdict.slips} slips (largest {verdict.largest_slip_m * 1e3:.2f} mm), "
-        f"{'a' if verdict.fell else 'no'} fall"
+        f"{'a' if verdict.fell else 'no'} fall{lost}"
     )
     note(
         f"  tracking  body {_amount(tracking.body_max_m, 1e3)} mm max, {_amount(tracking.body_rms_m, 1e3)} mm rms; "
@@ -171,7 +172,7 @@ def _write_report(result: Any, log: Path, page: Path) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit status 0 when the robot reached the goal without slip or fall and the log is complete, 1 otherwise."""
+    """Exit status 0 when the robot is at the goal without slip, lost grip or fall, and the log is complete; else 1."""
     from crux_contracts.output_file import look_at_outputs, write_whole
     from crux_contracts.plan_file import read_plan
     from crux_tools.output import alone_with

@@ -1,4 +1,4 @@
-"""Judges a climb on what happened in physics. What a slip, a fall and the goal are stands in tools/README.md.
+"""Judges a climb on what happened in physics. What slip, lost grip, fall and goal are stands in tools/README.md.
 
 The verdict needs no log. The log adds how well the runtime's own references were tracked, in the cycles that are in it.
 """
@@ -42,7 +42,10 @@ class Verdict:
 
     reached_goal: bool
     fell: bool
+    """the body left its path; a robot that hangs on by its other limbs has not fallen"""
     fall_reason: str
+    lost_grips: dict[str, float]
+    """limbs that lost their hold in stance, and when [s]"""
     slips: int
     largest_slip_m: float
     goal_error_m: float
@@ -137,8 +140,10 @@ def _opened(truth: Truth, gone: Bools, soon: int) -> Bools:
     return opened
 
 
-def _falls(truth: Truth, plan: Any, robot: RobotModel, given_up: Collection[int] = ()) -> list[str]:
-    """What makes the run a fall; a hold that a limb of `given_up` loses does not."""
+def _mishaps(
+    truth: Truth, plan: Any, robot: RobotModel, given_up: Collection[int] = ()
+) -> tuple[list[str], dict[str, float]]:
+    """What makes the run a fall, and the grips lost in stance, but those of limbs in `given_up`."""
     dt_s = float(robot.model.opt.timestep)
     lost_samples = int(LOST_HOLD_S / (contact_period() * dt_s)) + 1
     time_s = truth.cycle * dt_s
@@ -162,11 +167,12 @@ def _falls(truth: Truth, plan: Any, robot: RobotModel, given_up: Collection[int]
         at_s = time_s[np.argmax(body_off)]
         reasons.append(f"the body was more than {FALL_M * 1e3:.0f} mm off its path at {at_s:.1f} s")
     without = off & stance & begun[:, None]
+    lost_at_s: dict[str, float] = {}
     for limb, name in enumerate(LIMB_NAMES):
         lost = long_runs(without[:, limb], lost_samples)
         if lost.any() and limb not in given_up:
-            reasons.append(f"limb {name} lost its hold in stance at {time_s[np.argmax(lost)]:.1f} s")
-    return reasons
+            lost_at_s[name] = float(time_s[np.argmax(lost)])
+    return reasons, lost_at_s
 
 
 def _legs(truth: Truth, legs: Sequence[tuple[int, Any]]) -> Iterator[tuple[Truth, Any, list[int]]]:
@@ -189,9 +195,11 @@ def judge(
     `robot` is the model it ran on, `complete` whether the last plan was played to its end, `further` the plans taken on
     the way and the cycles they were taken in. The goal is that of the first.
     """
-    reasons = [
-        reason for leg in _legs(truth, [(0, plan), *further]) for reason in _falls(leg[0], leg[1], robot, leg[2])
-    ]
+    found = [_mishaps(part, leg, robot, given_up) for part, leg, given_up in _legs(truth, [(0, plan), *further])]
+    reasons = [reason for falls, _ in found for reason in falls]
+    lost_grips: dict[str, float] = {}
+    for _, lost in found:
+        lost_grips = lost | lost_grips
     travels = pad_travel(truth, robot.face_hold, robot.robot.control.contact_force_N, robot.point_feet)
     slip_m = WALK_SLIP_M if robot.point_feet else SLIP_M
     goal_position, goal_rotation = goal_pose(plan)
@@ -201,6 +209,7 @@ def judge(
         reached_goal=complete and goal_error_m <= plan.goal_tolerance_m and goal_error_rad <= plan.goal_tolerance_rad,
         fell=bool(reasons),
         fall_reason="; ".join(reasons),
+        lost_grips=lost_grips,
         slips=sum(travel > slip_m for travel in travels),
         largest_slip_m=max(travels, default=0.0),
         goal_error_m=goal_error_m,
