@@ -1,9 +1,10 @@
 """The contact model: limit surface with micro-spines (1)-(3), bounds of the normal force, (4) the pair's equal load.
 
-A finger's wrench lies in the Minkowski sum of the friction cone (2) and the spine box (3). The box is a product of
-intervals centred at zero and the cone's section is an ellipsoid with the same axes, so the nearest point of the box is
-found component by component: w is in the sum if and only if shrinking |fx|, |fy| and |tz| by the box (not below zero)
-leaves a point in the cone. No polytope, no tolerance of a solver.
+Friction is judged by (2a), which lies inside both (2) and what a disc under even pressure bears. A finger's wrench lies
+in the Minkowski sum of that cone and the spine box (3). The box is a product of intervals centred at zero and the
+cone's section is symmetric about the same axes, so the nearest point of the box is found component by component: w is
+in the sum if and only if shrinking |fx|, |fy| and |tz| by the box (not below zero) leaves a point in the cone. No
+polytope, no tolerance of a solver.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,10 @@ from crux_planner.checker.geometry import Array
 from crux_planner.checker.plan_arrays import PlanArrays
 from crux_planner.checker.report import Findings
 
+DISC_POWER = 1.65
+"""Of (2a). With 2 it would be (2), whose combined shear and twist are up to 7.0 % more than a disc under even pressure
+bears; with this one it is up to 1.7 % less, and never more."""
+
 
 def cone_excess(
     shear_N: Array,
@@ -29,7 +34,8 @@ def cone_excess(
     spine_shear_N: Array,
     spine_twist_Nm: Array,
 ) -> Array:
-    """Newtons by which a wrench lies outside the cone, negative inside: sqrt(sx^2 + sy^2 + (t/k)^2) - mu fz.
+    """Newtons by which a wrench lies outside (2a), negative inside: (|s|^p + |t/k|^p)^(1/p) - mu fz, s and t being the
+    shear and the twist that spines leave, p = DISC_POWER.
 
     shear (..., 2), the others (...). With k = 0 (a point contact) any twist beyond the spines' is outside.
     """
@@ -37,7 +43,8 @@ def cone_excess(
     twist = np.maximum(np.abs(twist_Nm) - spine_twist_Nm, 0.0)
     point = patch_k_m <= 0.0
     twist_as_force = np.where(twist > tolerances.MOMENT_NM, np.inf, 0.0) if point else twist / patch_k_m
-    demand = np.sqrt((shear * shear).sum(axis=-1) + twist_as_force * twist_as_force)
+    sliding = np.sqrt((shear * shear).sum(axis=-1))
+    demand = (sliding**DISC_POWER + twist_as_force**DISC_POWER) ** (1.0 / DISC_POWER)
     return np.asarray(demand - friction * np.maximum(normal_N, 0.0))
 
 

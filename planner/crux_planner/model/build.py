@@ -38,6 +38,7 @@ PASSING_CLEARANCE_M = 0.01  # of palms and fingers among grippers and beside tal
 TIGHT_CLEARANCE_M = 0.018  # of an opening finger to its neighbours where they leave no more space
 LIFT_RESERVE_M = 0.006  # kept below the highest lift that the highest body allows, for a body that tilts
 FRICTION_MARGIN = 0.1  # share of the limit surface left unused
+MOST_FRICTION = 0.929  # share of (2) that a disc under even pressure bears whatever the load, as the check has it: (2a)
 EDGE_RESERVE_M = 0.002  # between the patch of an off-centre grasp and its face's edge
 TORQUE_MARGIN = 0.25  # share of the peak torques left unused at the knots, for what moves between them and for errors
 LEAST_TORQUE_MARGIN = 0.1  # the same where no plan leaves more: the check has the last word
@@ -93,7 +94,7 @@ def build_problem(
         shape=shape,
         swing=limits,
         weights=weights_of(scenario),
-        friction_share=1.0 - margins.get("friction", FRICTION_MARGIN),
+        friction_share=min(1.0 - margins.get("friction", FRICTION_MARGIN), MOST_FRICTION),
         limb_masses=tuple(limb_masses(robot, limb) for limb in robot.limbs),
         body_moment_kg_m=body_moment(robot),
         limb_radii_m=limb_radii_m(robot),

@@ -15,13 +15,13 @@ from .broken import DT, LF, LR, RF, RR, VALID, E, T, add, broken, finger_force, 
 
 
 def test_limit_surface_shear_and_twist_together() -> None:
-    """Amount: |(sx - 5, sy - 5, (t - 0.05)/k)| - mu fz with this test's own numbers."""
+    """Amount by (2a): (|(sx - 5, sy - 5)|^p + ((t - 0.05)/k)^p)^(1/p) - mu fz with this test's own numbers."""
     knot, limb = 4, LR
     force = finger_force(VALID, knot, limb, 2)
     moment = np.array(VALID.knots[knot].limbs[limb].finger_moment_w_nm[3:]) + 0.4 * E
     along, up, normal = abs(force @ T) + 30.0 * np.sign(abs(force @ T)), abs(force[2]), force @ -E
-    demand = [max(along - 5.0, 0.0), max(up - 5.0, 0.0), (abs(moment @ E) - 0.05) / synthetic.PATCH_K_M]
-    expected = float(np.linalg.norm(demand)) - 2.2 * normal
+    shear, turn = np.hypot(max(along - 5.0, 0.0), max(up - 5.0, 0.0)), (abs(moment @ E) - 0.05) / synthetic.PATCH_K_M
+    expected = float((shear**1.65 + turn**1.65) ** (1 / 1.65)) - 2.2 * normal
 
     def change(plan: plan_t) -> None:
         push(plan, knot, limb, 2, 30.0 * np.sign(force @ T) * T)

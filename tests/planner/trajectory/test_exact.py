@@ -11,7 +11,6 @@ import climb_by_ipopt
 import numpy as np
 import pytest
 from crux_contracts.robot import load_robot
-from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.model.build import build_problem
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Schedule
@@ -153,7 +152,7 @@ def test_the_stagewise_method_finds_what_ipopt_finds(name: str) -> None:
 
 
 def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[int, np.ndarray]]) -> float:
-    """Of any finger beyond the share of (1) that a plan may use, by the checker's closed form."""
+    """Of any finger beyond the share of (1) that a plan may use: what spines leave, in the ellipsoid (2)."""
     share, found = problem.friction_share, []
     for k, knot in enumerate(wrenches):
         for limb, (s1, s2, m, *normal) in knot.items():
@@ -161,12 +160,10 @@ def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[i
             assert held is not None
             contact = problem.contacts[held]
             for finger in (0, 1):
-                shear, _, twist = share * contact.spines[finger]
                 friction = share * contact.friction[finger] * contact.may_press[finger]
-                spines = {"spine_shear_N": np.array(shear), "spine_twist_Nm": np.array(twist)}
-                load = np.array([s1, s2]), np.array(m), np.array(normal[finger])
-                excess = cone_excess(*load, friction=friction, patch_k_m=problem.patch.k_m, **spines)
-                found.append(float(excess))
+                rest = np.maximum(np.abs([s1, s2, m]) - share * contact.spines[finger], 0.0)
+                rest[2] /= problem.patch.k_m
+                found.append(float(np.linalg.norm(rest)) - friction * normal[finger])
     return max(found)
 
 
