@@ -11,7 +11,13 @@ from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
 from crux_planner.checker.contact import check_contact
 from crux_planner.checker.dynamics import centre_of_mass, check_dynamics, check_feet_press, net_wrench
-from crux_planner.checker.equilibrium import check_between_knots, check_torques, shared_load, tumble_margin
+from crux_planner.checker.equilibrium import (
+    check_between_knots,
+    check_torques,
+    correction,
+    shared_load,
+    tumble_margin,
+)
 from crux_planner.checker.kinematics import check_kinematics
 from crux_planner.checker.limb_clearance import check_limb_clearance
 from crux_planner.checker.limb_model import load_model
@@ -56,7 +62,6 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     check_ends(plan, scenario, findings)
     report.friction_margin_N = check_limit_surface(plan, scenario, findings)
     loads = finger_loads(plan, scenario.wall.friction)
-    report.tumble_margin_m = tumble_margin(plan, loads, model.mass_kg)
 
     samples = feet = sample(plan)
     pad_radius_m = robot.gripper.pad_radius_m
@@ -68,12 +73,14 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     centre = centre_of_mass(samples, model, states)
     knots = np.searchsorted(samples.interval, np.arange(plan.n_knots - 1))
     check_dynamics(plan, centre[knots], model.mass_kg, model.inertia(states, 0), findings)
+    report.tumble_margin_m = tumble_margin(plan, loads, centre[knots], model.mass_kg)
     if point:
         window_s = FOOT_WINDOW * plan.dt_s
         inertial = net_wrench(samples, model, states, plan.gravity_w, window_s)
         check_feet_press(feet, inertial, window_s, findings)
     net = (feet.force.sum(axis=1), np.zeros_like(centre)) if point else None
     shared, left = shared_load(feet, centre, net, robot.control.twist_length_m)
+    report.correction = None if point else correction(feet, shared, centre)
     check_between_knots(plan, shared, left, loads, scenario, findings)
     shared = on_pads(shared, pad_radius_m) if point else shared
     report.largest_torque = check_torques(shared, motions, model, plan.gravity_w, findings)

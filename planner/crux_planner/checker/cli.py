@@ -19,8 +19,10 @@ EPILOG = """examples:
   crux check out/plan.mcap --json
   crux check out/proof.json --scenario msgs/scenarios/climb-four-holds.yaml
 
-what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics,
-joint speeds and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them
+what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics, joint speeds
+and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them. Friction is judged by
+(2a) of docs/mathematics.md: shear and twist together are at most what a disc under even pressure bears, which is up
+to 7 % less than (2) allows
 
 of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and
 robot: that there is no plan, or that no plan of as many steps that passes costs less than a bound, whatever its swings
@@ -123,12 +125,17 @@ def show(title: str, report: CheckReport, *, on_feet: bool) -> None:
         console.print(_joint_table(report.joints))
     if report.largest_torque is not None:
         console.print(_torque_line(report.largest_torque), soft_wrap=True)
+    if report.correction is not None:
+        lack = (
+            f"between the knots the wrenches lack up to {report.correction.moment_Nm:.2f} N m about the centre of mass"
+        )
+        console.print(f"{lack}: the controller adds up to {report.correction.force_N:.1f} N a gripper", soft_wrap=True)
     if report.friction_margin_N is not None:
         margin_N = round(report.friction_margin_N, 2) + 0.0
         squeeze = "" if on_feet else " with the plan's squeeze"
         console.print(f"least margin of the limit surface {margin_N:.2f} N{squeeze}")
     if report.tumble_margin_m is not None:
-        console.print(f"least tumble stability margin {report.tumble_margin_m:.3f} m")
+        console.print(f"least tumble stability margin about the centre of mass {report.tumble_margin_m:.3f} m")
     console.print(f"checked in {report.seconds:.2f} s")
 
 

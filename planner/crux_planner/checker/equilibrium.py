@@ -24,7 +24,7 @@ from crux_planner.checker.kinematics import LimbMotion, held_torque
 from crux_planner.checker.limb_model import WholeRobot
 from crux_planner.checker.limit_surface import FingerLoads
 from crux_planner.checker.plan_arrays import PlanArrays
-from crux_planner.checker.report import Findings, PeakTorque
+from crux_planner.checker.report import Correction, Findings, PeakTorque
 from crux_planner.checker.sampling import Samples
 
 
@@ -131,19 +131,20 @@ def _grasp_excess(plan: PlanArrays, samples: Samples, loads: FingerLoads, limb: 
     return np.asarray(np.maximum(np.maximum(*excess), beyond))
 
 
-def tumble_margin(plan: PlanArrays, loads: FingerLoads, mass_kg: float) -> float | None:
-    """Tumble stability margin min M_ab / (m g) [m] over knots and tumbling axes.
+def tumble_margin(plan: PlanArrays, loads: FingerLoads, centre_w_m: Array, mass_kg: float) -> float | None:
+    """Tumble stability margin min M_ab / (m g) [m] over knots 0..N-1 and tumbling axes.
 
     A tumbling axis runs through two contacts a, b in stance with all other grippers in stance on one side of it (in
-    the plane of the wall). M_ab is the moment about it of gravity, pressing positive, and of the pull off the wall
-    which the other grippers can hold with the planned normal forces: friction mu fz and spines of both fingers.
+    the plane of the wall). M_ab is the moment about it of gravity, which acts at the robot's centre of mass
+    `centre_w_m` (N, 3), pressing positive, and of the pull off the wall which the other grippers can hold with the
+    planned normal forces: friction mu fz and spines of both fingers.
     """
     weight = mass_kg * plan.gravity_w
     size = float(np.linalg.norm(weight))
     pull = np.where(loads.touching, loads.friction * np.maximum(loads.normal_N, 0.0) + loads.spine_shear_N, 0.0)
     pull = pull.sum(axis=2)[:-1].T
     feet = (plan.gripped | plan.on_wall)[:-1].T
-    place, body = plan.gripper_position[:-1].transpose(1, 2, 0), plan.body_position[:-1].T
+    place, centre = plan.gripper_position[:-1].transpose(1, 2, 0), centre_w_m.T
     best = np.inf
     for a, b in permutations(range(len(feet)), 2):
         edge = (place[b] - place[a])[:2]
@@ -155,7 +156,7 @@ def tumble_margin(plan: PlanArrays, loads: FingerLoads, mass_kg: float) -> float
         for c, arm in zip(others, arms, strict=True):
             is_edge &= ~feet[c] | (arm >= 0.0)
         # about the edge: positive presses the inner side towards the wall
-        gravity = -(cross(body - place[a], weight[:, None]) * axis).sum(axis=0)
+        gravity = -(cross(centre - place[a], weight[:, None]) * axis).sum(axis=0)
         holding = sum(np.where(feet[c], pull[c] * arm, 0.0) for c, arm in zip(others, arms, strict=True))
         best = min(best, float(np.where(is_edge, (gravity + holding) / size, np.inf).min()))
     return best if np.isfinite(best) else None
@@ -194,6 +195,14 @@ def shared_load(
     if net is not None:
         force = along_plane(samples.gripper_position, force)
     return replace(samples, force=force, moment=moment), left
+
+
+def correction(planned: Samples, shared: Samples, centre_w_m: Array) -> Correction:
+    """What the `planned` wrenches lack about the centre of mass (T, 3), and what the `shared` ones add to a gripper."""
+    arm = planned.gripper_position - centre_w_m[:, None, :]
+    moment = (np.cross(arm, planned.force) + planned.moment).sum(axis=1)
+    added = np.linalg.norm(shared.force - planned.force, axis=2)
+    return Correction(float(np.linalg.norm(moment, axis=1).max()), float(added.max()))
 
 
 def check_torques(

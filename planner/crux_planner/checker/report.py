@@ -61,6 +61,16 @@ class PeakTorque:
         return self.torque_Nm / self.effort_limit_Nm
 
 
+@dataclass(frozen=True)
+class Correction:
+    """The most that the controller adds to the blended wrenches between the knots of a climb."""
+
+    moment_Nm: float
+    """largest moment about the centre of mass that the blended wrenches lack, its norm"""
+    force_N: float
+    """largest change of a gripper's force that makes up for it, its norm"""
+
+
 @dataclass(repr=False)
 class CheckReport:
     """Outcome of `check_plan`."""
@@ -70,13 +80,16 @@ class CheckReport:
     worst: list[Violation] = field(default_factory=list)
     """one entry a constraint, the least satisfied first"""
     friction_margin_N: float | None = None
-    """N that the limit surface leaves the finger nearest to it at a knot; None: not checked so far"""
+    """N that the limit surface (2a) leaves the finger nearest to it at a knot; None: not checked so far"""
     tumble_margin_m: float | None = None
-    """least tumble stability margin, m; None: not checked so far, or without meaning for this stance"""
+    """least tumble stability margin about the centre of mass, m; None: not checked so far, or without meaning for this
+    stance"""
     joints: list[JointLoad] = field(default_factory=list)
     """largest loads of every joint, limb by limb"""
     largest_torque: PeakTorque | None = None
     """the joint torque nearest to its limit"""
+    correction: Correction | None = None
+    """what the controller adds between the knots; None: not checked so far, or on point feet"""
     seconds: float = 0.0
     """wall-clock time of the check"""
 

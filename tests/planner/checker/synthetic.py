@@ -146,7 +146,7 @@ def _knot(k: int, x: float, speed: np.ndarray) -> plan_knot_t:
     return knot
 
 
-def centre_of_mass(knot: plan_knot_t) -> np.ndarray:
+def centre_of_mass(knot: Any) -> np.ndarray:
     """Of the whole robot in W, with its grippers where the knot has them: inverse kinematics by pinocchio."""
     model, data = _robot()
     q = pin.neutral(model)

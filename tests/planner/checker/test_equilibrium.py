@@ -1,6 +1,8 @@
 """Between the knots: the correction balances, is the least one, and is refused where the holds cannot give it."""
 
 import copy
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -55,6 +57,32 @@ def test_the_correction_is_the_least_one() -> None:
     np.testing.assert_allclose(change, length * least[:, 3:] * samples.opening_axis[row], atol=1e-9)
 
 
+def test_the_report_says_what_the_controller_adds_between_the_knots() -> None:
+    """The moment of the blended wrenches about the centre of mass, which pinocchio has, at a fifth of the moments."""
+    samples, report = sample(arrays(VALID)), check_plan(VALID, ROBOT)
+    samples = replace(samples, **{field.name: getattr(samples, field.name)[::5] for field in fields(samples)})
+    centres = []
+    for row in range(len(samples.time_s)):
+        limbs = [
+            SimpleNamespace(
+                gripper_position_w_m=samples.gripper_position[row, limb],
+                gripper_yaw_w_rad=samples.gripper_yaw[row, limb],
+                finger_separation_m=2 * samples.opening[row, limb],
+            )
+            for limb in range(4)
+        ]
+        body = {"body_position_w_m": samples.body_position[row], "body_rpy_rad": samples.body_rpy[row]}
+        centres.append(synthetic.centre_of_mass(SimpleNamespace(**body, limbs=limbs)))
+    centre = np.array(centres)
+    lack = (np.cross(samples.gripper_position - centre[:, None], samples.force) + samples.moment).sum(axis=1)
+    force, _, _ = corrected_wrenches(samples, ROBOT.control.twist_length_m, centre, None)
+    assert report.correction is not None
+    moment_Nm, force_N = np.linalg.norm(lack, axis=1).max(), np.linalg.norm(force - samples.force, axis=2).max()
+    for found, some in ((report.correction.moment_Nm, moment_Nm), (report.correction.force_N, force_N)):
+        assert 0.1 < some <= found + 1e-6
+        assert found < 1.05 * some
+
+
 def test_a_wrench_blended_onto_a_limb_still_in_the_air() -> None:
     """LR lets go in the very knot in which RF lands: the blend towards that knot loads RF before it stands."""
 
@@ -88,6 +116,11 @@ def test_holds_too_weak_for_the_correction() -> None:
     assert {v.limb for v in found} == {"LF", "RF", "LR", "RR"}
 
 
+def centres(plan: plan_t) -> np.ndarray:
+    """(N, 3): the whole robot's, by pinocchio."""
+    return np.array([synthetic.centre_of_mass(knot) for knot in plan.knots[:-1]])
+
+
 def tumble(slope_deg: float) -> float:
     plan = synthetic.make_plan(slope_deg)
     read = arrays(plan)
@@ -97,24 +130,39 @@ def tumble(slope_deg: float) -> float:
     read = arrays(plan)
     loads = finger_loads(read, 0.6)
     without_spines = type(loads)(**{**vars(loads), "spine_shear_N": np.zeros_like(loads.spine_shear_N)})
-    margin = tumble_margin(read, without_spines, 9.6)
+    margin = tumble_margin(read, without_spines, centres(plan), synthetic.MASS_KG)
     assert margin is not None
     return margin
 
 
 def test_tumble_margin_without_any_pull_is_the_distance_to_the_support_edge() -> None:
-    """On the flat with empty hands: with RF in the air the edge runs from LF to RR, 20 mm of body motion across it."""
+    """On the flat with empty hands: of the centre of mass from the edge, from LF to RR while RF is in the air."""
     legs = {name: np.array(synthetic.HOLDS[name]) for name in ("a", "d")}
     edge = (legs["d"] - legs["a"]) / np.linalg.norm(legs["d"] - legs["a"])
     distances = []
     for knot in VALID.knots[synthetic.FIRST_AIR : synthetic.LAST_AIR + 1]:
-        body = np.array(knot.body_position_w_m[:2]) - legs["a"]
+        centre = synthetic.centre_of_mass(knot)[:2] - legs["a"]
         towards_lr = np.array(synthetic.HOLDS["c"]) - legs["a"]
         side = np.sign(edge[0] * towards_lr[1] - edge[1] * towards_lr[0])
-        distances.append(side * (edge[0] * body[1] - edge[1] * body[0]))
+        distances.append(side * (edge[0] * centre[1] - edge[1] * centre[0]))
     assert tumble(0.0) == pytest.approx(min(distances), abs=1e-9)
 
 
 def test_a_vertical_wall_tumbles_without_pull() -> None:
-    """Gravity acts body height away from the wall: M_ab/(m g) is that height (across the level edge of two holds)."""
-    assert tumble(90.0) == pytest.approx(-synthetic.BODY_Z_M + synthetic.PAD_Z_M, abs=1e-9)
+    """Gravity acts as far off the wall as the centre of mass is: M_ab/(m g) is that (across two level holds)."""
+    heights = centres(synthetic.make_plan(90.0))[:, 2]
+    assert np.ptp(heights) > 1e-3
+    assert tumble(90.0) == pytest.approx(synthetic.PAD_Z_M - heights.max(), abs=1e-9)
+
+
+def test_the_report_has_the_tumble_margin_about_the_centre_of_mass() -> None:
+    """Limbs have mass of their own: about the origin of the body the margin would be 4 mm more."""
+    report = check_plan(VALID, ROBOT)
+    read = arrays(VALID)
+    loads = finger_loads(read, 0.6)
+    about_mass = tumble_margin(read, loads, centres(VALID), synthetic.MASS_KG)
+    about_origin = tumble_margin(read, loads, read.body_position[:-1], synthetic.MASS_KG)
+    assert report.tumble_margin_m == pytest.approx(about_mass, abs=1e-6)
+    assert about_mass is not None
+    assert about_origin is not None
+    assert abs(about_mass - about_origin) > 0.003
