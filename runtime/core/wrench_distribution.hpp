@@ -1,5 +1,6 @@
-// Equilibrium at the true centre of mass: the plan balances a point mass at the body's origin, the real robot's limbs
-// carry mass of their own. The smallest correction of the planned wrenches that makes them hold the real robot.
+// Equilibrium about the robot's centre of mass. A plan balances it at the knots; between them its wrenches blend while
+// body and limbs move on, and the real robot is not quite where the plan has it. The smallest correction of the planned
+// wrenches that makes them hold the robot as it stands.
 #pragma once
 
 #include "core/geometry.hpp"
