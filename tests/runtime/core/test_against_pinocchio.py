@@ -27,7 +27,7 @@ def test_limb_equals_pinocchio(limb: int) -> None:
     angles = random.uniform(model.lowerPositionLimit[columns], model.upperPositionLimit[columns], (SAMPLES, 6))
 
     lines = "\n".join(" ".join(f"{angle:.17g}" for angle in row) for row in angles)
-    answer = subprocess.run([VECTORS, str(limb)], input=lines, capture_output=True, text=True, check=True)
+    answer = subprocess.run([VECTORS, "limb", str(limb)], input=lines, capture_output=True, text=True, check=True)
     printed = np.array([line.split() for line in answer.stdout.splitlines()], dtype=float)
     assert printed.shape == (SAMPLES, 3 + 9 + 36 + 6)
 

@@ -1,0 +1,57 @@
+"""The page itself: every equation has a test, every symbol one meaning, and its figures are those of the code."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import load_scenario
+from crux_tools.paths import ROOT
+from shared_plans import SharedPlans
+
+PAGE = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+DISPLAYED = re.findall(r"\$\$(.+?)\$\$", PAGE, re.DOTALL)
+
+
+def test_every_displayed_equation_has_a_number_and_a_test() -> None:
+    numbered = [re.match(r"\\text\{\((\w+)\)\} \\quad ", shown) for shown in DISPLAYED]
+    assert [shown for shown, number in zip(DISPLAYED, numbered, strict=True) if number is None] == []
+    numbers = [number[1].lower() for number in numbered if number]
+    assert len(numbers) == len(set(numbers)) > 25
+    tested: set[str] = set()
+    for path in Path(__file__).parent.glob("test_*.py"):
+        tested |= set(re.findall(r"^def test_equation_([0-9a-z]+)_", path.read_text(encoding="utf-8"), re.MULTILINE))
+    assert tested == set(numbers)
+
+
+def test_every_number_that_the_text_has_is_displayed() -> None:
+    """(8), (9), (10) and (19) stand for all their parts."""
+    shown = set(re.findall(r"\\text\{\((\w+)\)\}", PAGE)) | {"8", "9", "10", "19"}
+    assert set(re.findall(r"\((C?\d+[a-c]?)\)", re.sub(r"\$[^$]*\$", "", PAGE))) <= shown
+
+
+def test_every_symbol_is_in_the_notation_once() -> None:
+    notation = PAGE[PAGE.index("## Notation") : PAGE.index("## Contact")]
+    rows = re.findall(r"^\| (\$.+?) \| .* \|$", notation, re.MULTILINE)
+    symbols = [symbol for row in rows for symbol in re.findall(r"\$([^$]+)\$", row)]
+    assert len(symbols) == len(set(symbols)) > 60
+    greek = "lambda|tau|theta|omega|psi|alpha|beta|gamma|mu|sigma|kappa|eta|delta|epsilon|rho|zeta|xi|nu|varphi|chi"
+    known = re.compile(rf"\\(?:{greek}|Delta|ell)(?![a-z])")
+    used = {symbol for shown in DISPLAYED for symbol in known.findall(shown)}
+    assert len(used) > 15
+    assert {symbol for symbol in used if symbol not in " ".join(symbols)} == set()
+
+
+def test_the_figures_between_the_knots_are_those_of_the_shipped_climb(planned: SharedPlans) -> None:
+    robot = load_robot("scaler")
+    report = planned(load_scenario(ROOT / "msgs" / "scenarios" / "climb-four-holds.yaml"), robot).check
+    said = re.search(r"lacks up to ([\d.]+) N m, and the controller adds up to ([\d.]+) N to", PAGE)
+    assert said
+    assert report.correction is not None
+    assert [f"{report.correction.moment_Nm:.1f}", f"{report.correction.force_N:.1f}"] == list(said.groups())
+    words = r"largest speed, ([\d.]+) m/s, for \$dt\$ = (\d) s, its weight makes a moment of ([\d.]+) N m"
+    speed = re.search(words, PAGE)
+    assert speed
+    assert float(speed[1]) == robot.body.max_speed_m_s
+    assert f"{robot.total_mass_kg * 9.81 * float(speed[1]) * float(speed[2]):.1f}" == speed[3]
