@@ -164,7 +164,7 @@ def largest_excess_N(problem: Problem, schedule: Schedule, wrenches: list[dict[i
                 rest = np.maximum(np.abs([s1, s2, m]) - share * contact.spines[finger], 0.0)
                 rest[2] /= problem.patch.k_m
                 found.append(float(np.linalg.norm(rest)) - friction * normal[finger])
-    return max(found)
+    return float(max(found))
 
 
 def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
