@@ -233,7 +233,7 @@ def _show(result: PlanResult, output: Path) -> None:
         less = 100 * (1 - result.nominal_cost / result.cost)
         say(f"holds for all of the scenario's uncertainty; the same contacts cost {less:.0f} % less without it")
     if margin is not None:
-        pressed = " with the plan's squeeze, as J's forces; the robot presses so or harder"
+        pressed = " with the planned squeeze; the controller squeezes at least this hard"
         squeeze = "" if is_walk(result.plan) else pressed
         say(f"least margin of the limit surface {round(margin, 2) + 0.0:.2f} N{squeeze}")
 

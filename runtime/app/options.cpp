@@ -143,7 +143,7 @@ usage: crux-runtime [options]
   --overwrite       replace the log that is there already
   --log-frames      the CAN frames of every cycle into the log as well, not
                     of the seconds around a fault alone
-  --note TEXT       words of yours for the log; crux log ls and crux report
+  --note TEXT       note to store in the log; crux log ls and crux report
                     show them
   --tag KEY=VALUE   something the log is to say of itself; may be repeated
   --version         prints version and commit

@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser = subparsers.add_parser(
         "key",
-        help="your key, by which a runtime knows you",
+        help="manage your signing key",
         **taught(text, "crux key new", "crux key show >> keys", "crux key show --role watch --name wall-display"),
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)

@@ -135,7 +135,7 @@ def _climb_lines(status: status_t) -> list[str]:
 def status_lines(status: status_t | None) -> list[str]:
     """What `crux status` prints below the state."""
     if status is None:
-        return ["it tells nothing of its nodes and faults: of an older crux, or its message was lost"]
+        return ["no node or fault status: older crux version, or message lost"]
     lines = ["INSECURE: whoever reaches LCM commands it; for tests and simulations"] if status.insecure else []
     if status.lease_holder:
         lines.append(f"{in_a_line(status.lease_holder)} commands it, for {status.lease_s:.0f} s more")

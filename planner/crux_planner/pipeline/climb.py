@@ -44,7 +44,7 @@ def plan(session: Session, worker: Worker, prove_s: float | None = None) -> Plan
     """
     scenario, work = session.scenario, session.work
     if scenario.start.air:
-        expected = "expected none: Planner.plan plans from there"
+        expected = "not supported here; use Planner.plan"
         raise wrong(scenario, "start.air", ", ".join(scenario.start.air), expected)
     with work.part("problem", 0.0):
         problem = build_problem(scenario, session.robot)

@@ -67,7 +67,7 @@ class ClimbOptions:
     commands: str = "each"
     """CAN frames of the commands: each (one a node) or broadcast (one for all)"""
     world: World | None = None
-    """what the physics has otherwise than plan and robot description say"""
+    """how the simulated world differs from the plan and the robot description"""
     guide: bool = False
     """plans again where the robot holds for a cause that planning can mend"""
     calibrate: bool = False

@@ -38,7 +38,7 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
         "--world",
         type=Path,
         metavar="WORLD.yaml",
-        help="what the physics has otherwise than the plan says: holds, robot, sensors, pushes; neither plan nor "
+        help="how the simulated world differs from the plan: holds, robot, sensors, pushes; neither plan nor "
         "runtime know of it (docs/worlds.md has the keys, tools/worlds examples)",
     )
     parser.add_argument(
@@ -81,7 +81,7 @@ def add_parser(subparsers: Any) -> None:
         help="a CAN frame for each node, or one for all nodes of a bus, as 1 kHz needs it (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
+        "--seed", type=whole(0), default=0, metavar="N", help="seed for sensor noise and bias (default: %(default)s)"
     )
     parser.add_argument(
         "--faults",
@@ -114,7 +114,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _add_log_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
+    parser.add_argument("--note", default="", metavar="TEXT", help="note to store in the log; crux log ls shows it")
     parser.add_argument(
         "--log-frames",
         action="store_true",

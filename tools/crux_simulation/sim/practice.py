@@ -20,10 +20,10 @@ from crux_simulation.sim.loop import UNKNOWN, Ending, Loop, WorldClock
 if TYPE_CHECKING:
     from crux_contracts.robot import Robot
 
-_DESCRIPTION = """A robot to practise with: crux-runtime, 28 firmware nodes on CAN over UDP and the robot of PLAN.mcap
-in physics on that plan's wall, by the clock. A hand carries the robot until the runtime has taken over a plan. The
-operator's commands find it as they find a robot: in another terminal crux status, upload, start, hold, reverse,
-guide. It ends by crux shutdown --force or Ctrl-C; the log is the one that the runtime writes on a robot."""
+_DESCRIPTION = """Simulates a robot to practise with: crux-runtime, 28 firmware nodes on CAN over UDP, and the robot of
+PLAN.mcap on that plan's wall in real-time physics. The robot is supported externally until the runtime takes control.
+Operator commands find it as they find a robot: in another terminal run crux status, upload, start, hold, reverse or
+guide. It ends with crux shutdown --force or Ctrl-C. The log is the one that the runtime writes on a robot."""
 _EXAMPLES = (
     "crux sim out/plan.mcap -o out/practice.mcap &",
     "crux status",
@@ -37,19 +37,17 @@ def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux sim`."""
     from crux_tools.operator_link import DEFAULT_URL
 
-    parser = subparsers.add_parser(
-        "sim", help="a robot to practise with: runtime, nodes and physics", **taught(_DESCRIPTION, *_EXAMPLES)
-    )
+    parser = subparsers.add_parser("sim", help="simulate a robot to practise with", **taught(_DESCRIPTION, *_EXAMPLES))
     parser.add_argument("plan", type=Path, metavar="PLAN.mcap", help="a plan: its wall, its robot and where it begins")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG.mcap", help="the runtime's log")
     parser.add_argument(
         "--lcm", default=DEFAULT_URL, metavar="URL", help="LCM URL of the runtime (default: %(default)s)"
     )
     parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="N", help="of sensor noise and bias (default: %(default)s)"
+        "--seed", type=whole(0), default=0, metavar="N", help="seed for sensor noise and bias (default: %(default)s)"
     )
     parser.add_argument(
-        "--world", type=Path, metavar="WORLD.yaml", help="what the physics has otherwise than the plan says"
+        "--world", type=Path, metavar="WORLD.yaml", help="how the simulated world differs from the plan"
     )
     parser.add_argument(
         "--world-seed", type=whole(0), default=0, metavar="N", help="of the numbers that the world draws"
@@ -57,7 +55,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--keys", type=Path, metavar="FILE", help="who may command it, as crux-runtime --keys (default: everybody)"
     )
-    parser.add_argument("--note", default="", metavar="TEXT", help="words of yours for the log; crux log ls shows them")
+    parser.add_argument("--note", default="", metavar="TEXT", help="note to store in the log; crux log ls shows it")
     parser.set_defaults(func=run)
 
 

@@ -35,7 +35,7 @@ def run_note(options: argparse.Namespace) -> int:
 
     text = " ".join(options.text.split())
     if not text:
-        raise UsageError("TEXT: is empty, right is a note of a word at least")
+        raise UsageError("TEXT is empty; give at least one word")
     if not is_log(read_channels(options.log, {STATE_TOPIC})):
         raise LogError(f"{options.log}: no channel {STATE_TOPIC} in it: this is not a telemetry log")
     said = {"note": text, "written_utc": datetime.now(UTC).isoformat()}

@@ -21,12 +21,11 @@ def add_parser(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "preflight",
-        help="is this machine fit to be the robot's computer?",
+        help="check whether this machine is fit to run a robot",
         **taught(
-            "Looks at the kernel, processors and their sleep, permissions, clock, disk, heat, LCM and CAN, and "
-            "measures for a minute how late a program at the runtime's priority is woken. Says what to do where "
-            "something is not good. Exit status 1 when something is bad: do not climb then. Run it as the user "
-            "who runs crux-runtime.",
+            "Checks the kernel, processors and their sleep states, permissions, clock, disk, heat, LCM and CAN, "
+            "and measures for a minute the wake-up latency at the runtime's priority. Says what to do about each "
+            "problem. Exit status 1: something is bad, do not climb. Run it as the user who runs crux-runtime.",
             "crux preflight",
             "crux preflight --seconds 5 --no-can",
         ),

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 _DESCRIPTION = """Writes one self-contained HTML page about a plan (from crux plan) or a climb (the log from crux climb
 or from the robot): the verdict, the cause of every fault, pictures of the robot on the wall, gait, planned and measured
 wrenches, limit-surface margins, tracking, grasp forces, joint torques and heat, timing of the control cycle and the
-scenario. Slips and falls are told of a climb in simulation, whose log has what happened in physics. Of two logs: both
-verdicts, and what differs. Of a campaign's folder: rates with their 95 % intervals, by walls, world and method, its
-failures with pictures, and --against another one. Needs no network."""
+scenario. For simulated climbs, slips and falls are reported. For two logs: both verdicts, and what differs. For a
+campaign's folder: rates with their 95 % intervals, by walls, world and method, its failures with pictures, and the
+comparison --against another one. Needs no network."""
 _EXAMPLES = (
     "crux report out/plan.mcap -o out/plan.html",
     "crux report out/climb.mcap -o out/climb.html --picture out/climb.png",
