@@ -5,7 +5,7 @@ The blended wrenches of a stance give accelerations between those of the knots (
 but do not balance the moments: the body is not where either knot had it. The controller shares the load anew about the
 centre of mass, by the wrenches of the limbs in stance. So the check is not that the residual is zero but that a
 correction exists: the least change of forces and of twists about the finger axes, shared by load, that balances the
-moment; with it every finger's demand must stay inside the exact limit surface for some normal force up to the plan's
+moment; with it every finger's demand must stay inside the limit surface (2a) for some normal force up to the plan's
 limit, and no joint be asked for more than it has. The squeeze may rise: the grasp force controller sets it from the
 demand.
 """

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+from crux_contracts.cost_weights import CLIMB, WALK
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
+from crux_planner.checker.limit_surface import DISC_POWER
+from crux_planner.model.build import MOST_FRICTION
+from crux_planner.physics.limit_surface import SMOOTHING_N
 from crux_tools.paths import ROOT
 from shared_plans import SharedPlans
 
@@ -55,3 +60,18 @@ def test_the_figures_between_the_knots_are_those_of_the_shipped_climb(planned: S
     assert speed
     assert float(speed[1]) == robot.body.max_speed_m_s
     assert f"{robot.total_mass_kg * 9.81 * float(speed[1]) * float(speed[2]):.1f}" == speed[3]
+
+
+def test_numbers_of_the_page_are_those_of_the_code() -> None:
+    """Weights of J, and of (2) and (2a)."""
+    for name in ("position", "orientation", "velocity", "wrench", "lift", "opening", "switching"):
+        said = re.search(rf"`{name}`(?: \$= -\\\w+ =\$)? ([\d.]+(?:⁻⁴)?)", PAGE)
+        assert said, name
+        assert float(said[1].replace("10⁻⁴", "1e-4")) == getattr(CLIMB, name)
+    walks = re.search(r"Walks have other default weights: (.+?)\.\s", PAGE)
+    assert walks
+    different = {name: float(value) for name, value in re.findall(r"`(\w+)` ([\d.]+)", walks[1])}
+    assert replace(CLIMB, **different) == WALK
+    assert f"no more than {100 * MOST_FRICTION:.1f} % of it" in PAGE
+    assert f"{{1/{DISC_POWER}}} \\le" in PAGE
+    assert f"({SMOOTHING_N}\\ \\text{{N}})^2" in PAGE
