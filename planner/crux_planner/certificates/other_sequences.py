@@ -97,7 +97,7 @@ def _converged(program: StanceMip) -> tuple[float, list[Array]]:
 class _Judge:
     def __init__(self, costs: EventCost, timed: Timed, value: float, deadline: float) -> None:
         self.costs, self.best, self.value, self.deadline = costs, timed, value, deadline
-        self.steps = int(timed.stances.sum() + timed.swings.sum())
+        self.steps = timed.knots
         estimate = costs.estimate(timed)
         self.cost = np.inf if estimate is None else estimate.cost
         self.found, self.judged, self.least = False, 0, 1.0
@@ -143,7 +143,7 @@ class _Judge:
         """What is known in the end."""
         timed = self.best
         if self.found:
-            timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING) or timed
+            timed = improve(self.costs, timed.moves, self.deadline, self.costs.work + _RETIMING, self.steps) or timed
         return OtherSequences(timed, tuple(self.moves), self.found, self.least, self.judged, self.steps)
 
 

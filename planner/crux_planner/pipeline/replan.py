@@ -26,7 +26,7 @@ from crux_planner.pipeline.message import PlanResult
 from crux_planner.pipeline.remaining_plan import RemainingPlan, read_remaining
 from crux_planner.pipeline.restart import rewritten, scenario_at, stance_knot
 from crux_planner.pipeline.session import Session, Work
-from crux_planner.pipeline.solve_and_check import Climb, finish, in_time, path_to_goal, solve_and_check
+from crux_planner.pipeline.solve_and_check import SPARE_KNOTS, Climb, finish, in_time, path_to_goal, solve_and_check
 from crux_planner.search.stances import ANY, Oracles, SearchReport, search
 from crux_planner.search.torque_limits import TorqueLimits
 from crux_planner.solvers import clock
@@ -37,7 +37,6 @@ TIME_LIMIT_S = 10.0
 FIRST_LOOK = (20.0, 1.0)  # stances, and more a knot: ways of a level body that are not found so soon are searched last
 TURNING_LOOKS = 6400  # at moves, for the searches that choose headings
 _SLACK_M = 1e-3
-SPARE_KNOTS = (0, 6)  # beyond what is needed: a body less hurried where the check refuses the first
 
 
 class Planner:

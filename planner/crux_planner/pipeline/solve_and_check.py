@@ -21,7 +21,7 @@ from crux_planner.pipeline.session import RefusedWay, Session
 from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smooth_events
 from crux_planner.search.equilibrium import StaticEquilibrium
 from crux_planner.search.event_cost import EventCost, Timed
-from crux_planner.search.improve import improve
+from crux_planner.search.improve import improve, improve_in_fewest
 from crux_planner.search.schedule import at_knots, least_durations, scheduled
 from crux_planner.search.stances import Oracles
 from crux_planner.trajectory.exact import solve_within_torques
@@ -30,6 +30,7 @@ from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import PACES, without_waiting
 
 FAR_CUTS = 1  # times that a plan which uses all of the reach is mended before limbs keep to their boxes instead
+SPARE_KNOTS = (0, 6)  # beyond those that moves need: a body less hurried where the check refuses the first
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
 
 
@@ -45,6 +46,7 @@ class _Choice:
     problem: Problem
     timed: Timed | None
     by_mip: bool = False
+    spare: int | None = None  # knots beyond those that moves need which are not timed; None: all of the horizon
 
 
 def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleError:
@@ -53,7 +55,7 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
     with work.part("improve", 0.3):
         costs = EventCost(climb)
         level = moves and not as_given.turns  # its estimates are of a level body that takes steps
-        timed = improve(costs, moves, climb.deadline) if level else None
+        timed, unsure = _improved(climb, costs, moves) if level else (None, False)
     with work.part("mip", 0.35):
         bounded = work.bound is not None  # where there is no time for a bound, as a robot waits, there is none for this
         others = look_at_others(costs, timed, climb.deadline) if timed is not None and bounded else None
@@ -67,39 +69,59 @@ def solve_and_check(climb: Climb, moves: list[Move]) -> PlanResult | InfeasibleE
         if not isinstance(failure, HorizonError) or same or failures[1:]:
             return None
         failures.clear()  # the check may forgive what was foreseen
-        return _Choice(as_given, None)
+        return replace(choice, problem=as_given, timed=None)
 
     def slower(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
         if not isinstance(failure, TooFast):
             return None
-        return _Choice(replace(choice.problem, speed_limits=failure.speed_limits), None)
+        return replace(choice, problem=replace(choice.problem, speed_limits=failure.speed_limits), timed=None)
 
     def as_searched(choice: _Choice, _failure: InfeasibleError) -> _Choice | None:
         if not choice.by_mip:
             return None
         failures.clear()
-        return _Choice(problem, timed)
+        return replace(first, timed=timed, by_mip=False)
 
     def untimed(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
         return None if choice.timed is None or isinstance(failure, HorizonError) else replace(choice, timed=None)
 
-    first = _Choice(problem, timed)
+    def roomier(choice: _Choice, failure: InfeasibleError) -> _Choice | None:
+        if choice.spare is None or isinstance(failure, HorizonError):
+            return None
+        more = [spare for spare in SPARE_KNOTS if spare > choice.spare]
+        return replace(choice, spare=more[0] if more else None)
+
+    def made(choice: _Choice) -> PlanResult | InfeasibleError:
+        return _schedule_and_finish(replace(climb, problem=choice.problem), choice.timed, moves, choice.spare)
+
+    first = _Choice(problem, timed, spare=None if climb.scenario.planner.idle == "keep" else SPARE_KNOTS[0])
     if others is not None and others.found:
-        first = _Choice(problem, others.timed, by_mip=True)
-    result, made_of = attempts(
-        first,
-        lambda choice: _schedule_and_finish(replace(climb, problem=choice.problem), choice.timed, moves),
-        (as_searched, as_unforeseen, slower, untimed),
-        failures,
-        most=SLOWINGS + (timed is not None) + first.by_mip,
-        until=climb.deadline,
-    )
+        first = replace(first, timed=others.timed, by_mip=True)
+    most = SLOWINGS + (timed is not None) + first.by_mip + (0 if first.spare is None else len(SPARE_KNOTS))
+    remedies = (as_searched, as_unforeseen, slower, untimed, roomier)
+    result, made_of = attempts(first, made, remedies, failures, most=most, until=climb.deadline)
     if result is not None:
         result.others = None if others is None else replace(others, found=made_of.by_mip)
-        return result
+        return _cheaper(result, made(replace(first, timed=None))) if unsure and made_of.timed is not None else result
     short = [failure for failure in failures if isinstance(failure, HorizonError)]
     work.refused.append(RefusedWay((short or failures)[0], partial(_in_steps, climb, moves)))
     return failures[0]
+
+
+def _cheaper(plan: PlanResult, other: PlanResult | InfeasibleError) -> PlanResult:
+    if not isinstance(other, PlanResult) or other.cost >= plan.cost:
+        return plan
+    other.others = None if plan.others is None else replace(plan.others, found=False)
+    return other
+
+
+def _improved(climb: Climb, costs: EventCost, moves: list[Move]) -> tuple[Timed | None, bool]:
+    """The moves or cheaper ones near them, timed, N among what is decided where a plan need not wait; and whether the
+    moves as they are may be cheaper.
+    """
+    if climb.scenario.planner.idle == "keep":
+        return improve(costs, moves, climb.deadline), False
+    return improve_in_fewest(costs, _quickest(climb, moves), climb.deadline)
 
 
 def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> PlanResult | InfeasibleError:
@@ -109,17 +131,22 @@ def _in_steps(climb: Climb, moves: list[Move], steps: int, deadline: float) -> P
     swings = {(move.before[limb], move.after[limb]) for move in moves for limb in move.limbs}
     if any(climb.swings.swing(*swing) is None for swing in swings):
         return InfeasibleError("passage", "a swing of these moves was found wrong, and there is no other")
-    scenario, problem = rewritten(climb.scenario, steps=steps), replace(climb.problem, steps=steps)
     silent = replace(climb.work, log=lambda _line: None, bound=None)
-    return solve_and_check(replace(climb, scenario=scenario, problem=problem, work=silent, deadline=deadline), moves)
+    longer = replace(climb, scenario=rewritten(climb.scenario, steps=steps))
+    return solve_and_check(replace(_over(longer, steps), work=silent, deadline=deadline), moves)
 
 
-def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -> PlanResult | InfeasibleError:
+def _schedule_and_finish(
+    climb: Climb, timed: Timed | None, moves: list[Move], spare: int | None
+) -> PlanResult | InfeasibleError:
     with climb.work.part("body", 0.4):
         try:
             if timed is None:
+                if spare is not None:
+                    climb = _over(climb, min(climb.problem.steps, least_steps(climb, moves) + spare))
                 schedule = evenly(climb, moves)
             else:
+                climb = _over(climb, timed.knots)
                 schedule = at_knots(climb.problem, climb.swings, timed.moves, timed.stances, timed.swings)
         except HorizonError as too_short:
             return too_short
@@ -128,6 +155,11 @@ def _schedule_and_finish(climb: Climb, timed: Timed | None, moves: list[Move]) -
         text = f"no body path for the gait {gait(schedule)}: reach and equilibrium do not meet in time"
         return InfeasibleError("body", text).blaming(longest(climb.problem, schedule.moves))
     return finish(replace(climb, problem=aimed), schedule, start_from_path(aimed, path, schedule.yaw_rad))
+
+
+def _over(climb: Climb, steps: int) -> Climb:
+    """The same climb, of so many of the horizon's steps."""
+    return replace(climb, problem=replace(climb.problem, steps=steps))
 
 
 def evenly(climb: Climb, moves: list[Move]) -> Schedule:
@@ -139,10 +171,14 @@ def evenly(climb: Climb, moves: list[Move]) -> Schedule:
 
 def least_steps(climb: Climb, moves: list[Move]) -> int:
     """Steps that the moves need, with the body where it has short ways."""
-    problem = climb.problem
+    return _quickest(climb, moves).knots
+
+
+def _quickest(climb: Climb, moves: list[Move]) -> Timed:
+    """The moves over the steps that they need."""
+    problem, moves = climb.problem, smooth_events(climb, moves)
     step = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
-    durations = least_durations(problem, climb.swings, smooth_events(climb, moves), step)
-    return int(sum(part.sum() for part in durations))
+    return Timed(moves, *least_durations(problem, climb.swings, moves, step))
 
 
 def in_time(climb: Climb, moves: list[Move], spare: int = 0) -> tuple[Climb, Schedule]:

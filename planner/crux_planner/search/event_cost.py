@@ -5,6 +5,8 @@ stance carry it in static balance. What a stance on all four limbs costs hardly 
 computed once a stance. Good enough to rank candidates at a few milliseconds each; the exact NLP has the last word.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -43,6 +45,21 @@ class Timed:
     moves: list[Move]
     stances: Array
     swings: Array
+
+    @property
+    def knots(self) -> int:
+        """Of the whole climb, the one at its start left out."""
+        return int(self.stances.sum() + self.swings.sum())
+
+    def same(self, other: Timed | None) -> bool:
+        """Whether the same limbs go to the same contacts at the same knots."""
+        return other is not None and all(
+            (
+                [(move.limbs, move.after) for move in self.moves] == [(move.limbs, move.after) for move in other.moves],
+                np.array_equal(self.stances, other.stances),
+                np.array_equal(self.swings, other.swings),
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -97,7 +114,7 @@ class EventCost:
         self.problem, self.equilibrium = problem, equilibrium
         self.reach, self.swings = oracles.reachable, oracles.swings
         self.work = 0  # counted in nodes looked at; one that is solved counts for `_SOLVED` of them
-        self._step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
+        self.step_m = SPEED_SHARE * problem.body.max_speed_m_s * problem.dt_s
         self._effort = np.array([2.0, 2.0, 2.0 / problem.patch.k_m**2, 0.5, 2.0, 0.0])
         self._directions, _ = polytope_directions(problem.patch.k_m)
         unit = self._directions * np.array([1.0, 1.0, problem.patch.k_m])
@@ -326,7 +343,7 @@ class EventCost:
             qp.squares(both[:, None], np.ones((6, 1)), np.tile(goal, 2), weights.position * count / 2)
             speed = weights.velocity / (count * dt**2)
             qp.squares(both.reshape(2, 3).T, _MINUS_PLUS, np.zeros(3), speed)
-            qp.below(_BOTH_WAYS, both, np.full(6, count * self._step_m))
+            qp.below(_BOTH_WAYS, both, np.full(6, count * self.step_m))
 
 
 def _taken_over(nodes: list[_Node], near: Estimate | None) -> tuple[Array, Array, Flags]:

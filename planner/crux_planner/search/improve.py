@@ -16,10 +16,12 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
+from crux_planner.search.schedule import least_durations
 from crux_planner.solvers import clock
 
 WORK = 80_000  # of EventCost, at most
 _LEAST_GAIN = 2e-4  # of J, as a share of it
+_UNSURE = 0.02  # of J, by which estimates may be wrong
 _FARTHEST = 5  # places by which a step moves in the order
 _OTHERS = 3  # contacts tried instead of one
 _LAST_STANCE = 2  # knots at least
@@ -36,27 +38,59 @@ class _Best:
     estimate: Estimate
 
 
-def improve(costs: EventCost, moves: list[Move], deadline: float, work: int = WORK) -> Timed | None:
-    """Timed moves of lower J; None where even the moves given leave no body path with all spare time in one stance.
+def improve(
+    costs: EventCost, moves: list[Move], deadline: float, work: int = WORK, steps: int | None = None
+) -> Timed | None:
+    """Timed moves of lower J over `steps` knots, the problem's unless told; None where even the moves given leave no
+    body path with all spare time in one stance.
 
     It ends after so much `work` and at `deadline` (of clock.now).
     """
-    return _Improvement(costs, deadline, work).run(moves)
+    return _Improvement(costs, deadline, work, steps or costs.problem.steps).run(moves)
+
+
+def improve_in_fewest(costs: EventCost, quickest: Timed, deadline: float) -> tuple[Timed | None, bool]:
+    """Timed moves of low J (6) over as many knots as make it least, since J sums over them; and whether the `quickest`
+    are as cheap, for all that the estimates say.
+
+    The moves are improved over the knots that they need at least and over the problem's; what then waits is left out,
+    and the rest improved again, until nothing waits.
+    """
+    found: list[tuple[float, Timed]] = []
+    fits = quickest.knots <= costs.problem.steps
+    for steps in dict.fromkeys((quickest.knots, costs.problem.steps) if fits else (costs.problem.steps,)):
+        timed, last = improve(costs, quickest.moves, deadline, costs.work + WORK, steps), np.inf
+        while timed is not None and (estimate := costs.estimate(timed)) is not None and estimate.cost < last:
+            last = estimate.cost
+            found.append((last, timed))
+            moving = _without_waits(costs, timed)
+            if moving.knots == timed.knots:
+                break
+            timed = improve(costs, timed.moves, deadline, costs.work + WORK, moving.knots)
+    least, best = min(found, key=lambda each: each[0], default=(np.inf, None))
+    plain = costs.estimate(quickest) if fits else None
+    return best, plain is not None and plain.cost < (1.0 + _UNSURE) * least and not quickest.same(best)
 
 
 def retimed(costs: EventCost, steps: Steps, before: Timed) -> Timed | None:
     """Other steps, with the stances of others as far as they fit; None where a way, a reach, time or the goal lacks."""
-    among = _Improvement(costs, np.inf, 0)
+    among = _Improvement(costs, np.inf, 0, before.knots)
     moves = among.moves(steps)
     return None if moves is None else among.as_before(moves, before)
+
+
+def _without_waits(costs: EventCost, timed: Timed) -> Timed:
+    """The same moves, with stances no longer than the body needs for its way."""
+    stances, _ = least_durations(costs.problem, costs.swings, timed.moves, costs.step_m)
+    return replace(timed, stances=np.minimum(stances, timed.stances))
 
 
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
 
 
 class _Improvement:
-    def __init__(self, costs: EventCost, deadline: float, work: int) -> None:
-        self.costs, self.deadline, self.work = costs, deadline, work
+    def __init__(self, costs: EventCost, deadline: float, work: int, steps: int) -> None:
+        self.costs, self.deadline, self.work, self.knots = costs, deadline, work, steps
         self.problem, self.reach, self.swings = costs.problem, costs.reach, costs.swings
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
@@ -202,7 +236,7 @@ class _Improvement:
         stances = np.ones(len(moves) + 1, dtype=int)
         stances[-1] = _LAST_STANCE
         swings = [max(self.swings.intervals(m.before[limb], m.after[limb]) for limb in m.limbs) for m in moves]
-        return stances, np.array(swings, dtype=int), self.problem.steps - int(stances.sum()) - sum(swings)
+        return stances, np.array(swings, dtype=int), self.knots - int(stances.sum()) - sum(swings)
 
     def _quick(self, moves: list[Move], where: int) -> Timed | None:
         """As quick as can be, all spare time in stance `where`."""

@@ -108,8 +108,10 @@ def test_a_joint_that_the_check_finds_too_weak_gives_less_in_the_next_attempt(
     content = two_rows(slope_deg=70.0) | {"planner": {"margins": {"torque": 0.0}}}
     result = unproven(scenario(content), weak_robot(lambda _, full_Nm: 0.6 * full_Nm), log=lines.append)
     assert result.check.ok
-    (mended,) = [line for line in lines if "fails the check" in line]  # and its own next attempt passes
-    assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.1\d* N m \w\w_joint\d; once more with less", mended)
+    refused = [line for line in lines if "fails the check" in line]
+    assert refused
+    for line in refused:  # by the improved timing or by the quickest; the next attempt of each passes
+        assert re.search(r"joint_torque\w* of \w\w at \d+\.\d s by 0\.\d* N m \w\w_joint\d; once more with less", line)
 
 
 def test_only_the_joints_that_lack_torque_are_eased_and_none_that_has_nothing_to_give(robot: Robot) -> None:
