@@ -14,6 +14,8 @@ from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import limb_knot_t, plan_t, status_t
+from crux_planner.model.arrays import Array
+from crux_simulation.benchmarks.world_faults import START_S
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
@@ -24,8 +26,7 @@ from crux_tools.telemetry.reader import Channels, read_channels
 from shared_plans import SharedPlans
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
-BREAKS_S = 10.0
-RR, TRACK, CLOSE = 3, 1, 6
+RF, RR, TRACK, CLOSE = 1, 3, 1, 6
 IDLE, READY, CLIMBING, HOLDING = 0, 1, 2, 3
 
 
@@ -36,17 +37,31 @@ def plan(planned: SharedPlans) -> plan_t:
     return made
 
 
-def guided(plan: plan_t, log: Path, holds: str) -> tuple[ClimbResult, Channels]:
+@pytest.fixture(scope="module")
+def in_stance_s(plan: plan_t) -> float:
+    """A time [s] at which all limbs are in stance: early in the plan's first interval."""
+    return START_S + plan.knots[1].time_s / 4
+
+
+def phases(channels: Channels) -> tuple[Array, Array]:
+    """Times [s] (n) and what the limbs do then (n, 4)."""
+    phase = channels.tables["/limb_reference"]["phase"].reshape(-1, 4)
+    time_s = channels.tables["/robot_state"]["time_s"]
+    return time_s[np.arange(len(phase)) * len(time_s) // len(phase)], phase
+
+
+def guided(plan: plan_t, log: Path, hold: str, breaks_s: float) -> tuple[ClimbResult, Channels]:
+    holds = f"{{{hold}: {{breaks_at_s: {breaks_s}}}}}"
     world = parse_world(f"version: 1\nname: test\nholds: {holds}\n".encode()).draw(0, plan)
     result = climb(plan, load_robot("scaler"), log, ClimbOptions(world=world, guide=True))
     return result, read_channels(log)
 
 
 def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
-    plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    plan: plan_t, in_stance_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "log.mcap"
-    result, channels = guided(plan, log, f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    result, channels = guided(plan, log, "right-rear-low", in_stance_s)
     said = capsys.readouterr().err
     assert result.ok, result.reason
     assert result.verdict.goal_error_m < 0.006
@@ -68,18 +83,21 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
 
 
 def test_fingers_that_close_when_another_hold_breaks_are_waited_for(plan: plan_t, tmp_path: Path) -> None:
-    result, channels = guided(plan, tmp_path / "log.mcap", "{left-rear-low: {breaks_at_s: 25.0}}")
+    climb(plan, load_robot("scaler"), tmp_path / "whole.mcap", ClimbOptions())
+    time_s, phase = phases(read_channels(tmp_path / "whole.mcap"))
+    closing_s = time_s[np.argmax(phase[:, RF] == CLOSE)] + 0.3  # of some 1.1 s, after which it only waits
+    result, channels = guided(plan, tmp_path / "log.mcap", "left-rear-low", closing_s)
     state = channels.tables["/robot_state"]
-    broke = state["time_s"][np.argmax((state["supervisor_state"] == HOLDING) & (state["time_s"] > BREAKS_S))]
-    phases = channels.tables["/limb_reference"]["phase"].reshape(-1, 4)
-    assert phases[int(np.searchsorted(state["time_s"], broke) * len(phases) / len(state)), 1] == CLOSE
+    holds_s = state["time_s"][np.argmax((state["supervisor_state"] == HOLDING) & (state["time_s"] > closing_s))]
+    time_s, phase = phases(channels)
+    assert phase[np.searchsorted(time_s, holds_s), RF] == CLOSE
     assert result.ok, result.reason
     assert result.guide is not None
     assert result.guide["plans"] == 1
 
 
 def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(
-    plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    plan: plan_t, in_stance_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = yaml.safe_load(plan.scenario_yaml)
     high = next(hold for hold in content["holds"] if hold["name"] == "right-rear-high")
@@ -87,19 +105,19 @@ def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(
     lonely = plan_t.decode(plan.encode())
     lonely.scenario_yaml = yaml.safe_dump(content)
     lonely.plan_id = plan_id(lonely)
-    result, channels = guided(lonely, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    result, channels = guided(lonely, tmp_path / "log.mcap", "right-rear-low", in_stance_s)
     said = capsys.readouterr().err
     assert not result.ok
     assert "no way to the goal" in said
     assert "the robot stays where it is" in said
     assert len(channels.messages["/plan"]) == 1
     truth = channels.tables["/truth/body"]
-    stands = truth["position_w_m"][truth["cycle"] > BREAKS_S * 500]
+    stands = truth["position_w_m"][truth["cycle"] > in_stance_s * 500]
     assert np.ptp(stands, axis=0).max() < 0.02
 
 
 def test_without_the_guide_in_mid_plan_the_plan_is_finished(
-    plan: plan_t, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plan: plan_t, in_stance_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     attend, looks = Guide.attend, list[Attended]()
 
@@ -110,7 +128,7 @@ def test_without_the_guide_in_mid_plan_the_plan_is_finished(
         return looks[-1]
 
     monkeypatch.setattr(Guide, "attend", once)
-    result, _ = guided(plan, tmp_path / "log.mcap", f"{{right-rear-low: {{breaks_at_s: {BREAKS_S}}}}}")
+    result, _ = guided(plan, tmp_path / "log.mcap", "right-rear-low", in_stance_s)
     assert looks[-1] is Attended.STARTED
     assert result.ok, result.reason
 

@@ -19,6 +19,7 @@ from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
 from crux_msgs import command_t, plan_t, robot_state_t
+from crux_simulation.benchmarks.world_faults import START_S
 from crux_simulation.sim.climb import ClimbOptions, plant_of
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.loop import START_CYCLE
@@ -32,7 +33,7 @@ from crux_tools.replay.recompute import recompute
 from shared_plans import SharedPlans
 
 SCENE = Path(__file__).parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
-WORLD = b"version: 1\nname: test\nholds: {right-rear-low: {breaks_at_s: 10.0}}\n"
+WORLD = "version: 1\nname: test\nholds: {{right-rear-low: {{breaks_at_s: {at_s}}}}}\n"
 PATIENCE_S = 600.0  # the machine may be busy
 GOAL_M = 0.01
 
@@ -75,7 +76,7 @@ class Terminal:
 
 @dataclass
 class Climb:
-    """A robot whose hold breaks after some seconds; `link` is another operator's."""
+    """A robot whose hold breaks in the first stance; `link` is another operator's."""
 
     plant: Plant
     link: OperatorLink
@@ -100,7 +101,8 @@ class Climb:
 @contextmanager
 def climbing(plan: plan_t, log: Path) -> Iterator[Climb]:
     """Runtime, nodes and physics in lockstep over UDP; physics is a thread of this process."""
-    robot, world = load_robot("scaler"), parse_world(WORLD).draw(0, plan)
+    breaks_s = START_S + plan.knots[1].time_s / 4  # all limbs are in stance
+    robot, world = load_robot("scaler"), parse_world(WORLD.format(at_s=breaks_s).encode()).draw(0, plan)
     plant = plant_of(plan, robot, ClimbOptions(world=world))
     with ExitStack() as stack:
         ports = stack.enter_context(run_ports())

@@ -90,7 +90,7 @@ def mishaps(plan: Any, breaks: bool) -> list[Mishap]:
     found, start = list[Mishap](), {limb.hold for limb in plan.knots[0].limbs}
     grasps = (yaml.safe_load(plan.scenario_yaml)["goal"].get("grasps") or {}).values()
     wanted = {k for k, hold in enumerate(plan.holds) if hold.name in [grasp["hold"] for grasp in grasps]}
-    for k, knot in enumerate(plan.knots[1:-1], start=1):
+    for k, knot in enumerate(plan.knots[:-1]):
         held = [limb.hold for limb in knot.limbs]
         if min(held) < 0:
             continue
