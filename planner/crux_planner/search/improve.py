@@ -53,23 +53,33 @@ def improve_in_fewest(costs: EventCost, quickest: Timed, deadline: float) -> tup
     """Timed moves of low J (6) over as many knots as make it least, since J sums over them; and whether the `quickest`
     are as cheap, for all that the estimates say.
 
-    The moves are improved over the knots that they need at least and over the problem's; what then waits is left out,
-    and the rest improved again, until nothing waits.
+    The moves as they are, and as they are best over all of the problem's knots, are improved over as few as they may
+    take, then over one more each time, for as long as that is cheaper.
     """
-    found: list[tuple[float, Timed]] = []
-    fits = quickest.knots <= costs.problem.steps
-    for steps in dict.fromkeys((quickest.knots, costs.problem.steps) if fits else (costs.problem.steps,)):
-        timed, last = improve(costs, quickest.moves, deadline, costs.work + WORK, steps), np.inf
-        while timed is not None and (estimate := costs.estimate(timed)) is not None and estimate.cost < last:
-            last = estimate.cost
-            found.append((last, timed))
-            moving = _without_waits(costs, timed)
-            if moving.knots == timed.knots:
+    most, until = costs.problem.steps, costs.work + WORK
+    fits = quickest.knots <= most
+    over_all = improve(costs, quickest.moves, deadline, until, most)
+    starts = [quickest.moves, *([] if over_all is None else [over_all.moves])]
+    best, least = over_all, np.inf
+    for moves in starts if fits else starts[1:]:
+        last = np.inf
+        for steps in range(least_knots(costs, moves), most + 1):
+            timed = improve(costs, moves, deadline, until, steps)
+            if timed is None:
+                continue
+            estimate = costs.estimate(timed)
+            if estimate is None or estimate.cost >= last:
                 break
-            timed = improve(costs, timed.moves, deadline, costs.work + WORK, moving.knots)
-    least, best = min(found, key=lambda each: each[0], default=(np.inf, None))
+            last = estimate.cost
+            if last < least:
+                best, least = timed, last
     plain = costs.estimate(quickest) if fits else None
     return best, plain is not None and plain.cost < (1.0 + _UNSURE) * least and not quickest.same(best)
+
+
+def least_knots(costs: EventCost, moves: list[Move]) -> int:
+    """Knots that moves take if the body has none to wait for."""
+    return costs.problem.steps - _Improvement(costs, np.inf, 0, costs.problem.steps).spare(moves)
 
 
 def retimed(costs: EventCost, steps: Steps, before: Timed) -> Timed | None:
@@ -77,12 +87,6 @@ def retimed(costs: EventCost, steps: Steps, before: Timed) -> Timed | None:
     among = _Improvement(costs, np.inf, 0, before.knots)
     moves = among.moves(steps)
     return None if moves is None else among.as_before(moves, before)
-
-
-def _without_waits(costs: EventCost, timed: Timed) -> Timed:
-    """The same moves, with stances no longer than the body needs for its way."""
-    stances, _ = least_durations(costs.problem, costs.swings, timed.moves, costs.step_m)
-    return replace(timed, stances=np.minimum(stances, timed.stances))
 
 
 Neighbours = Callable[[_Best], Iterator[tuple[Steps, Timed]]]
@@ -237,6 +241,10 @@ class _Improvement:
         stances[-1] = _LAST_STANCE
         swings = [max(self.swings.intervals(m.before[limb], m.after[limb]) for limb in m.limbs) for m in moves]
         return stances, np.array(swings, dtype=int), self.knots - int(stances.sum()) - sum(swings)
+
+    def spare(self, moves: list[Move]) -> int:
+        """Knots beyond those that swings and stances take."""
+        return self._least(moves)[2]
 
     def _quick(self, moves: list[Move], where: int) -> Timed | None:
         """As quick as can be, all spare time in stance `where`."""

@@ -90,7 +90,7 @@ def test_the_body_alone_moves_where_all_of_the_reach_lets_it(robot: Robot, monke
     assert chosen.steps < near.steps
     assert chosen.cost < 0.5 * near.cost
     assert chosen.gap is not None
-    assert chosen.gap < 0.2  # 0.28 where the bound takes the body at a knot to be anywhere
+    assert chosen.gap < 0.18  # 0.22 where the centre of mass at start and goal is as anywhere, 0.28 where the body is
 
 
 def test_of_the_reach_and_the_boxes_the_cheaper_plan_counts(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
