@@ -16,7 +16,6 @@ from crux_planner.model.arrays import Array
 from crux_planner.model.schedule import Move, Stance, stance_after
 from crux_planner.physics.reachable_set import goal_contacts
 from crux_planner.search.event_cost import Estimate, EventCost, Timed
-from crux_planner.search.schedule import least_durations
 from crux_planner.solvers import clock
 
 WORK = 80_000  # of EventCost, at most

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
-from crux_contracts.scenario import Scenario, load_scenario
+from crux_contracts.scenario import Scenario, load_scenario, parse_scenario
+from crux_planner import Planner
 from crux_planner.pipeline.message import PlanResult
+from crux_simulation.benchmarks.random_walls import random_ladder
 from shared_plans import SharedPlans, unproven
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
@@ -18,10 +20,34 @@ SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
 
 def of_scene(name: str, robot: Robot, plan: Callable[[Scenario, Robot], PlanResult]) -> tuple[Scenario, PlanResult]:
     scenario = load_scenario(SCENES / f"{name}.yaml")
+    return scenario, no_dearer_than_quick(scenario, robot, plan)
+
+
+def no_dearer_than_quick(
+    scenario: Scenario, robot: Robot, plan: Callable[[Scenario, Robot], PlanResult] = unproven
+) -> PlanResult:
+    """The plan, which costs no more than what the quick mode finds."""
     result = plan(scenario, robot)
     assert result.ok
     assert result.check.violations == []
-    return scenario, result
+    quick = Planner(scenario, robot).plan()
+    assert quick.ok
+    assert result.cost <= quick.cost + 1e-6
+    return result
+
+
+@pytest.mark.parametrize(
+    "name", ["climb-one-step", "climb-turned", pytest.param("climb-long", marks=pytest.mark.sweep)]
+)
+def test_a_scene_that_other_tests_climb_costs_no_more_than_the_quick_plan(name: str, robot: Robot) -> None:
+    of_scene(name, robot, unproven)
+
+
+@pytest.mark.parametrize("seed", [103, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(1, 51))])
+def test_a_random_wall_costs_no_more_than_the_quick_plan(seed: int, robot: Robot) -> None:
+    """With two rungs to climb or three, as the seed is even or odd, on slopes from 45 to 90 degrees."""
+    text = random_ladder(seed, rungs=5 + seed % 2, slope_deg=(45.0, 60.0, 75.0, 90.0)[seed // 2 % 4])
+    no_dearer_than_quick(parse_scenario(text), robot)
 
 
 @pytest.mark.parametrize("name", ["climb-diagonal", "climb-four-holds", "climb-vertical", "climb-overhang"])
