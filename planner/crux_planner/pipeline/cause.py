@@ -184,6 +184,8 @@ def _place(climb: Climb, found: _Found, way: list[Move]) -> str | None:
             query = Query(move.support, *each, move.lift_off, stance)
             if balance.position(*query) is None:
                 short = balance.missing_force(move.support, *each, stance)
+                if short == np.inf:
+                    return f"{where}: no balance found"
                 return f"{where}: " + (f"short by {short:.1f} N" if short > LACKING_N else _weak(climb, found, query))
     return None
 

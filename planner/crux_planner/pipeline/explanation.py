@@ -38,8 +38,8 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
             raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
     stance = problem.start_contacts
     at = problem.start.position_m
-    if equilibrium.position(stance, at, at, at) is None:
-        lacking = equilibrium.missing_force(stance, at, at)
+    no_balance = equilibrium.position(stance, at, at, at) is None
+    if no_balance and LACKING_N < (lacking := equilibrium.missing_force(stance, at, at)) < np.inf:
         text = f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
         cure = "give the grasped faces more friction, or the body another place"
         raise wrong(scenario, "start.grasps", _stance_text(problem, stance), f"{text}; {cure}")
@@ -183,7 +183,9 @@ def _lift_unbalanced(
 
 
 def _unbalanced(where: str, lacking_N: float) -> InfeasibleError:
-    """By friction, or by joint torques where friction lacks nothing."""
+    """By friction, or by joint torques where friction lacks nothing; inf is not known."""
+    if lacking_N == np.inf:
+        return InfeasibleError("equilibrium", f"{where}: none was found")
     if lacking_N < LACKING_N:
         return InfeasibleError("torque", f"{where}: the joints are too weak for what friction would hold")
     return InfeasibleError("equilibrium", f"{where}: friction and spines fall short by {lacking_N:.1f} N")

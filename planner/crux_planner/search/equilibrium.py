@@ -93,7 +93,8 @@ class StaticEquilibrium(StaticBalance):
     def missing_force(
         self, support: tuple[int, ...], low: Array, high: Array, grippers: tuple[int, ...] | None = None
     ) -> float:
-        """Least force [N] that balance lacks for body positions in [low, high]; `grippers` as in `position`.
+        """Force [N] that balance lacks at least for body positions in [low, high], as multipliers show it; inf where
+        nothing was found. `grippers` as in `position`.
 
         Moments count over `MOMENT_ARM_M`, about the middle of the contacts.
         """
@@ -108,8 +109,9 @@ class StaticEquilibrium(StaticBalance):
         matrix, right = self._balance(support, grippers)
         weighted, target = about_middle @ matrix, about_middle @ right
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
-        found = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS).solve()
-        return float(np.linalg.norm(weighted @ found.x - target)) if found.solved else float("inf")
+        qp = Qp(cost, -weighted.T @ target, None, (rows, None, bounds), low, high, **_SETTINGS)
+        found = qp.solve()
+        return qp.constraints.shown_distance(weighted, target, found) if found.solved else float("inf")
 
     def _least_norm_fits(self, support: tuple[int, ...], position: Array, grippers: tuple[int, ...]) -> bool:
         if support not in self._least_norm:

@@ -6,6 +6,7 @@ linear about a given motion. Climbs and walks add their own rows and costs.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,4 +90,4 @@ class CentroidalQp:
         ).solve()
         multipliers = np.zeros(self.right.size)
         multipliers[keep] = found.multipliers
-        return QpSolution(found.x, multipliers.reshape(self.right.shape), True) if found.solved else None
+        return replace(found, multipliers=multipliers.reshape(self.right.shape)) if found.solved else None

@@ -43,16 +43,19 @@ class PoseProgram:
     high: Array
 
     def solve(self) -> tuple[float, Array]:
-        """Least distance [m] by which all reach must grow for a pose to exist (not positive: none), and that x."""
+        """Distance [m] by which all reach must grow at least for a pose to exist (not positive: none), and where that
+        leads. The multipliers show it, not the solver's word.
+        """
         n = len(self.low) + 1
         cost, linear = _REGULAR * np.eye(n), np.zeros(n)
         linear[-1] = 1.0
         rows = np.column_stack([self.rows, -(np.arange(len(self.rows)) < self.reach).astype(float)])
         low, high = np.append(self.low, -1.0), np.append(self.high, 10.0)
-        found = Qp(cost, linear, None, (rows, None, self.right), low, high, eps_abs=1e-7, max_iter=100).solve()
+        qp = Qp(cost, linear, None, (rows, None, self.right), low, high, eps_abs=1e-7, max_iter=100)
+        found = qp.solve()
         if not found.solved:
             return 0.0, (self.low + self.high) / 2  # nothing shown
-        return float(found.x[-1]), found.x[:-1]
+        return qp.constraints.shown_least(linear, found.multipliers, found.of_rows), found.x[:-1]
 
 
 class GoalPoses:

@@ -250,11 +250,11 @@ class RelaxedBalance:
         cost = weighted.T @ weighted + 1e-9 * np.eye(n)
         for _ in range(_ROUNDS):
             mixed, below = (shares, np.ones(len(support))), (rows, None, np.zeros(len(rows)))
-            qp = Qp(cost, -weighted.T @ target, mixed, below, lower, upper, eps_abs=1e-6, max_iter=200).solve()
-            if not qp.solved:
+            qp = Qp(cost, -weighted.T @ target, mixed, below, lower, upper, eps_abs=1e-6, max_iter=200)
+            if not (solution := qp.solve()).solved:
                 return 0.0, (low + high) / 2, np.zeros(6)  # nothing shown
-            found, lacking = qp.x, target - weighted @ qp.x
-            missing = float(np.linalg.norm(lacking)) - self.slack_N
+            found, lacking = solution.x, target - weighted @ solution.x
+            missing = qp.constraints.shown_distance(weighted, target, solution) - self.slack_N
             cuts = [] if missing > 0.0 else self._cuts(support, [i for i, _ in places], found)
             if not cuts:
                 break
