@@ -80,7 +80,9 @@ class ClimbContacts(ContactBlock[Decision, KnotSolution]):
         known = None if self._known is None else self._known.swings
         result = self._hull.solve(cost, gap=MILP_GAP, time_limit_s=limit_s, start=known)
         if result.infeasible:
-            raise InfeasibleError("contacts", "no contacts on the windows of the contact block satisfy reach and (8a)")
+            raise InfeasibleError(
+                "contacts", "HiGHS finds no contacts for the contact block's windows under (8a) and (9a)"
+            )
         if result.values is None:
             raise InfeasibleError("time limit", "the contact block found no contacts in the time allowed")
         return self._hull.decision(result)
@@ -121,7 +123,7 @@ class WalkSteps(ContactBlock[Array, WalkKnots]):
         values, none = self._mip.solve(rho, target, self.scales, time_limit_s=limit_s, start=self._known)
         if values is None:
             reason = "contacts" if none else "time limit"
-            raise InfeasibleError(reason, "the contact block found no steps that reach the goal by (8a) and (9a)")
+            raise InfeasibleError(reason, "HiGHS finds no steps to the goal for the contact block under (8a) and (9a)")
         return values
 
     def _at_knots(self, decision: Array, rho: float, target: Eta | None) -> ContactPlan[WalkKnots] | None:

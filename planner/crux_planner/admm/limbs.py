@@ -50,7 +50,7 @@ class LimbMips:
         milp, cost = self._known[limb], window_cost(self._windows, rho, target, self._scales)
         found = milp.solve(cost, gap=_GAP, time_limit_s=TIME_S)
         if found.values is None:
-            text = f"{LIMB_NAMES[limb]} finds no chain of holds on the windows of its block"
+            text = f"HiGHS finds no chain of holds for {LIMB_NAMES[limb]} on the windows of its block"
             raise InfeasibleError("contacts", text)
         return milp.decision(found).swings
 
@@ -65,7 +65,7 @@ class FootMips:
         """The foot's steps in the argmin of its share. Raises InfeasibleError."""
         values, _ = self._mip.solve(rho, target, self._scales, time_limit_s=TIME_S, limb=limb)
         if values is None:
-            raise InfeasibleError("contacts", f"{LIMB_NAMES[limb]} finds no steps to the goal in its block")
+            raise InfeasibleError("contacts", f"HiGHS finds no steps to the goal for {LIMB_NAMES[limb]} in its block")
         return self._mip.slots(values, limb)
 
 
@@ -117,7 +117,7 @@ class ClimbLimbs(_Limbs):
         schedule, path = self._windows.schedule(swings), target.body[:, :3]
         knots = solve_knots(problem, self._balance, schedule, rho, target, self.scales, path, False, alone=True)
         if knots is None:
-            raise InfeasibleError("contacts", "a limb's wrenches leave the limit surface")
+            raise InfeasibleError("contacts", "PIQP finds no wrenches of a limb's block within the limit surface")
         eta = Eta.of_contacts(problem, schedule, target.body, knots.wrenches)
         return ContactPlan(self._flagged(eta, ((s.limb, s.first - REST_KNOTS, s.end) for s in swings)), knots)
 
@@ -144,6 +144,6 @@ class WalkLimbs(_Limbs):
         about = WalkMotion(gait, target.body, target.forces, nominal_footholds(problem, gait))
         knots = self._qp.solve(about, rho, target)
         if knots is None:
-            raise InfeasibleError("contacts", "the feet's blocks leave no footholds")
+            raise InfeasibleError("contacts", "PIQP finds no footholds for the feet's blocks")
         eta = Eta.of_points(target.body, knots.feet(problem.step_height_m), knots.forces)
         return ContactPlan(self._flagged(eta, ((s.limb, s.lift, s.land) for s in gait.steps)), knots)

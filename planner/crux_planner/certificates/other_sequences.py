@@ -110,7 +110,8 @@ class _Judge:
         for _ in range(_ROUNDS):
             relaxed = program.solve(relaxed=True)
             if relaxed.values is None:
-                return  # there is no other
+                self.least = self.least if relaxed.infeasible else 0.0  # HiGHS finds no other, or knows of none
+                return
             program.cut(relaxed.values, worth)
         bound, work = relaxed.objective, 0
         while work < _WORK:
@@ -121,7 +122,7 @@ class _Judge:
                 break
             program.cut(proposed.values, worth)
             self._judge(program, program.sequence(proposed.values))
-        self.least = min(self.least, bound / self.value)
+        self.least = max(0.0, min(self.least, bound / self.value))
 
     def _judge(self, program: StanceMip, sequence: Sequence) -> None:
         """Keeps a sequence that is better by the search's estimate; it does not come again."""

@@ -14,7 +14,8 @@ from crux_planner.solvers import clock
 
 @dataclass(frozen=True)
 class MilpResult:
-    """`values` is None where none was found; `bound` is a proven lower bound of the objective (-inf where none is).
+    """`values` is None where none was found; `bound` is HiGHS's lower bound of the objective (-inf where none is), and
+    `infeasible` what it says with its presolve and without: neither is proven here.
 
     `work` counts the rows that the simplex method looked at.
     """
@@ -119,6 +120,11 @@ class Milp:
             known = np.flatnonzero(~np.isnan(start)).astype(np.int32)
             solver.setSolution(len(known), known, start[known])
         solver.run()
+        if solver.getModelStatus() == highspy.HighsModelStatus.kInfeasible:  # it has said so where it was wrong
+            solver.setOptionValue("presolve", "off")
+            solver.clearSolver()
+            solver.run()
+            solver.setOptionValue("presolve", "choose")
         info, status = solver.getInfo(), solver.getModelStatus()
         found = info.primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible
         values = np.array(solver.getSolution().col_value) if found else None
