@@ -95,7 +95,8 @@ class Qp:
         **settings: float,
     ) -> None:
         self._cost, self._linear, self._settings = cost, linear, settings
-        self._equal, self._kept = equal or (None, None), _bounded(*rows) if rows is not None else (None, None, None)
+        self._equal: tuple[Any, Any] = equal or (None, None)
+        self._kept: tuple[Any, Any, Any] = _bounded(*rows) if rows is not None else (None, None, None)
         self._low, self._high = low, high
 
     @property
