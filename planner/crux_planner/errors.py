@@ -14,6 +14,8 @@ FOR_ALL_REACH = "for all that the limbs reach"
 """What proofs and bounds of climbs are about: every place up to the joint limits, more than plans use."""
 FOR_ITS_REACH = "for the reach it plans with"
 """What bounds of walks are about: the acceptance boxes (9a), which lie inside of what the limbs reach."""
+PLANNED_REACH = "the reach that crux plans with"
+"""Inner sets of (9a), with a margin to the joint limits: what is beyond them may still be within a limb's reach."""
 
 
 class InfeasibleError(Exception):

@@ -88,7 +88,7 @@ def drawn_wall(seed: int) -> dict[str, Any]:
     ahead = [between(-0.01, 0.02) + 0.015 * len(limbs), between(-0.01, 0.01), 0.185 + between(-0.005, 0.005)]
     if still:
         ahead = [0.0, 0.0, 0.185]
-    goal = {"position_m": ahead, "rpy_deg": tilt[0] if still or maybe(0.5) else tilt[1]}
+    goal: dict[str, Any] = {"position_m": ahead, "rpy_deg": tilt[0] if still or maybe(0.5) else tilt[1]}
     goal |= {"tolerance_m": between(0.001, 0.02), "tolerance_deg": between(0.2, 4.0)}
     usual = {**vars(CLIMB), "body": 1.0}
     weights = {name: usual[name] * float(10 ** random.uniform(-2, 1.5)) for name in usual if maybe(0.35)}

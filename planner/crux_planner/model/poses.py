@@ -8,7 +8,7 @@ from crux_contracts.cost_weights import cost_weights
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import BodyPose, Scenario
 
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import PLANNED_REACH, InfeasibleError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.kinematics import inverse, rotation_from_rpy, rotation_z
 from crux_planner.model.problem import BodyBounds, Pose, Problem, Weights
@@ -70,13 +70,22 @@ def point_text(problem: Problem, position: Array) -> str:
 
 
 def out_of_reach(problem: Problem, limb: int, hold: str, beyond_m: float) -> str:
-    """What to say of the nearest hold, or the one the goal names, that a limb does not reach at the goal."""
+    """What to say of the nearest hold, or the one the goal names, that is outside the outer set of a limb's reach for
+    every body at the goal.
+    """
     name, place = LIMB_NAMES[limb], point_text(problem, problem.goal.body.position_m)
     if limb in problem.goal.grasps:
         text = f"goal.grasps.{name}: {hold} is out of reach for the goal body at {place}: it is"
     else:
         text = f"no hold within reach of {name} for the goal body at {place}: the nearest, {hold}, is"
     return f"{text} {1000 * beyond_m:.0f} mm outside {name}'s workspace"
+
+
+def beyond_planned_reach(problem: Problem, limb: int, hold: str, beyond_m: float) -> str:
+    """The same of the inner set that plans keep to, for a level body at the very goal."""
+    name, place = LIMB_NAMES[limb], point_text(problem, problem.goal.body.position_m)
+    which = f"goal.grasps.{name}: {hold}" if limb in problem.goal.grasps else f"the nearest hold for {name}, {hold},"
+    return f"{which} is {1000 * beyond_m:.0f} mm beyond {PLANNED_REACH}, for a level body at the goal {place}"
 
 
 def body_and_ends(scenario: Scenario, body: BodyBounds) -> tuple[float, Pose, Pose]:

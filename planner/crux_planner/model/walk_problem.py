@@ -10,7 +10,7 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.errors import InfeasibleError, wrong
+from crux_planner.errors import PLANNED_REACH, InfeasibleError, wrong
 from crux_planner.model.arrays import Array
 from crux_planner.model.foothold_regions import FootholdRanges, foothold_ranges
 from crux_planner.model.kinematics import rotation_from_rpy, rotation_z
@@ -173,7 +173,7 @@ def _boxes(robot: Robot, tilt_rad: float) -> Reach:
 
 
 def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
-    """Raise ScenarioError for a start foot out of reach, InfeasibleError where the surface is too steep to stand."""
+    """Raise ScenarioError for a start foot beyond its box, InfeasibleError where the surface is too steep to stand."""
     rotation = rotation_from_rpy(problem.start.rpy_rad)
     for limb, name in enumerate(LIMB_NAMES):
         foot = np.append(problem.start_feet_w_m[limb], 0.0)
@@ -183,8 +183,8 @@ def _check_start(scenario: Scenario, problem: WalkProblem) -> None:
             axis = int(np.argmax(beyond))
             centre, half = problem.boxes.centre_b_m[limb][axis], problem.boxes.half_m[axis]
             shown = "[{:g}, {:g}]".format(*scenario.start.feet[name])
-            text = f"out of reach by {1000 * beyond[axis]:.0f} mm: the foot is at {'xyz'[axis]} = {place[axis]:.3f} m"
-            text += f" in the body frame, {name} reaches {centre - half:.3f}..{centre + half:.3f} m"
+            text = f"{1000 * beyond[axis]:.0f} mm beyond {PLANNED_REACH}: the foot is at {'xyz'[axis]} = "
+            text += f"{place[axis]:.3f} m in the body frame, not within {centre - half:.3f}..{centre + half:.3f} m"
             raise wrong(scenario, f"start.feet.{name}", shown, text)
     along, across = float(np.linalg.norm(problem.gravity_w[:2])), -float(problem.gravity_w[2])
     if along > problem.friction * max(across, 0.0):

@@ -7,9 +7,9 @@ from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_contracts.scenario import Scenario
 
-from crux_planner.errors import TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
+from crux_planner.errors import PLANNED_REACH, TIME_LIMIT, InfeasibleError, LevelGoalError, wrong
 from crux_planner.model.kinematics import inverse, limit_margin, rotation_from_rpy, rotation_z
-from crux_planner.model.poses import out_of_reach, point_text
+from crux_planner.model.poses import beyond_planned_reach, point_text
 from crux_planner.model.problem import Problem
 from crux_planner.model.schedule import Stance
 from crux_planner.physics.reachable_set import ReachableSet, goal_contacts
@@ -27,13 +27,18 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
         contact = problem.contacts[problem.start_contacts[limb]]
         place = rotation.T @ (contact.centre_w_m - problem.start.position_m)
         widest = problem.limb_reach.inner
-        if problem.boxes.beyond(limb, place).max() > 0 and widest.beyond(limb, place).max() > 0:
+        lacking = min(float(reach.beyond(limb, place).max()) for reach in (problem.boxes, widest))
+        if lacking > 0:
+            outside = _outside_m(scenario, problem, limb)
+            text = f"{1000 * lacking:.0f} mm beyond {PLANNED_REACH}"
+            if outside > 0:
+                text = f"out of reach by {1000 * outside:.0f} mm within the joint limits"
             centre, half = widest.centre_b_m[limb], widest.half_m
-            beyond = np.abs(place - centre) - half
-            axis = int(np.argmax(beyond))
+            axis = int(np.argmax(np.abs(place - centre) - half))
             low, high = centre[axis] - half[axis], centre[axis] + half[axis]
-            text = f"out of reach by {1000 * beyond[axis]:.0f} mm: the gripper would be at {'xyz'[axis]} = "
-            text += f"{place[axis]:.3f} m in the body frame, {name} reaches {low:.3f}..{high:.3f} m"
+            if not low <= place[axis] <= high:
+                text += f": the gripper would be at {'xyz'[axis]} = {place[axis]:.3f} m in the body frame, "
+                text += f"crux plans with {low:.3f}..{high:.3f} m for {name}"
             hold = _place_text(problem, problem.start_contacts[limb])
             raise wrong(scenario, f"start.grasps.{name}.hold", hold, text)
     stance = problem.start_contacts
@@ -43,6 +48,22 @@ def check_start(scenario: Scenario, problem: Problem, equilibrium: StaticEquilib
         text = f"not in equilibrium: friction, spines and contact.max_normal_N fall short by {lacking:.1f} N"
         cure = "give the grasped faces more friction, or the body another place"
         raise wrong(scenario, "start.grasps", _stance_text(problem, stance), f"{text}; {cure}")
+
+
+def _outside_m(scenario: Scenario, problem: Problem, limb: int) -> float:
+    """How far [m] the start's grasp, wherever on its faces, is outside the outer set of a limb; not positive: it may be
+    within reach.
+    """
+    grasp, outer, start = problem.contacts[problem.start_contacts[limb]], problem.limb_reach.outer, problem.start
+    if not grasp.bears:
+        return 0.0
+    hold, radius = scenario.holds[grasp.hold], scenario.contact.patch_radius_m
+    aside = max(hold.size_m[1 - grasp.pair] / 2 - radius, 0.0)
+    ends = itertools.product((-aside, aside), (radius, hold.size_m[2] - radius))
+    places = [[*(grasp.centre_w_m + side * grasp.tangent)[:2], z + outer.above_m] for side, z in ends]
+    along = (np.array(places) - start.position_m) @ rotation_from_rpy(start.rpy_rad) @ outer.directions.T
+    off, extent = along - outer.middle_m[limb], outer.extent_m[limb]
+    return float(np.maximum(off.min(axis=0) - extent, -off.max(axis=0) - extent).max())
 
 
 def explain(oracles: Oracles, report: SearchReport, at_once: int) -> InfeasibleError:
@@ -106,7 +127,7 @@ def _goal_out_of_reach(problem: Problem, reach: ReachableSet) -> InfeasibleError
         beyond = np.maximum(reach.low[limb, usable] - far, near - reach.high[limb, usable]).max(axis=1)
         nearest = int(np.argmin(beyond))
         hold = problem.hold_names[problem.contacts[usable[nearest]].hold]
-        return LevelGoalError("reach", out_of_reach(problem, limb, hold, beyond[nearest]))
+        return LevelGoalError("reach", beyond_planned_reach(problem, limb, hold, beyond[nearest]))
     return None
 
 
@@ -125,7 +146,8 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
             first = int(np.argmin(inside))
             after = first + int(np.argmax(inside[first:])) if inside[first:].any() else len(line)
             span = f"{point_text(problem, line[first])} and {point_text(problem, line[after - 1])}"
-            return InfeasibleError("reach", f"no hold within reach of {LIMB_NAMES[limb]} for a body between {span}")
+            text = f"no hold for {LIMB_NAMES[limb]} within {PLANNED_REACH} for a body between {span}"
+            return InfeasibleError("reach", text)
         hold = _place_text(problem, problem.start_contacts[limb])
         if swings.any_forbidden:
             text = f"{LIMB_NAMES[limb]} gets from {hold} to no hold towards the goal without touching something"
@@ -133,7 +155,7 @@ def _chain_broken(problem: Problem, reach: ReachableSet, swings: SwingCache) -> 
         text = f"{LIMB_NAMES[limb]} finds no chain of holds from {hold} to the goal"
         if _connected(problem, reach, limb):
             return InfeasibleError("passage", f"{text}: obstacles or other holds close every way")
-        why = "no body position has both the hold it leaves and one nearer the goal within reach"
+        why = f"no body position has both the hold it leaves and one nearer the goal within {PLANNED_REACH}"
         return InfeasibleError("reach", f"{text}: {why}")
     return None
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import PLANNED_REACH, InfeasibleError
 from crux_planner.model.gait import Gait, WalkMotion
 from crux_planner.model.slots import Slots
 from crux_planner.model.walk_problem import WalkProblem
@@ -57,7 +57,9 @@ class WalkContacts:
             found += len(lifted)
             yield from sorted(lifted, key=lambda knots: knots.cost)
         if not found:
-            raise InfeasibleError("contacts", "no gait keeps the feet within reach and the body in balance")
+            raise InfeasibleError(
+                "contacts", f"no gait found that keeps the feet within {PLANNED_REACH} and the body in balance"
+            )
 
     def near(self, gait: Gait, deadline: float) -> Iterator[WalkKnots]:
         """Walks by a gait, by its neighbours and its order of the feet at other times, by any order where it has none.

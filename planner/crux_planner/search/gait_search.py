@@ -7,7 +7,7 @@ the ground has its share of the effort. Neighbours are tried in the order of wha
 from collections import Counter
 from collections.abc import Container, Iterable, Sequence
 
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import PLANNED_REACH, InfeasibleError
 from crux_planner.model.arrays import Array
 from crux_planner.model.gait import Gait
 from crux_planner.model.slots import Change, Slots, Strides
@@ -68,7 +68,7 @@ class FlatSearch:
             if walk is not None:
                 return walk
         raise failure or InfeasibleError(
-            "contacts", "the contact block finds no gait that keeps the feet within reach and the body in balance"
+            "contacts", f"no gait found that keeps the feet within {PLANNED_REACH} and the body in balance"
         )
 
     def best_of(self, gaits: Iterable[Slots], deadline: float) -> FlatWalk | None:

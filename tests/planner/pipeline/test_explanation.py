@@ -39,7 +39,11 @@ INFEASIBLE: dict[str, tuple[Change, str, str]] = {
         "reach",
         r"no hold within reach of LF .* \[1\.00, 0\.00, 0\.185\] m.* LF-high, is \d+ mm",
     ),
-    "gap": (gap_in_the_holds, "reach", r"no hold within reach of LF for a body between \[0\.\d+, .* and \[1\.\d+, "),
+    "gap": (
+        gap_in_the_holds,
+        "reach",
+        r"no hold for LF within the reach that crux plans with for a body between \[0\.\d+, .* and \[1\.\d+, ",
+    ),
     "horizon": (
         lambda wall: wall.update(one_move(steps=6)),
         "horizon",
@@ -125,7 +129,7 @@ def grease(wall: dict[str, Any]) -> None:
 WRONG: dict[str, tuple[Change, str]] = {
     "start out of reach": (
         hold_moved_away,
-        r"start\.grasps\.RF\.hold: RF-low: out of reach by 109 mm.* -0\.441\.\.-0\.275 m",
+        r"start\.grasps\.RF\.hold: RF-low: out of reach by 47 mm.* -0\.441\.\.-0\.275 m",
     ),
     "start slips": (grease, r"start\.grasps: .*not in equilibrium.* \d+\.\d N"),
     "body too low": (

@@ -17,7 +17,7 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import parse_scenario
 from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
-from crux_planner.errors import InfeasibleError
+from crux_planner.errors import PLANNED_REACH, InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.kinematics import rotation_z
 from crux_planner.pipeline import fallback
@@ -164,3 +164,5 @@ def test_no_wall_is_refused_for_reach_where_a_level_body_could_stand(
     with pytest.raises(InfeasibleError, match="no sequence of contacts found") as refused:
         crux_planner.plan(parse_scenario(random_field(401)), robot)
     assert (refused.value.constraint, refused.value.proven) == ("contacts", False)
+    assert PLANNED_REACH in str(refused.value)
+    assert "workspace" not in str(refused.value)

@@ -175,7 +175,12 @@ def test_a_foot_that_turns_far_is_in_the_air_for_longer() -> None:
         ("slope_deg: 0", "slope_deg: 35", InfeasibleError, "needs a friction of 0.70"),
         ("slope_deg: 0", "slope_deg: 90", InfeasibleError, "no friction is enough"),
         ("slope_deg: 0", "slope_deg: 100", InfeasibleError, "no friction is enough"),
-        ("LF: [0.14, 0.36]", "LF: [0.14, 0.5]", ScenarioError, "start.feet.LF.*out of reach by 65 mm"),
+        (
+            "LF: [0.14, 0.36]",
+            "LF: [0.14, 0.5]",
+            ScenarioError,
+            "start.feet.LF.*65 mm beyond the reach that crux plans with",
+        ),
         ("position_m: [0.1, 0.0, 0.185]", "position_m: [1.5, 0.0, 0.185]", InfeasibleError, "horizon.steps"),
         (
             "horizon:",
