@@ -54,9 +54,9 @@ def add_plan_parser(subparsers: Any) -> None:
     prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
     proofs = (
-        "on climbs: write what shows that there is no plan, or that none of as many steps costs less than a bound, "
+        "on climbs: write what shows that crux check accepts no plan, or none of as many steps that costs less than a "
     )
-    proofs += "to a file that crux check verifies; not every proof has one"
+    proofs += "bound, to a file that crux check verifies; not every proof has one"
     add("--certificate", type=Path, metavar="FILE", help=proofs)
     add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")
     add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
@@ -137,7 +137,7 @@ def _certify(path: Path, scenario: Scenario, robot: Robot, error: InfeasibleErro
     if document is None:
         return "no certificate for this kind of proof: the checker cannot show it by bounds of its own"
     failed = _written(path, document)
-    return failed or f"{path}: certificate that there is no plan; crux check {path} verifies it"
+    return failed or f"{path}: certificate that crux check accepts no plan; crux check {path} verifies it"
 
 
 def _certify_bound(path: Path, scenario: Scenario, robot: Robot, result: PlanResult) -> tuple[float | None, str]:
@@ -147,19 +147,20 @@ def _certify_bound(path: Path, scenario: Scenario, robot: Robot, result: PlanRes
     from crux_planner.pipeline.bound_certificate import certify_bound
 
     try:
-        document = certify_bound(scenario, robot, result.steps, result.cost)
+        cost = result.cost if result.check.cost is None else result.check.cost
+        document = certify_bound(scenario, robot, result.steps, cost)
     except (NotShownError, OutsideError) as error:
         return None, f"no certificate of a bound: {error}"
     failed = _written(path, document)
     if failed:
         return None, failed
     bound = float(document["bound"])
-    said = f"{path}: certificate that no plan of {result.steps} steps costs less than {bound:.4f}, "
-    said += f"{100 * bound / result.cost:.0f} % of this one's cost; crux check {path} verifies it"
+    said = f"{path}: certificate that no plan of {result.steps} steps that crux check accepts costs less than "
+    said += f"{bound:.4f}, where this one costs {cost:.4f}; crux check {path} verifies it"
     if result.gap is not None:
         own = (1.0 - result.gap) * result.cost
         said += f"\ncrux plan: the planner's own bound, {own:.4f}, is about its own swings and places on the holds; "
-        said += "the certificate's is about all"
+        said += "the certificate's is about all plans that crux check accepts for this scenario"
     return bound, said
 
 

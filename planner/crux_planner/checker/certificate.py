@@ -3,7 +3,8 @@
 | key | what |
 | --- | --- |
 | crux_certificate | 1 |
-| claim | `no plan`: none exists; `bound`: none of `steps` steps that passes the check costs less than `bound`, J (6) |
+| claim | `no plan`: `crux check` accepts none for the scenario; |
+| | `bound`: none of `steps` steps that it accepts costs less than `bound`, J (6) with the scenario's weights |
 | scenario_yaml, robot, robot_sha256 | what the claim is about |
 | multipliers | of `no plan`: [{grips: [[hold, faces], ...], of: [[6 numbers], ...]}, ...] |
 | | of `bound`: [{knot: a knot or null for all, of: [[6 numbers], ...]}, ...], of force and moment about W's origin |
@@ -129,7 +130,8 @@ def _verify_no_plan(document: dict[str, Any], scenario: Scenario, robot: Robot) 
         grips = [number[name] for name in names]
         search.shown[tuple(sorted(grips))] = [each for each in multipliers if np.abs(each).max() <= LARGEST]
     side, count = search.prove()
-    return f"no plan: {_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
+    ends = f"{_SIDES[side]} {count} sets of grips can be had, and none of them leads to the other end"
+    return f"no plan that crux check accepts: {ends}"
 
 
 def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) -> str:
@@ -148,8 +150,9 @@ def _verify_bound(document: dict[str, Any], scenario: Scenario, robot: Robot) ->
             way.drop(bound)
     least = way.least()
     if least < bound:
-        raise NotShownError(f"what it has shows that no plan of {steps} steps costs less than {least:.4f}, not {bound}")
-    return f"bound: no plan of {steps} steps costs less than {bound:.4f}, whatever its grips, swings and body motion"
+        raise NotShownError(f"what it has shows that none of {steps} steps costs less than {least:.4f}, not {bound}")
+    which = f"no plan of {steps} steps that crux check accepts costs less than {bound:.4f}"
+    return f"bound: {which}, whatever its grips, swings and body motion"
 
 
 def _entries(document: dict[str, Any], key: str) -> list[tuple[Any, list[Array]]]:

@@ -10,6 +10,7 @@ from crux_msgs import plan_t
 from crux_planner.checker.bounds import check_bounds
 from crux_planner.checker.clearance import check_clearance
 from crux_planner.checker.contact import check_contact
+from crux_planner.checker.cost import cost
 from crux_planner.checker.dynamics import centre_of_mass, check_dynamics, check_feet_press, net_wrench
 from crux_planner.checker.equilibrium import (
     check_between_knots,
@@ -60,6 +61,7 @@ def _check(plan: PlanArrays, scenario: Scenario, robot: Robot, findings: Finding
     check_bounds(plan, robot, point, findings)
     check_contact(plan, scenario, robot, findings)
     check_ends(plan, scenario, findings)
+    report.cost = None if point else cost(plan, scenario)
     report.friction_margin_N = check_limit_surface(plan, scenario, findings)
     loads = finger_loads(plan, scenario.wall.friction)
 

@@ -25,7 +25,8 @@ and torques (9), contacts (10), clearances (14), start and goal; at the knots an
 to 7 % less than (2) allows
 
 of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and
-robot: that there is no plan, or that no plan of as many steps that passes costs less than a bound, whatever its swings
+robot. The claim is about what crux check accepts for that scenario: no plan, or none of so many steps that costs less
+than a bound; planner.margins, and all else that only the planner keeps to, is no part of it
 
 exit status: 0 the plan passes, the claim is shown; 1 not; 2 the file cannot be read"""
 
@@ -121,6 +122,8 @@ def show(title: str, report: CheckReport, *, on_feet: bool) -> None:
         console.print("[bold green]passes[/] every constraint")
         limits = [entry for entry in report.worst if entry.amount < 0.0]
         console.print(_table("closest to their limits (negative: slack)", limits[:SHOWN_TIGHTEST]))
+    if report.cost is not None:
+        console.print(f"cost J {report.cost:.4f}")
     if report.joints:
         console.print(_joint_table(report.joints))
     if report.largest_torque is not None:

@@ -79,6 +79,8 @@ class CheckReport:
     """what is not met; empty for a plan that is right"""
     worst: list[Violation] = field(default_factory=list)
     """one entry a constraint, the least satisfied first"""
+    cost: float | None = None
+    """J (6) over the plan's steps with the scenario's weights, which bounds are about; None: not counted (walks)"""
     friction_margin_N: float | None = None
     """N that the limit surface (2a) leaves the finger nearest to it at a knot; None: not checked so far"""
     tumble_margin_m: float | None = None

@@ -54,16 +54,20 @@ def test_a_bound_is_written_with_a_plan_and_is_below_its_cost(
     assert main(["plan", str(ONE_STEP), "-o", str(plan), "--certificate", str(proof), "--json"]) == 0
     out, said = capsys.readouterr()
     result, document = json.loads(out), read(proof)
-    assert f"no plan of {result['steps']} steps costs less than" in said
+    which = f"no plan of {result['steps']} steps that crux check accepts costs less than {document['bound']:.4f}"
+    assert which in said
     assert result["certified_bound"] == document["bound"] > 0.7 * result["cost"]
     assert proof.stat().st_size < 100_000
     assert main(["check", str(proof), "--scenario", str(ONE_STEP)]) == 0
-    assert f"no plan of {result['steps']} steps costs less than {document['bound']}" in capsys.readouterr().out
+    assert which in capsys.readouterr().out
 
     arrays, read_wall = arrays_of(read_plan(plan), Findings()), load_scenario(ONE_STEP)
     assert arrays is not None
     counted = cost(arrays, read_wall)
     assert document["bound"] < counted <= result["cost"]
+    assert f"this one costs {counted:.4f}" in said
+    assert main(["check", str(plan), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["cost"] == pytest.approx(counted, rel=1e-12)
     assert counted == pytest.approx(result["cost"], rel=1e-3)  # the NLP adds a little for how spines share loads
     every_knot_of_the_plan_costs_what_is_shown(document, arrays)
 
@@ -122,7 +126,7 @@ def test_swings_last_as_long_as_the_way_takes() -> None:
 def test_what_shows_less_than_the_claim_is_refused() -> None:
     """As a whole, a bound 1 % higher; multipliers that are others; a wall that asks for less."""
     document = certified()
-    assert "no plan of 9 steps costs less than" in verify(json.loads(json.dumps(document)))[1]
+    assert "no plan of 9 steps that crux check accepts costs less than" in verify(json.loads(json.dumps(document)))[1]
     refused({**document, "bound": 1.01 * document["bound"]}, "does not show its claim: .* costs less than")
     for every in (True, False):  # or only those of single knots
         other = copy.deepcopy(document)
