@@ -54,7 +54,7 @@ def test_a_first_word_of_infeasible_is_not_taken(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(("infeasible", "least"), [(True, 1.0), (False, 0.0)])
 def test_nothing_is_said_of_sequences_whose_program_was_not_solved(infeasible: bool, least: float) -> None:
-    timed: Any = SimpleNamespace(stances=np.ones(2), swings=np.ones(1))
+    timed: Any = SimpleNamespace(knots=3)
     judge = _Judge(SimpleNamespace(estimate=lambda _: None), timed, 5.0, np.inf)  # type: ignore[arg-type]
     unsolved = MilpResult(None, np.inf, -np.inf, infeasible, 0)
     judge.run(SimpleNamespace(solve=lambda **_: unsolved), 1)  # type: ignore[arg-type]
