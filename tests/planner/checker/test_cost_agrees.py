@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from certificate_attacks import Attack, drawn_wall
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import WEIGHTS
-from crux_planner import Planner
+from crux_contracts.scenario import WEIGHTS, ScenarioError
+from crux_planner import InfeasibleError, Planner
 from crux_planner.checker.cost import cost
 from crux_planner.checker.plan_arrays import read_plan
 from crux_planner.checker.report import Findings
+from crux_planner.physics.cost import plan_cost
 from crux_planner.pipeline.bound_certificate import certify_bound
+from crux_planner.pipeline.message import plan_message
+from crux_planner.trajectory.solution import Solution
 from walls import scenario, two_rows
 
 ROBOT = load_robot("scaler")
@@ -50,3 +54,25 @@ def test_a_certified_bound_is_below_a_plan_under_drawn_weights() -> None:
         counted = cost(arrays, read)
         bound = certify_bound(read, ROBOT, result.steps, 10 * counted)["bound"]
         assert bound < counted, drawn
+
+
+def test_j_is_the_same_of_any_plan() -> None:
+    """Weights, scenes, poses, speeds and wrenches at random: what is counted is no matter of whether it can be."""
+    random, scenes = np.random.default_rng(5), 0
+    for seed in range(300, 326):
+        read = scenario(drawn_wall(seed))
+        try:
+            begun = Attack(read).begun()
+        except (ScenarioError, InfeasibleError):
+            continue
+        if begun is None:
+            continue
+        climb, schedule, start = begun
+        body = start.body + random.normal(scale=0.05, size=start.body.shape)
+        wrenches = [{limb: q + random.normal(scale=5.0, size=5) for limb, q in knot.items()} for knot in start.wrenches]
+        solution = Solution(body, wrenches, np.nan, 0, "", True, 0.0, 0.0, {}, climb.problem.torque_limits_Nm)
+        arrays = read_plan(plan_message(read, ROBOT, climb.problem, schedule, solution), Findings())
+        assert arrays is not None
+        assert cost(arrays, read) == pytest.approx(plan_cost(climb.problem, schedule, body, wrenches), rel=1e-9), seed
+        scenes += 1
+    assert scenes > 9

@@ -42,6 +42,7 @@ def planned() -> Any:
 def test_the_limb_in_the_air_goes_to_a_hold_before_any_other_moves() -> None:
     result = planned()
     assert result.check.ok
+    assert result.check.cost == pytest.approx(result.cost, rel=2e-3)  # the NLP adds a little for spines
     assert result.gait[0] == "RF"
     assert (result.plan.format, result.plan.method) == (plan_t.FORMAT_FROM_AIR, "by a test")
     phases = [[limb.phase for limb in knot.limbs] for knot in result.plan.knots]
