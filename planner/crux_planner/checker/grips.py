@@ -19,6 +19,9 @@ from crux_planner.checker.geometry import Array
 from crux_planner.checker.outer import FOLLOW, FORGIVEN_M, Outer
 
 FORGIVEN_N, FORGIVEN_NM = 0.03, 0.003  # more than tolerances.py
+AIR_N, _AIR_NM = 0.022, 0.003  # the same of both fingers of a limb in the air
+SLACK_N, SLACK_NM = 0.02, 6e-4  # of each finger's load and twist
+_OFF_M = 1.5e-4  # of fingers off their places
 _SPLITS = np.linspace(0.0, 1.0, 9)  # of a grip's load on finger 1: any of them bounds what both bear
 
 
@@ -36,6 +39,11 @@ class Offer:
     def raised(self, by_m: float) -> Array:
         """The corners so much further off the wall."""
         return np.asarray(self.corners_w_m + np.array([0.0, 0.0, by_m]))
+
+    def forgiven(self, k_m: float, most_N: float) -> tuple[Array, float]:
+        """What the check lets each finger bear beyond its limit surface (2,) [N], and the grip in moment [Nm]."""
+        bears = self.friction.min() * most_N + self.spines.max(axis=0)[:2].sum()
+        return SLACK_N * (1.0 + self.friction) + SLACK_NM / k_m, float(FORGIVEN_NM + 2 * _OFF_M * (bears + most_N))
 
 
 def offers(scenario: Scenario, robot: Robot) -> list[Offer]:
@@ -97,6 +105,8 @@ class Balance:
         self.twist_Nm = outer.inertia_kg_m2 * (3**0.5 * 2 * rate / dt_s + 3 * rate**2) + FORGIVEN_NM
         far = sum(map(_farthest, (outer.body_m, outer.swing_rest_m, FOLLOW * outer.swing_m)))
         self.far_m = float(np.linalg.norm(far))  # centre of mass off the body
+        arm_m = max(float(np.linalg.norm(np.abs(ends).max(axis=0))) for ends in outer.swing_m) + outer.above_m
+        self.air_Nm = _AIR_NM + AIR_N * arm_m  # about the body, of a limb in the air
 
     def most(self, offer: Offer, multipliers: Array) -> float:
         """The most that a grip adds to the left side, less its share in where the mass is."""
@@ -105,14 +115,16 @@ class Balance:
         twist = np.full(len(pull), self.k_m * moment @ offer.axis)
         load = 2 * np.column_stack([pull @ offer.tangent, pull[:, 2], twist])
         size, spread = np.linalg.norm(load, axis=1)[:, None], pull @ offer.axis
+        slack_N, slack_Nm = offer.forgiven(self.k_m, self.most_N)
         total = np.zeros((len(pull), len(_SPLITS)))
         for finger, side in enumerate((1.0, -1.0)):
             share = _SPLITS if finger == 0 else 1.0 - _SPLITS
             gain = share * size * offer.friction[finger] + side * spread[:, None]
-            total += self.most_N * np.maximum(gain, 0.0) + share * (np.abs(load) @ offer.spines[finger])[:, None]
+            total += self.most_N * np.maximum(gain, 0.0) + SLACK_N * np.abs(gain)
+            total += share * (np.abs(load) @ offer.spines[finger] + slack_N[finger] * size[:, 0])[:, None]
         wrists = offer.raised(self.outer.above_m)
         total -= FOLLOW * (wrists @ self.slope(multipliers))[:, None]
-        return float(total.max(axis=0).min())
+        return float(total.max(axis=0).min() + slack_Nm * np.linalg.norm(moment))
 
     def slope(self, multipliers: Array) -> Array:
         """Of the right side in where the centre of mass is, (3,)."""
@@ -127,7 +139,9 @@ class Balance:
         lever = np.linalg.norm(force + np.cross(moment, box.mean(axis=0)))
         turn = float(np.linalg.norm(moment))
         lever += turn * (float(np.linalg.norm(np.ptp(box, axis=0))) / 2 + self.far_m)
-        return bool(most < least - self.push_N * float(lever) - self.twist_Nm * turn - 1e-9)
+        air = 4 - len(held)
+        push_N, twist_Nm = self.push_N + air * AIR_N, self.twist_Nm + air * self.air_Nm
+        return bool(most < least - push_N * float(lever) - twist_Nm * turn - 1e-9)
 
 
 def _least(slope: Array, ends: Array) -> float:

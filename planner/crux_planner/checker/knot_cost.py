@@ -17,13 +17,11 @@ from crux_contracts.cost_weights import cost_weights
 from crux_contracts.robot import Robot
 
 from crux_planner.checker.geometry import Array, Flags, Indices, rotation_about_z
-from crux_planner.checker.grips import FORGIVEN_NM, Frame, Offer
+from crux_planner.checker.grips import AIR_N, SLACK_N, Frame, Offer
 from crux_planner.checker.no_way import AIR, NotShownError, NoWay, Places
 from crux_planner.checker.outer import FOLLOW, Outer
 
 _HEADINGS_RAD = np.array([0.05, 0.15, 0.35])  # ends of cells of headings on both sides of the goal's
-_SLACK_N, _SLACK_NM = 0.02, 6e-4  # of each finger's load and twist: more than the check forgives
-_OFF_M = 1.5e-4  # of fingers off their places, the same
 _LOADS, _SHARES = np.linspace(0.0, 1.0, 17), np.linspace(0.0, 1.0, 9)  # second multipliers looked at
 _MOST = 60_000  # sets of grips
 
@@ -38,10 +36,9 @@ class GripCosts:
         self.friction, spines = (np.array([getattr(each, name) for each in found]) for name in ("friction", "spines"))
         both = spines.max(axis=1)  # (G, 3); a load shown by one finger alone has that one's spines
         self.spines = np.stack([spines[:, 1], *[both] * (len(_SHARES) - 2), spines[:, 0]], axis=1)  # (G, shares, 3)
-        self.k_m, self.most_N, self.weight = k_m, most_N + _SLACK_N, weight
-        self.slack_N = _SLACK_N * (1.0 + self.friction) + _SLACK_NM / k_m  # (G, 2) of what a finger bears
-        bears = self.friction.min(axis=1) * most_N + both[:, :2].sum(axis=1)
-        self.slack_Nm = FORGIVEN_NM + 2 * _OFF_M * (bears + most_N)  # (G,)
+        self.k_m, self.most_N, self.weight = k_m, most_N + SLACK_N, weight
+        forgiven = [each.forgiven(k_m, most_N) for each in found]
+        self.slack_N, self.slack_Nm = (np.array(each) for each in zip(*forgiven, strict=True))  # (G, 2), (G,)
 
     def least(self, multipliers: Array, slope: Array) -> Array:
         """(G,), each grip's part FOLLOW of where the centre of mass is included, `slope` (3,) the cost of that.
@@ -62,7 +59,7 @@ class GripCosts:
         for finger, (side, share) in enumerate(((1.0, _SHARES), (-1.0, 1.0 - _SHARES))):
             rough, slack_N = (each[:, finger, None, None, None] for each in (self.friction, self.slack_N))
             slope_n = -side * spread - share * price * rough
-            normal = np.clip(-slope_n / (2 * weight), -_SLACK_N, self.most_N)
+            normal = np.clip(-slope_n / (2 * weight), -SLACK_N, self.most_N)
             total = total + weight * normal**2 + slope_n * normal - share * price * slack_N
         best = total.max(axis=(2, 3)) - 2 * weight * (wanted**2).sum(axis=-1)
         best = best + FOLLOW * self.wrists @ slope
@@ -197,10 +194,12 @@ class KnotCosts:
         total = cost[:, None] + rest[:, held @ (1 << np.arange(4))]
         for axis in range(3):
             total += (weight * (place[..., axis] - goal[axis]) ** 2) + by_body[:, axis] * place[..., axis]
-        total -= balance.push_N * self._lever(force, moment, low, high)
+        air = 4 - held.sum(axis=1)
+        total -= (balance.push_N + AIR_N * air) * self._lever(force, moment, low, high)
         best = np.where(none, np.inf, total).min(axis=0)
         grips = np.append(self._grips.least(multipliers, slope), 0.0)  # the last for AIR
-        fixed = self.search.outer.mass_kg * float(force @ balance.gravity) + balance.twist_Nm * np.linalg.norm(moment)
+        twist_Nm = balance.twist_Nm + balance.air_Nm * air
+        fixed = self.search.outer.mass_kg * float(force @ balance.gravity) + twist_Nm * np.linalg.norm(moment)
         return np.asarray(best + grips[self.sets[which]].sum(axis=1) - fixed)
 
     def _lever(self, force: Array, moment: Array, low: Array, high: Array) -> Array:

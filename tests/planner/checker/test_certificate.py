@@ -18,6 +18,7 @@ from crux_planner.checker.inverse_kinematics import solve
 from crux_planner.checker.limb_model import load_model
 from crux_planner.checker.limit_surface import cone_excess
 from crux_planner.checker.outer import FOLLOW, Outers
+from crux_planner.checker.tolerances import FORCE_N
 from crux_planner.pipeline.certificates import certify_no_plan
 from crux_tools.cli import main
 from walls import hold, scenario, text, two_rows
@@ -169,6 +170,29 @@ def test_every_posture_of_the_robot_is_within_the_outer_bounds() -> None:
     rest = centre - FOLLOW * turned(heading[found], off.sum(axis=0))
     assert ((rest >= low) & (rest <= high)).all()
     assert (np.abs(rest).max(axis=0) > 0.2 * np.maximum(np.abs(low), high)).any()
+
+
+def test_what_the_check_forgives_fingers_in_the_air_is_kept_back() -> None:
+    """One grip that bears the weight but for that, and for what balance and the largest acceleration leave."""
+    read_wall = scenario(two_rows(slope_deg=0.0))
+    outer, found, body = Outers(ROBOT).within(0.2), offers(read_wall, ROBOT), ROBOT.body
+    balance, place = Balance(read_wall, ROBOT, outer, found), np.array([0.0, 0.0, 0.185])
+    up, box, frame = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), np.array([place, place]), Frame.of(outer, 0.0, 0.05)
+    needed = outer.mass_kg * (9.81 - 2 * body.max_speed_m_s / read_wall.horizon.dt_s * 3**0.5)
+    forgiven = (6 + 3**0.5) * FORCE_N
+    assert not balance.refuted(needed - forgiven, (0,), up, box, frame)
+    assert balance.refuted(needed - 3 * forgiven, (0,), up, box, frame)
+
+
+def test_what_the_check_forgives_a_grip_is_kept_back() -> None:
+    """Along the normals and along the faces, where what a grip adds at most is what it bears."""
+    read_wall = scenario(two_rows())
+    found, most_N = offers(read_wall, ROBOT), read_wall.contact.max_normal_N
+    balance, offer = Balance(read_wall, ROBOT, Outers(ROBOT).within(0.2), found), found[0]
+    pushed, lifted = np.append(offer.axis, np.zeros(3)), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    assert balance.most(offer, pushed) >= most_N + FORCE_N - -FORCE_N  # one finger presses, the other one pulls
+    bears = offer.friction.min() * (most_N + FORCE_N) + read_wall.contact.spine_shear_N + FORCE_N
+    assert balance.most(offer, lifted) >= 2 * bears
 
 
 def test_no_wrench_within_the_limit_surface_adds_more_than_a_grips_most() -> None:
