@@ -108,6 +108,8 @@ def least_normal_N(shear_N: float, twist_Nm: float, friction: float, patch_k_m: 
     rows, right = grip_rows([limit], *polytope_directions(patch_k_m), np.full(2, most_N))
     load = (shear_N, 0.0, twist_Nm, 0.0)  # s1, s2, m, F; what is left is n
     found = linprog([0, 0, 0, 0, 1], rows, right, bounds=[*((x, x) for x in load), (0.0, None)])
+    if not found.success:
+        raise RuntimeError(f"linprog finds no normal force: {found.message}")
     return float(found.x[4])
 
 

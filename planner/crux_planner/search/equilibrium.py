@@ -57,7 +57,7 @@ class StaticEquilibrium(StaticBalance):
     def position(
         self, support: tuple[int, ...], low: Array, high: Array, wanted: Array, grippers: tuple[int, ...] | None = None
     ) -> Array | None:
-        """A body position near `wanted`, in balance on the contacts `support`; None if none exists.
+        """A body position near `wanted`, in balance on the contacts `support`; None if none was found.
 
         The grippers' mean place is that of the contacts `grippers`, or of `support` where it is all. Bounds are
         along the directions of the problem's reach, or as many of these as are given, x, y and z first.

@@ -219,7 +219,7 @@ class SparseQp:
         return float(sum((((c * x[i]).sum(axis=1) - t) ** 2).sum() for i, c, t in self._cost))
 
     def solve(self) -> Array | None:
-        """The solution, or None where the constraints leave none."""
+        """The solution, or None where none was found."""
         hessian, linear, diagonal = Entries(), np.zeros(self.size), np.arange(self.size)
         hessian.entries(diagonal, diagonal, np.full(self.size, _REGULARISATION))
         for cols, coefficients, target in self._cost:

@@ -70,7 +70,7 @@ class CentroidalQp:
         self.right[:, 6:9] += dt * self.problem.gravity_w
 
     def solve(self, low: Array, high: Array, *, moments: bool, accuracy: float, iterations: int) -> QpSolution | None:
-        """The solution between bounds, its multipliers (N, 12) of (8); None where there is none. Without `moments`
+        """The solution between bounds, its multipliers (N, 12) of (8); None where none was found. Without `moments`
         (8b)'s are left open.
         """
         asked = np.ones(self.right.shape, dtype=bool)
