@@ -14,7 +14,7 @@ from crux_planner.checker.no_way import NotShownError
 from crux_planner.pipeline.bound_certificate import certify_bound
 from walls import scenario, two_rows
 
-PARTS = 20
+PARTS = 20  # of the sweep, tests of their own, so that several processes may share it
 MANY = int(os.environ.get("CRUX_CERTIFICATES", "2000"))  # of the sweep: one takes about two seconds of computing
 
 
