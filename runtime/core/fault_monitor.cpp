@@ -203,10 +203,12 @@ FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noex
 
 FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
-    const bool not_ready = (in.ft_status[l] & kFtNotReady) != 0;
-    if (ft_silence_[l] > limits_.silent_cycles || not_ready) {
+    if (ft_silence_[l] > limits_.silent_cycles) {
       return {FaultCode::kFtSilent, l, can_.gripper_node, static_cast<double>(ft_silence_[l]),
               static_cast<double>(limits_.silent_cycles)};
+    }
+    if ((in.ft_status[l] & kFtNotReady) != 0) {
+      return {FaultCode::kFtNotReady, l, can_.gripper_node, static_cast<double>(in.ft_status[l]), 0.0};
     }
     if ((in.ft_status[l] & kFtOverload) != 0) {
       return {FaultCode::kFtOverload, l, can_.gripper_node, static_cast<double>(in.ft_status[l]), 0.0};

@@ -433,6 +433,12 @@ TEST_F(Faults, ASilentSensorMakesTheRobotHold) {
   expect_all_joint_modes(NodeMode::kTrack);
 }
 
+TEST_F(Faults, ASensorWithoutANumberIsNotCalledSilent) {
+  spoil_ = [](crux_msgs::control_input_t& in) { in.ft_status[3] = kFtNotReady; };
+  expect_fault(FaultCode::kFtNotReady, SupervisorState::kHolding, 3, 7);
+  EXPECT_EQ(run_->result.fault.value, kFtNotReady) << "what came";
+}
+
 TEST_F(Faults, AnOverloadedSensorMakesTheRobotHold) {
   spoil_ = [](crux_msgs::control_input_t& in) { in.ft_status[1] = kFtOverload; };
   expect_fault(FaultCode::kFtOverload, SupervisorState::kHolding, 1, 7);
