@@ -1,13 +1,16 @@
 #include "lcm/authorized_keys.hpp"
 
+#include <fcntl.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
-#include <fstream>
 #include <sstream>
+
+#include "bus/descriptor.hpp"
 
 namespace crux {
 namespace {
@@ -42,6 +45,17 @@ AuthorizedKey read_line(const std::string& line, const std::string& place) {
   return read;
 }
 
+std::string read_all(int file, const std::string& path) {
+  std::string text;
+  std::array<char, 4096> block{};
+  for (;;) {
+    const ssize_t got = ::read(file, block.data(), block.size());
+    if (got < 0) throw KeysError("--keys " + path + ": " + std::strerror(errno));
+    if (got == 0) return text;
+    text.append(block.data(), static_cast<std::size_t>(got));
+  }
+}
+
 }  // namespace
 
 std::vector<AuthorizedKey> parse_keys(std::string_view text, const std::string& where) {
@@ -65,16 +79,19 @@ std::vector<AuthorizedKey> parse_keys(std::string_view text, const std::string& 
 }
 
 std::vector<AuthorizedKey> read_keys(const std::string& path) {
+  // What is looked at is what is read; a pipe is not waited for.
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   struct stat status{};
-  std::ifstream file(path);
-  if (!file || ::stat(path.c_str(), &status) != 0)
+  if (file.get() < 0 || ::fstat(file.get(), &status) != 0)
     throw KeysError("--keys " + path + ": " + std::strerror(errno) + "; `crux key new` makes a key for it");
   if (!S_ISREG(status.st_mode)) throw KeysError("--keys " + path + ": is no file");
+  if (status.st_uid != 0 && status.st_uid != ::geteuid())
+    throw KeysError("--keys " + path + ": belongs to user " + std::to_string(status.st_uid) +
+                    ", who could make himself an operator; right is root or user " + std::to_string(::geteuid()) +
+                    ", whom the runtime runs as; chown root " + path);
   if ((status.st_mode & (S_IWGRP | S_IWOTH)) != 0)
     throw KeysError("--keys " + path + ": others may write to it, and make themselves operators; chmod go-w " + path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return parse_keys(text.str(), path);
+  return parse_keys(read_all(file.get(), path), path);
 }
 
 }  // namespace crux

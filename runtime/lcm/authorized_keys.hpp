@@ -33,7 +33,8 @@ struct AuthorizedKey {
 /// @throws KeysError
 std::vector<AuthorizedKey> parse_keys(std::string_view text, const std::string& where);
 
-/// Reads a file that nobody but its owner may write to: who can, could make himself an operator.
+/// Reads a file that belongs to root or to this process's user, and that nobody else may write to: who can, could make
+/// himself an operator.
 /// @throws KeysError
 std::vector<AuthorizedKey> read_keys(const std::string& path);
 

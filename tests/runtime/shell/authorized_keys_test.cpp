@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cstdio>
 #include <fstream>
@@ -64,6 +65,27 @@ TEST(AuthorizedKeys, AFileThatOthersMayWriteToIsRefused) {
   std::remove(path.c_str());
   EXPECT_THROW(read_keys(path), KeysError);
   EXPECT_THROW(read_keys(testing::TempDir()), KeysError);
+}
+
+TEST(AuthorizedKeys, AFileOfAnotherUserIsRefused) {
+  if (::geteuid() != 0) GTEST_SKIP() << "only root gives files away";
+  constexpr uid_t kOther = 65534;
+  const std::string path = testing::TempDir() + "crux_authorized_keys_of_another";
+  std::ofstream(path) << kA << " operate ann\n";
+  ASSERT_EQ(::chmod(path.c_str(), 0644), 0);
+  ASSERT_EQ(::chown(path.c_str(), kOther, 0), 0);
+  try {
+    read_keys(path);
+    FAIL() << "taken";
+  } catch (const KeysError& error) {
+    EXPECT_NE(std::string(error.what()).find("belongs to user 65534"), std::string::npos) << error.what();
+  }
+  // A runtime that runs as a user of its own takes root's file.
+  ASSERT_EQ(::chown(path.c_str(), 0, 0), 0);
+  ASSERT_EQ(::seteuid(kOther), 0);
+  EXPECT_EQ(read_keys(path).size(), 1U);
+  ASSERT_EQ(::seteuid(0), 0);
+  std::remove(path.c_str());
 }
 
 }  // namespace
