@@ -50,11 +50,11 @@ CycleLoop::CycleLoop(const RobotDescription& robot, PerLimb<std::unique_ptr<Bus>
       identify_cycles_(std::max<std::int64_t>(1, std::llround(robot.can.rate_Hz / kIdentifyRate_Hz))),
       snapshot_cycles_(std::max<std::int64_t>(
           1, std::llround(robot.can.rate_Hz / crux_msgs::channel_info(crux_msgs::Channel::kRobotState).rate_Hz))),
-      core_(robot),
+      core_(std::make_unique<ControlCore>(robot)),
       desk_(exchange.requests, exchange.answers),
       hold_cycles_(kHoldCycles) {}
 
-Reason CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept { return core_.exchange_plan(plan); }
+Reason CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept { return core_->exchange_plan(plan); }
 
 CycleReport CycleLoop::run() {
   if (wake_nodes()) {
@@ -68,7 +68,7 @@ CycleReport CycleLoop::run() {
 
 CycleReport CycleLoop::finish() {
   push_events(cycle_time_ns(logged_cycle_));
-  desk_.close(static_cast<std::int8_t>(core_.state()), events_);
+  desk_.close(static_cast<std::int8_t>(core_->state()), events_);
   push_events(cycle_time_ns(logged_cycle_));
   report_.cycles = cycle_;
   return report_;
@@ -144,9 +144,18 @@ void CycleLoop::run_by_bus() {
 
 CycleRecord* CycleLoop::begin_cycle() noexcept {
   CycleRecord* record = next_record();
+  if (record != &spare_) renew_core(*record);
   compute(*record);
   send(*record);
   return record;
+}
+
+/// So that a log can begin with this cycle and be computed again from there.
+void CycleLoop::renew_core(CycleRecord& record) noexcept {
+  std::unique_ptr<ControlCore>* made = exchange_.new_cores.front();
+  if (made == nullptr || !core_->as_new()) return;
+  record.retired_core = std::exchange(core_, std::move(*made));
+  exchange_.new_cores.pop();
 }
 
 /// A half-answered cycle at the very end depends on when the stop came: it does not belong into the log.
@@ -187,7 +196,7 @@ void CycleLoop::take_command(crux_msgs::control_input_t& input) noexcept {
     input.command_value = 0.0;
     return;
   }
-  input.operator_command = desk_.begin_cycle(cycle_, static_cast<std::int8_t>(core_.state()), *this, events_);
+  input.operator_command = desk_.begin_cycle(cycle_, static_cast<std::int8_t>(core_->state()), *this, events_);
   input.command_value = desk_.value();
 }
 
@@ -202,7 +211,7 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   for (const LimbBus& limb : limbs_) limb.fill(record.input);
   report_health(record);
   take_command(record.input);
-  core_.step(record.input, record.result);
+  core_->step(record.input, record.result);
 
   const CycleResult& result = record.result;
   const std::int8_t state = result.state.supervisor_state;
@@ -229,7 +238,9 @@ void CycleLoop::tell(const crux_msgs::fault_t& fault) noexcept {
 
 /// A log that is not whole is told; the robot climbs on.
 void CycleLoop::report_log(CycleResult& result) noexcept {
-  const bool ended = exchange_.log_broken.load(std::memory_order_relaxed) && !log_end_told_;
+  const bool broken = exchange_.log_broken.load(std::memory_order_relaxed);
+  log_end_told_ = log_end_told_ && broken;  // one that goes on may end again
+  const bool ended = broken && !log_end_told_;
   const bool gap = report_.dropped_records > gaps_told_ && records_.back() != nullptr;
   if (!ended && !gap) return;
   log_end_told_ = log_end_told_ || ended;

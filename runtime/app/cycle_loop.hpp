@@ -68,6 +68,7 @@ class CycleLoop : private PlanTaker {
   void run_by_clock();
 
   CycleRecord* begin_cycle() noexcept;
+  void renew_core(CycleRecord& record) noexcept;
   bool end_cycle(CycleRecord& record, bool answered) noexcept;
   void compute(CycleRecord& record) noexcept;
   void send(CycleRecord& record) noexcept;
@@ -102,7 +103,7 @@ class CycleLoop : private PlanTaker {
   std::int64_t identify_cycles_;
   std::int64_t snapshot_cycles_;
 
-  ControlCore core_;
+  std::unique_ptr<ControlCore> core_;
   OperatorDesk desk_;
   EventList events_;
   std::array<Frame, 64> frames_{};

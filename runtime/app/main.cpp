@@ -12,6 +12,7 @@
 
 #include "app/claim.hpp"
 #include "app/cycle_loop.hpp"
+#include "app/log_files.hpp"
 #include "app/open_log.hpp"
 #include "app/options.hpp"
 #include "app/realtime.hpp"
@@ -120,7 +121,11 @@ int run(const Options& options) {
   RuntimeExchange exchange;
   SpscRing<CycleRecord> records(kLogQueue);
   OperatorServer server(options.lcm_url, robot, exchange, std::move(gate));
-  LogWriter log_writer(records, open_log(options, robot), exchange.log_broken, options.log_frames);
+  const bool must_log = options.cycle.pace == Pace::kBus;  // a robot on the wall gets its runtime without a log, too
+  LogFiles log_files(options, robot);
+  LogWriter log_writer(records, must_log ? open_log(options, robot) : nullptr, exchange.log_broken, options.log_frames);
+  if (!must_log && !options.log.empty())
+    log_writer.take_logs_from(log_files, exchange.new_cores, [&robot] { return std::make_unique<ControlCore>(robot); });
   const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
   handle_signals(exchange.stop);
   if (options.insecure)

@@ -14,41 +14,18 @@
 #include <fstream>
 #include <limits>
 
+#include "app/log_files.hpp"
 #include "app/robot_meshes.hpp"
 #include "commit.hpp"
 
 namespace crux {
 namespace {
 
-constexpr int kMostNames = 100'000;
 constexpr int kClockReadings = 8;
 constexpr const char* kMediaYaml = "application/yaml";
 constexpr const char* kMediaUrdf = "application/xml";
 constexpr const char* kMediaMesh = "application/octet-stream";
 constexpr std::uintmax_t kMostMeshBytes = 64 << 20;  // of all of a robot's; more would make every log as long
-
-/// Creates an empty file; false when there is one already.
-bool create_new(const std::string& path) {
-  const int file = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (file >= 0) close(file);
-  if (file < 0 && errno != EEXIST) throw LogError("log " + path + ": cannot be created: " + std::strerror(errno));
-  return file >= 0;
-}
-
-/// `wanted`, or with a number behind it the first name that is free; the file is there then, empty.
-std::string free_name(const std::string& wanted) {
-  if (create_new(wanted)) return wanted;
-  const std::filesystem::path path(wanted);
-  for (int n = 2; n < kMostNames; ++n) {
-    std::filesystem::path numbered = path;
-    numbered.replace_filename(path.stem().string() + "-" + std::to_string(n) + path.extension().string());
-    if (!create_new(numbered)) continue;
-    std::fprintf(stderr, "crux-runtime: %s is there already and stays as it is; this log is %s\n", wanted.c_str(),
-                 numbered.c_str());
-    return numbered;
-  }
-  throw LogError("log " + wanted + ": is there already, and so are all names with a number behind it");
-}
 
 std::int64_t now_ns(clockid_t clock) {
   timespec now{};
@@ -108,17 +85,16 @@ void attach_meshes(McapLog& log, const std::string& urdf, const std::filesystem:
 
 std::string version() { return std::string(CRUX_VERSION " (commit ") + crux_msgs::kCommit + ")"; }
 
-std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
-  if (options.log.empty()) return nullptr;
-  std::error_code unknown;  // what cannot be looked at cannot be created either
-  if (std::filesystem::exists(options.log, unknown) && !std::filesystem::is_regular_file(options.log, unknown))
-    throw LogError("log " + options.log + ": is no file that a log can be written to");
-  auto log = std::make_unique<McapLog>(options.overwrite ? options.log : free_name(options.log));
+std::unique_ptr<McapLog> begin_log(const std::string& path, const Options& options, const RobotDescription& robot,
+                                   const LogBeginning& beginning) {
+  auto log = std::make_unique<McapLog>(path);
   log->write_metadata("crux", {{"format", std::to_string(crux_msgs::kLogFormat)},
                                {"version", CRUX_VERSION},
                                {"commit", crux_msgs::kCommit},
                                {"robot", robot.name},
                                {"robot_sha256", robot.sha256},
+                               {"first_cycle", std::to_string(beginning.cycle)},
+                               {"new_core", beginning.new_core ? "yes" : "no"},
                                {"calibrates", robot.calibrates ? "yes" : "no"},
                                {"pace", options.cycle.pace == Pace::kBus ? "bus" : "clock"},
                                {"started_utc", utc_text(now_ns(CLOCK_REALTIME))},
@@ -131,6 +107,10 @@ std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription
   attach_meshes(*log, robot.files[1].second, options.robot);
   log->flush();
   return log;
+}
+
+std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot) {
+  return options.log.empty() ? nullptr : LogFiles(options, robot).open({});
 }
 
 Metadata end_of(const CycleReport& report) {

@@ -5,15 +5,20 @@
 #include <string>
 
 #include "app/options.hpp"
-#include "telemetry/mcap_log.hpp"
+#include "telemetry/log_source.hpp"
 
 namespace crux {
 
 /// Of this program: version and the commit it was built from.
 std::string version();
 
-/// The log of `options`, with the run's metadata and the robot description in it; null when none is wanted. A log that
-/// is there already stays: the new one gets a number behind its name, which is told on standard error.
+/// A new log with the run's metadata and the robot description in it.
+/// @throws LogError
+std::unique_ptr<McapLog> begin_log(const std::string& path, const Options& options, const RobotDescription& robot,
+                                   const LogBeginning& beginning);
+
+/// The log of `options`; null when none is wanted. A log that is there already stays: the new one gets a number behind
+/// its name, which is told on standard error. Where it cannot be written no file of its name is left.
 /// @throws LogError
 std::unique_ptr<McapLog> open_log(const Options& options, const RobotDescription& robot);
 

@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::string_view kDefaultBusBase = "udp:239.74.163.2:43113";
 constexpr double kMaxGuardTime_s = 3600.0;
+constexpr double kMaxIdleLogs_GB = 1e5;
 
 void set_bus(Options& options, const std::string& value) {
   const std::size_t equals = value.find('=');
@@ -40,6 +41,14 @@ std::chrono::nanoseconds parse_guard_time(const std::string& value) {
   if (error != std::errc{} || end != value.data() + value.size() || !(seconds > 0.0) || seconds > kMaxGuardTime_s)
     throw OptionError("--guard-time '" + value + "': right is a number of seconds above 0, at most 3600");
   return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::duration<double>(seconds));
+}
+
+std::uintmax_t parse_gigabytes(const std::string& value) {
+  double gigabytes = 0.0;
+  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), gigabytes);
+  if (error != std::errc{} || end != value.data() + value.size() || !(gigabytes > 0.0) || gigabytes > kMaxIdleLogs_GB)
+    throw OptionError("--idle-logs '" + value + "': right is a number of GB above 0, at most 100000");
+  return static_cast<std::uintmax_t>(1e9 * gigabytes);
 }
 
 void add_tag(Options& options, const std::string& value) {
@@ -93,9 +102,9 @@ Options parse_options(std::span<const char* const> arguments) {
       *given->second = true;
       continue;
     }
-    constexpr std::array<std::string_view, 11> kNames = {"--robot",      "--bus",  "--bus-base", "--commands",
+    constexpr std::array<std::string_view, 12> kNames = {"--robot",      "--bus",  "--bus-base", "--commands",
                                                          "--pace",       "--keys", "--lcm",      "--log",
-                                                         "--guard-time", "--tag",  "--note"};
+                                                         "--guard-time", "--tag",  "--note",     "--idle-logs"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -110,9 +119,12 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
     if (name == "--note") options.tags.emplace_back("note", value);
+    if (name == "--idle-logs") options.idle_log_bytes = parse_gigabytes(value);
     if (name == "--guard-time") options.cycle.guard_time = parse_guard_time(value);
   }
   if (options.check) return options;
+  if (options.idle_log_bytes > 0 && (options.log.empty() || options.cycle.pace == Pace::kBus))
+    throw OptionError("--idle-logs goes with --log and --pace clock: a simulation has one log");
   complete_buses(options);
   check_authority(options);
   return options;
@@ -140,6 +152,8 @@ usage: crux-runtime [options]
                     and the simulation
   --log FILE        every cycle as MCAP; where FILE is there already,
                     it stays and the log is FILE with a number behind  (none)
+  --idle-logs GB    bounds the logs in which nothing climbs: they are
+                    called .idle, the oldest are deleted beyond GB     (one log, however long)
   --overwrite       replace the log that is there already
   --log-frames      the CAN frames of every cycle into the log as well, not
                     of the seconds around a fault alone

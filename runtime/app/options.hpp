@@ -25,13 +25,14 @@ struct Options {
   std::string robot = "msgs/robots/scaler";  ///< folder with robot.yaml
   std::array<std::string, kLimbs> buses;     ///< by limb, in the order LF, RF, LR, RR
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
-  std::string keys;         ///< file of those who may command; empty: whoever reaches LCM, with `insecure` alone
-  bool insecure = false;    ///< no keys
-  std::string log;          ///< empty: none
-  bool overwrite = false;   ///< a log that is there already
-  bool log_frames = false;  ///< CAN frames of every cycle
-  bool calibrate = false;   ///< the admittance's gains
-  Metadata tags;            ///< what the log is to say of itself besides
+  std::string keys;       ///< file of those who may command; empty: whoever reaches LCM, with `insecure` alone
+  bool insecure = false;  ///< no keys
+  std::string log;        ///< empty: none
+  std::uintmax_t idle_log_bytes = 0;  ///< of logs without a climb, which are ended and deleted; 0: one log, never
+  bool overwrite = false;             ///< a log that is there already
+  bool log_frames = false;            ///< CAN frames of every cycle
+  bool calibrate = false;             ///< the admittance's gains
+  Metadata tags;                      ///< what the log is to say of itself besides
   std::string command_line;
   CycleOptions cycle{Pace::kClock, std::chrono::seconds(1)};
 };

@@ -78,6 +78,10 @@ void ControlCore::hand_over(const PlanReference& before) noexcept {
 
 double ControlCore::engagement() const noexcept { return smoothstep(engaged_time_s_ / robot_.control.engage_time_s); }
 
+bool ControlCore::as_new() const noexcept {
+  return state() == SupervisorState::kIdle && !plan_ && !supervisor_.fault() && supervisor_.speed_scale() == 1.0;
+}
+
 void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept {
   sense(in);
   supervise(in);

@@ -60,6 +60,9 @@ class ControlCore {
 
   SupervisorState state() const { return supervisor_.state(); }
 
+  /// IDLE, and nothing that an operator gave it or has to know of would be lost with it.
+  bool as_new() const noexcept;
+
  private:
   /// Of a limb in the air to the hold it left, or comes down on, when another has lost its own.
   enum class Return : std::uint8_t { kNone, kOnItsWay, kOver };

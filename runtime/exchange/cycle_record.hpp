@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
 #include "core/control_core.hpp"
 #include "core/geometry.hpp"
@@ -21,7 +22,8 @@ struct CycleRecord {
   CycleResult result;
   PerLimb<crux_msgs::bus_health_t> health{};
   crux_msgs::cycle_timing_t timing{};
-  FrameTape frames;  ///< since the record before
+  std::unique_ptr<ControlCore> retired_core;  ///< a new core computes from this cycle on; the old one is to be freed
+  FrameTape frames;                           ///< since the record before
 };
 
 }  // namespace crux

@@ -74,6 +74,8 @@ class EventList {
   }
   LoggedEvent* begin() noexcept { return events_.data(); }
   LoggedEvent* end() noexcept { return events_.data() + n_; }
+  [[nodiscard]] const LoggedEvent* begin() const noexcept { return events_.data(); }
+  [[nodiscard]] const LoggedEvent* end() const noexcept { return events_.data() + n_; }
   /// Frees the entries: for the telemetry thread.
   void clear() noexcept {
     for (LoggedEvent& event : *this) event.entry.reset();

@@ -5,8 +5,10 @@
 #include <atomic>
 #include <cstdint>
 #include <iterator>
+#include <memory>
 
 #include "bus/limb_bus.hpp"
+#include "core/control_core.hpp"
 #include "core/geometry.hpp"
 #include "crux_msgs/bus_health_t.hpp"
 #include "crux_msgs/cycle_timing_t.hpp"
@@ -35,6 +37,7 @@ using NodeStates = std::array<std::int8_t, std::size(decltype(crux_msgs::status_
 
 struct RuntimeExchange {
   SpscRing<Request> requests{64};
+  SpscRing<std::unique_ptr<ControlCore>> new_cores{1};  ///< to be taken where the old one is as new, for a new log
   SpscRing<Answer> answers{256};
   SpscRing<crux_msgs::fault_t> faults{64};
   SpscRing<NodeNotice> notices{64};
@@ -42,7 +45,7 @@ struct RuntimeExchange {
   LatestValue<NodeStates> nodes;
   std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
   std::atomic<std::int16_t> fault_code{0};  ///< of the fault that stands, as in robot_state_t
-  std::atomic<bool> log_broken{false};      ///< the log can be written no more
+  std::atomic<bool> log_broken{false};      ///< the log cannot be written
   std::atomic<bool> stop{false};            ///< asks the real-time thread to hold and end
 };
 

@@ -32,6 +32,10 @@ class McapLog {
   /// @throws LogError
   explicit McapLog(const std::string& path);
 
+  [[nodiscard]] const std::string& path() const noexcept { return path_; }
+  /// Its file has another name now.
+  void renamed(std::string path) noexcept { path_ = std::move(path); }
+
   /// @param limb of a channel that has a topic for each limb
   template <class Message>
   void write(crux_msgs::Channel channel, std::int64_t log_time_ns, const Message& message, std::size_t limb = 0) {

@@ -79,6 +79,10 @@ TEST(Options, MistakesAreNamed) {
   EXPECT_NE(error_of({"--guard-time", "-1"}).find("'-1'"), std::string::npos);
   EXPECT_NE(error_of({"--guard-time", "nan"}).find("'nan'"), std::string::npos);
   EXPECT_NE(error_of({"--guard-time", "1s"}).find("'1s'"), std::string::npos);
+  EXPECT_NE(error_of({"--idle-logs", "0"}).find("'0'"), std::string::npos);
+  EXPECT_NE(error_of({"--idle-logs", "8"}).find("--log"), std::string::npos);
+  EXPECT_NE(error_of({"--idle-logs", "8", "--log", "x", "--pace", "bus"}).find("--pace clock"), std::string::npos);
+  EXPECT_EQ(parse({"--idle-logs", "8", "--log", "x"}).idle_log_bytes, 8'000'000'000);
   EXPECT_NE(error_of({"--bus", "XX=socketcan:can0"}).find("LF, RF, LR, RR"), std::string::npos);
   EXPECT_NE(error_of({"--bus", "LF=socketcan:can0"}).find("RF has no bus"), std::string::npos);
 }

@@ -199,7 +199,7 @@ def test_a_log_is_replaced_where_told_so(start: Starter, tmp_path: Path) -> None
 def test_what_is_no_file_is_no_log(more: tuple[str, ...], tmp_path: Path) -> None:
     for wrong in (tmp_path, Path("/dev/full")):
         command = [str(built("runtime/app/crux-runtime")), "--insecure", "--robot", str(ROBOT), "--log", str(wrong)]
-        command += more
+        command += ["--pace", "bus", *more]
         ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
         assert ended.returncode == 2
         assert ended.stderr == f"crux-runtime: log {wrong}: is no file that a log can be written to\n"

@@ -134,6 +134,11 @@ def _refuse_others(log: Payloads, path: Path) -> None:
             commit = log.metadata.get("commit", "unknown")
             whose = f"{topic} is of another crux (commit {commit}), which alone can compute it again"
             raise UsageError(f"{path}: {newer_format(log.metadata) or whose}")
+    if log.metadata.get("new_core") == "no":
+        raise UsageError(
+            f"{path}: begins in cycle {log.metadata.get('first_cycle')} of a run whose control core had worked before: "
+            "what it knew by then stands in the log before, so this one cannot be computed again; it can be shown"
+        )
 
 
 def _feed(records: IO[bytes], given: list[tuple[str, bytes]]) -> None:
@@ -149,10 +154,12 @@ def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | Non
     plans = list(zip(log.times_ns.get(PLAN, []), log.payloads.get(PLAN, []), strict=True))
     given: list[tuple[str, bytes]] = []
     cycles: list[int] = []
+    expected = int(log.metadata.get("first_cycle", "1"))
     for time_ns, payload in zip(log.times_ns[INPUT], log.payloads[INPUT], strict=True):
         (cycle,) = _CYCLE.unpack_from(payload)
-        if cycle != len(cycles) + 1:
-            return given, cycles, len(cycles) + 1
+        if cycle != expected:
+            return given, cycles, expected
+        expected += 1
         while plans and plans[0][0] <= time_ns:
             given.append((PLAN, plans.pop(0)[1]))
         given.append((INPUT, payload))

@@ -1,0 +1,83 @@
+"""Logs in which nothing climbs take no more than they may; a climb's log stays, and can be computed again."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from crux_msgs import command_t, robot_state_t
+from crux_simulation.sim.ports import run_ports
+from crux_tools.errors import UsageError
+from crux_tools.replay.recompute import recompute
+from crux_tools.telemetry.reader import read_channels
+from hand_plan import standing_plan
+from own_runtime import Runtime, Starter
+from robot_on_wall import PATIENCE_S, RobotOnWall
+
+MOST_GB = 0.001
+SLACK_BYTES = 2 << 20  # a log that is written runs ahead of what is in it, and ends with its index
+
+
+def await_true(wanted: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not wanted():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+
+
+def number(log: Path) -> int:
+    return int(log.name.split(".")[0].partition("-")[2] or "1")
+
+
+def idle(runtime: Runtime) -> list[Path]:
+    return sorted(runtime.log.parent.glob(f"{runtime.log.stem}-*.idle.mcap"), key=number)
+
+
+def metadata(log: Path) -> dict[str, str]:
+    return read_channels(log, {"/robot_state"}).metadata
+
+
+def test_idle_logs_are_bounded_and_a_climb_is_kept_and_can_be_computed_again(start: Starter, tmp_path: Path) -> None:
+    plan = standing_plan()
+    other, older = tmp_path / "log1x.idle.mcap", tmp_path / "log1.idle.mcap"
+    other.write_bytes(bytes(8 << 20))
+    older.write_bytes(bytes(8 << 20))  # of an earlier run
+    os.utime(older, (0, 0))
+    kept = tmp_path / "log1-2.mcap"
+    kept.write_text("of an earlier climb")
+    with run_ports() as ports, RobotOnWall(ports, plan) as robot:
+        runtime = start("--idle-logs", str(MOST_GB), ports=ports, pace="clock")
+        await_true(lambda: bool(idle(runtime)) and number(idle(runtime)[-1]) >= 16)
+        assert not older.exists()
+        assert kept.exists()
+        assert other.exists(), "it is no log of this runtime"
+        logs = idle(runtime)
+        assert number(logs[0]) > 3, "the oldest are gone"
+        assert sum(log.stat().st_size for log in logs) <= 1e9 * MOST_GB + SLACK_BYTES
+        runtime.link.upload(plan)
+        robot.await_state(robot_state_t.READY)
+        runtime.link.send(command_t.START, plan.plan_id)
+        robot.await_state(robot_state_t.CLIMBING)
+        runtime.link.send(command_t.HOLD)
+        robot.await_state(robot_state_t.HOLDING)
+
+        def climbs() -> list[Path]:
+            return [log for log in sorted(tmp_path.glob("log1-*.mcap")) if ".idle" not in log.name and log != kept]
+
+        (climb,) = climbs()
+        await_true(lambda: number(idle(runtime)[-1]) > number(climb) + 1)  # it has been holding for a while
+        assert climbs() == [climb]
+        last = idle(runtime)[-1]
+        robot.power_off()
+        runtime.process.terminate()
+        runtime.end()
+    assert metadata(climb)["new_core"] == "yes"
+    assert int(metadata(climb)["first_cycle"]) > 1
+    found = recompute(climb)
+    assert found.ok, found
+    assert metadata(last)["new_core"] == "no"
+    with pytest.raises(UsageError, match="had worked before"):
+        recompute(last)
