@@ -1,9 +1,11 @@
 """Locks lie where nobody else can prepare a link: what a link points to stays as it is."""
 
+import fcntl
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from crux_simulation.sim.ports import run_ports
+from crux_simulation.sim.ports import PORTS, run_ports
 from crux_tools.errors import UsageError
 from crux_tools.output import alone_with
 from crux_tools.private_folder import private_folder
@@ -30,6 +32,16 @@ def test_a_lock_truncates_no_file_behind_a_link(shared: Path) -> None:
         (shared / f"crux-{lock.name}").symlink_to(victim)
     with alone_with(shared / "out.mcap"), run_ports():
         assert victim.read_text() == "precious"
+
+
+def test_locks_of_others_in_the_temporary_folder_leave_all_ports_free(shared: Path) -> None:
+    with ExitStack() as held:
+        for base in PORTS:  # named as ours, as anybody can
+            lock = held.enter_context((shared / f"ports-{base}.lock").open("w"))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        assert len(PORTS) == 1500
+        with run_ports():
+            pass
 
 
 @pytest.mark.parametrize("kind", ["link", "file", "open to others"])
