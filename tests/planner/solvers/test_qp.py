@@ -36,7 +36,7 @@ def badly_scaled(random: np.random.Generator, feasible: bool) -> tuple[Any, ...]
         matrix[-1], most[-1] = -share @ matrix[:-1], -share @ most[:-1] - random.uniform(0.01, 1.0)
     row, of_equation = 10.0 ** random.uniform(-6.0, 6.0, rows), 10.0 ** random.uniform(-6.0, 6.0, equations)
     column = 10.0 ** random.uniform(-3.0, 3.0, size)
-    ends = np.full(size, 1e4) / column
+    ends = np.full(size, 1e6) / column
     cost, linear = np.diag(random.uniform(0.1, 1.0, size) * column**2), random.normal(size=size) * column
     both = (of_equation[:, None] * equal * column, of_equation * right)
     below = (row[:, None] * matrix * column, None, row * most)
@@ -44,7 +44,7 @@ def badly_scaled(random: np.random.Generator, feasible: bool) -> tuple[Any, ...]
 
 
 def test_badly_scaled_programs_are_not_called_infeasible() -> None:
-    """PIQP by itself leaves most of them unsolved, and calls some infeasible."""
+    """PIQP by itself solves 29 of them, and calls 6 infeasible."""
     random = np.random.default_rng(5)
     for _ in range(100):
         program, row, of_equation = badly_scaled(random, feasible=True)
