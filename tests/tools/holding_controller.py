@@ -11,7 +11,8 @@ RAMP_S = 0.2
 
 
 class HoldingController:
-    """Knows the model; each limb carries itself and, with `carries_body`, a quarter of the whole weight."""
+    """Knows the model and its state without the sensors' errors; each limb carries itself and, with `carries_body`, a
+    quarter of the whole weight."""
 
     def __init__(self, plant: Plant, squeeze_n: float = 20.0, *, carries_body: bool = True) -> None:
         self.plant = plant
@@ -20,7 +21,7 @@ class HoldingController:
         servo = plant.robot.robot.servo
         self.stiffness = np.tile(servo.position_gain_Nm_rad, 4)
         self.damping = np.tile(servo.velocity_gain_Nms_rad, 4)
-        self.wanted_rad = plant.joint_position_rad.copy()
+        self.wanted_rad = plant.data.qpos[plant.robot.joint_qpos].copy()
         self._jacobian = np.zeros((6, plant.model.nv))
 
     def _feed_forward(self) -> NDArray[np.float64]:
@@ -41,8 +42,8 @@ class HoldingController:
         """Torques (24,) and finger forces (4,) for the plant as it is."""
         plant = self.plant
         squeeze = self.squeeze_n * min(1.0, plant.time_s / RAMP_S)
-        torque = self.stiffness * (self.wanted_rad - plant.joint_position_rad)
-        torque += self._feed_forward() - self.damping * plant.joint_velocity_rad_s
+        torque = self.stiffness * (self.wanted_rad - plant.data.qpos[plant.robot.joint_qpos])
+        torque += self._feed_forward() - self.damping * plant.data.qvel[plant.robot.joint_dof]
         return torque, np.full(4, squeeze)
 
     def run(self, seconds: float) -> None:

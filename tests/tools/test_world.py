@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 SCALER = load_robot("scaler")
 SETTLED_S = 4.0  # the hand is gone at 1.5 s
+ENCODER_NOISE_RAD = 2e-4  # six standard deviations of a joint's reading
 
 
 def in_world(text: str, plan: plan_t | None = None, seed: int = 3) -> Plant:
@@ -232,12 +233,12 @@ def test_encoders_and_fingers_err_in_place_and_rate() -> None:
     true = plant.data.qpos[plant.robot.joint_qpos]
     assert abs(true[18] - held[18]) > 1e-4  # the joints give way
     errors = plant.joint_position_rad - true
-    assert errors[7] == pytest.approx(0.01)
+    assert errors[7] == pytest.approx(0.01, abs=ENCODER_NOISE_RAD)
     assert np.isnan(errors[12:18]).all()
     assert np.isnan(plant.joint_velocity_rad_s[12:18]).all()
     assert plant.joint_position_rad[18] == last[18]
     assert plant.joint_velocity_rad_s[18] == 0.0
-    assert np.count_nonzero(errors[[*range(7), *range(8, 12), *range(19, 24)]]) == 0
+    assert np.abs(errors[[*range(7), *range(8, 12), *range(19, 24)]]).max() < ENCODER_NOISE_RAD
     opening = plant.data.qpos[plant.robot.finger_qpos].mean(axis=1)
     np.testing.assert_allclose(plant.finger_opening_m - opening, [0.002, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(plant.finger_force_n, [8, 4, 8, 8])
@@ -266,12 +267,13 @@ def in_the_air(text: str) -> Plant:
 def drive(plant: Plant, joint: int, torque_nm: float, seconds: float) -> float:
     """Angle [rad] by which a joint moves under a torque besides that which carries it; the other joints hold."""
     control = HoldingController(plant, squeeze_n=0.0, carries_body=False)
-    begin = float(plant.joint_position_rad[joint])
+    place = plant.robot.joint_qpos[joint]
+    begin = float(plant.data.qpos[place])
     for _ in range(round(seconds / plant.dt_s)):
         torque, force = control.command()
         torque[joint] = plant.data.qfrc_bias[plant.robot.joint_dof[joint]] + torque_nm
         plant.step(torque, force)
-    return float(plant.joint_position_rad[joint]) - begin
+    return float(plant.data.qpos[place]) - begin
 
 
 def test_a_joint_sticks_until_the_torque_breaks_it_away_and_then_slides() -> None:

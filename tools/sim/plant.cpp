@@ -52,6 +52,7 @@ struct crux_plant {
   void read_sensors();
   void look_at_contacts();
   void take_contact(const mjContact& contact);
+  void read_encoders();
   double normal() { return normal_(random_); }
   [[nodiscard]] bool hand_is_gone() const {
     return time_s() > carried_until_s_ + kHandReleases_s[1] + model_->opt.timestep;
@@ -59,7 +60,8 @@ struct crux_plant {
   [[nodiscard]] double time_s() const { return static_cast<double>(state_.cycle) * model_->opt.timestep; }
 
   std::mt19937_64 random_;
-  std::normal_distribution<double> normal_;
+  std::mt19937_64 encoder_random_;
+  std::normal_distribution<double> normal_, encoder_normal_;
   std::array<double, CRUX_SIM_JOINTS> ft_bias_{};
   std::array<double, 3> hand_position_{};
   std::int64_t cycle_ = -1;  ///< of the runtime, when record() was called last
@@ -73,7 +75,8 @@ crux_plant::crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, 
       settings_(settings),
       screws_(*model, map_, settings.screw_middle, settings.screw_width),
       state_(state),
-      random_(settings.seed) {
+      random_(settings.seed),
+      encoder_random_(settings.seed + 2) {
   state_ = {};
   torque_share_.fill(settings.torque_share);
   for (std::size_t i = 0; i < ft_bias_.size(); ++i) ft_bias_[i] = settings.ft_bias[i % 6] * normal();
@@ -128,10 +131,21 @@ void crux_plant::carry() {
   }
 }
 
-void crux_plant::read_sensors() {
+/// Whole counts of a reading that hovers about the angle, as magnetic encoders' do.
+void crux_plant::read_encoders() {
+  const double step_rad = settings_.encoder_step_rad;
   for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
-    state_.joint_position_rad[j] = data_->qpos[map_.joint_qpos[j]];
-    state_.joint_velocity_rad_s[j] = data_->qvel[map_.joint_dof[j]];
+    const double angle_rad =
+        data_->qpos[map_.joint_qpos[j]] + settings_.encoder_noise_rad * encoder_normal_(encoder_random_);
+    state_.joint_position_rad[j] = step_rad > 0.0 ? step_rad * std::round(angle_rad / step_rad) : angle_rad;
+    state_.joint_velocity_rad_s[j] =
+        data_->qvel[map_.joint_dof[j]] + settings_.encoder_noise_rad_s * encoder_normal_(encoder_random_);
+  }
+}
+
+void crux_plant::read_sensors() {
+  read_encoders();
+  for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
     // MuJoCo reports what the link exerts on the hand; wanted is what the world exerts on it.
     state_.ft_true[j] = -data_->sensordata[map_.ft_sensors[j]];
     state_.ft[j] = state_.ft_true[j] + settings_.ft_noise[j % 6] * normal() + ft_bias_[j];

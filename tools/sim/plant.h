@@ -30,10 +30,12 @@ typedef struct crux_plant_map {
 /// What is the same all through a run.
 typedef struct crux_plant_settings {
   uint64_t seed;
-  double torque_share;               ///< of a step in commanded joint torque, made good in one period
-  double ft_noise[6], ft_bias[6];    ///< standard deviations; the bias is drawn once
-  double hand_rotation[9];           ///< W <- body that the hand holds at the start, row-major
-  double screw_middle, screw_width;  ///< friction of a screw by its squeeze: its mean and its half width
+  double torque_share;                         ///< of a step in commanded joint torque, made good in one period
+  double ft_noise[6], ft_bias[6];              ///< standard deviations; the bias is drawn once
+  double encoder_step_rad, encoder_noise_rad;  ///< of a joint: a count, and the standard deviation of a reading
+  double encoder_noise_rad_s;                  ///< of the speed that boards observe
+  double hand_rotation[9];                     ///< W <- body that the hand holds at the start, row-major
+  double screw_middle, screw_width;            ///< friction of a screw by its squeeze: its mean and its half width
 } crux_plant_settings;
 
 /// What the last step left.

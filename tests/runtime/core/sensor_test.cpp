@@ -93,6 +93,45 @@ TEST_F(Sensors, AJointThatIsToStandStillMayReadTheSameForEver) {
   EXPECT_EQ(until_fault([&](crux_msgs::control_input_t& in) { in.joint_position_rad[1] = still_rad; }, 2000), 2001);
 }
 
+/// Of one joint, whose command moves on at 20 mrad/s after it was to stand.
+class EncoderReadings : public testing::Test {
+ protected:
+  static constexpr double kDt_s = 0.002, kCount_rad = 1.07e-5;
+
+  void stand(double noise_rad) {
+    for (int i = 0; i < 1000; ++i) watch_.look(1, read(noise_rad), 0.0, kDt_s);
+  }
+  double read(double noise_rad) { return kCount_rad * std::round(random_.uniform(-noise_rad, noise_rad) / kCount_rad); }
+  /// How far [rad] the command gets until the encoder counts as frozen, at most to `most_rad`.
+  template <class Reading>
+  double until_frozen_rad(double most_rad, Reading reading) {
+    double command_rad = 0.0;
+    while (command_rad < most_rad && !watch_.frozen()) watch_.look(1, reading(), command_rad += 4e-5, kDt_s);
+    return command_rad;
+  }
+
+  EncoderWatch watch_{robot(), 2};
+  Random random_;
+};
+
+TEST_F(EncoderReadings, AJointThatSticksHasNoFrozenEncoder) {
+  const double stiction_Nm = 1.5, breaks_away_rad = stiction_Nm / robot().servo.position_gain_Nm_rad[1];
+  stand(0.0);
+  EXPECT_GE(until_frozen_rad(breaks_away_rad, [] { return 0.0; }), breaks_away_rad);
+  stand(5e-5);
+  EXPECT_GE(until_frozen_rad(1.0, [&] { return read(5e-5); }), 1.0) << "with the noise of a real encoder";
+}
+
+TEST_F(EncoderReadings, AnEncoderThatHoveredAndReadsTheSameHasFrozen) {
+  stand(5e-5);
+  EXPECT_LT(until_frozen_rad(1.0, [] { return 0.0; }), 0.0035);
+}
+
+TEST_F(EncoderReadings, NoFrictionHoldsAJointAgainstAnyTorque) {
+  stand(0.0);
+  EXPECT_LT(until_frozen_rad(1.0, [] { return 0.0; }), 0.030);
+}
+
 TEST_F(Sensors, AForceTorqueSensorThatReadsZeroIsNamedAndNotYieldedTo) {
   run_.steps(kIntoSwing);
   const auto zero = [](crux_msgs::control_input_t& in) {

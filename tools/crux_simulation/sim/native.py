@@ -37,6 +37,7 @@ class PlantSettings(ctypes.Structure):
         ("torque_share", c_double),
         ("ft_noise", c_double * 6),
         ("ft_bias", c_double * 6),
+        *((name, c_double) for name in ("encoder_step_rad", "encoder_noise_rad", "encoder_noise_rad_s")),
         ("hand_rotation", c_double * 9),
         ("screw_middle", c_double),
         ("screw_width", c_double),

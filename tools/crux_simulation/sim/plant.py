@@ -21,6 +21,10 @@ from crux_simulation.sim.native import PlantMap, PlantSettings, PlantState, Plan
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 DOUBLES = ctypes.POINTER(ctypes.c_double)
+ENCODER_NOISE_TURNS = 0.068 / 360  # rms of a sample; magnetic encoders of 14 bits hover by 3 bits of them
+ENCODER_NOISE_1_S = 112.0
+"""Of the speed that a board observes, by the noise of a sample: sqrt(T w^3 / 4) of firmware/core/drive/encoder.h, whose
+two poles are at w = 1000 rad/s, sampled each T = 50 us."""
 
 
 def _fill(target: Any, values: Any) -> None:
@@ -75,6 +79,10 @@ class Plant:
         _fill(settings.ft_noise, np.repeat([ft.noise_N, ft.noise_Nm], 3))
         _fill(settings.ft_bias, np.repeat([ft.bias_N, ft.bias_Nm], 3))
         _fill(settings.hand_rotation, hand_rotation)
+        turn_rad = 2 * np.pi / robot.motor.gear_ratio  # of the joint, in one of its rotor, where the encoder is
+        settings.encoder_step_rad = turn_rad / robot.drive.encoder_counts
+        settings.encoder_noise_rad = turn_rad * ENCODER_NOISE_TURNS
+        settings.encoder_noise_rad_s = settings.encoder_noise_rad * ENCODER_NOISE_1_S
         settings.screw_middle = 0.5 * (2 + (motor.screw_release_torque - 1) / motor.screw_efficiency)
         settings.screw_width = 0.5 * (1 + motor.screw_release_torque) / motor.screw_efficiency
         return settings
