@@ -89,13 +89,13 @@ class ControlCore {
   PerLimb<Wrench> wrench_errors(const PlanReference& reference, double engagement) const noexcept;
   /// Share of its load that a limb bears; nothing once it has lost its hold.
   double load(int limb, const LimbReference& reference) const noexcept;
-  Contact contact(const LimbReference& reference) const noexcept;
+  Contact contact(int limb, const LimbReference& reference) const noexcept;
   int slipping_limb() const noexcept;
   /// Share of its load that a limb bears while it slips.
   double relief(int limb) const noexcept;
   /// The contact with the friction that the grasp is known to have: the plan's until it slips.
   Contact known_contact(int limb, const LimbReference& reference) const noexcept;
-  double wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept;
+  double wanted_grasp_force_N(int limb, const LimbReference& reference, const Wrench& wrench_W) const noexcept;
   /// limb_telemetry_t.utilisation, by what sensor and fingers feel; by the planned wrench where no sensor is trusted.
   double utilisation(int limb) const noexcept;
   /// Grasp force that each limb's share of the load needs.

@@ -64,16 +64,18 @@ void GraspController::reset(double opening_m, double force_N) noexcept {
   // The actuator's position loop gives stiffness·(opening − command) when it stands.
   opening_command_m_ = opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m;
   force_reference_N_ = std::max(force_N, 0.0);
+  pace_.stand_at(opening_command_m_);
 }
 
 double GraspController::expected_force_N(double opening_m, double speed_m_s) const noexcept {
-  return std::clamp(gripper_.stiffness_N_m * (opening_m - opening_command_m_) + gripper_.damping_Ns_m * speed_m_s,
+  return std::clamp(gripper_.stiffness_N_m * (opening_m - pace_.setpoint_m()) + gripper_.damping_Ns_m * speed_m_s,
                     -gripper_.max_finger_force_N, gripper_.max_finger_force_N);
 }
 
 void GraspController::open_to(double opening_m, double dt_s) noexcept {
   const double step_m = gripper_.max_finger_speed_m_s * dt_s;
-  opening_command_m_ += std::clamp(opening_m - opening_command_m_, -step_m, step_m);
+  const double next_m = opening_command_m_ + std::clamp(opening_m - opening_command_m_, -step_m, step_m);
+  opening_command_m_ = pace_.follow(next_m, seen_m_, dt_s);
   force_reference_N_ = 0.0;
 }
 
@@ -91,9 +93,9 @@ void GraspController::press(double wanted_force_N, double measured_force_N, doub
     const double least_N = std::max(force_reference_N_ - kSensorsApart_N, control_.min_grasp_force_N);
     most_m = std::min(most_m, std::max(opening_m - least_N / gripper_.stiffness_N_m, opening_command_m_));
   }
-  // Beyond the closed stop only as far as the actuator's full force needs: against wind-up on nothing.
-  const double least_m = gripper_.min_opening_m - gripper_.max_finger_force_N / gripper_.stiffness_N_m;
-  opening_command_m_ = std::clamp(opening_command_m_ + dt_s * speed_m_s, least_m, most_m);
+  // No further than the actuator closes: against wind-up on nothing.
+  const double next_m = std::clamp(opening_command_m_ + dt_s * speed_m_s, gripper_.min_opening_m, most_m);
+  opening_command_m_ = pace_.follow(next_m, seen_m_, dt_s);
 }
 
 }  // namespace crux

@@ -1,6 +1,7 @@
 // How hard the fingers must press, and the opening command that makes the linear actuator press so.
 #pragma once
 
+#include "core/actuator_pace.hpp"
 #include "core/geometry.hpp"
 #include "core/robot_description.hpp"
 
@@ -34,10 +35,15 @@ double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_a
 class GraspController {
  public:
   GraspController(const GripperDescription& gripper, const ControlParameters& control)
-      : gripper_(gripper), control_(control) {}
+      : gripper_(gripper), control_(control), pace_(gripper) {}
 
   /// Takes over from an actuator at rest without a jolt.
   void reset(double opening_m, double force_N) noexcept;
+
+  /// What the sensors say of the fingers, before each command.
+  void see(double opening_m, double speed_m_s, double force_N) noexcept {
+    seen_m_ = opening_m - (force_N - gripper_.damping_Ns_m * speed_m_s) / gripper_.stiffness_N_m;
+  }
 
   /// In the air: moves towards `opening_m`.
   void open_to(double opening_m, double dt_s) noexcept;
@@ -47,7 +53,8 @@ class GraspController {
   /// It closes as fast as it can from now on, or no longer.
   void hurry(bool hurries) noexcept { hurries_ = hurries; }
 
-  /// Squeeze [N] that the actuator makes of its command where the fingers stand `opening_m` apart and move.
+  /// Squeeze [N] that the actuator, as quick as it was found to be, makes of its commands where the fingers stand
+  /// `opening_m` apart and move.
   double expected_force_N(double opening_m, double speed_m_s) const noexcept;
 
   double opening_command_m() const { return opening_command_m_; }
@@ -56,7 +63,9 @@ class GraspController {
  private:
   GripperDescription gripper_;
   ControlParameters control_;
+  ActuatorPace pace_;
   double opening_command_m_ = 0.0;
+  double seen_m_ = 0.0;  ///< the actuator's setpoint by see()
   double force_reference_N_ = 0.0;
   bool hurries_ = false;
 };

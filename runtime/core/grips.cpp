@@ -17,20 +17,21 @@ constexpr double kFinger = 0.6;
 
 }  // namespace
 
-Contact ControlCore::contact(const LimbReference& reference) const noexcept {
+Contact ControlCore::contact(int limb, const LimbReference& reference) const noexcept {
   return {reference.friction, plan_->patch_k_m, std::min(plan_->max_normal_N, robot_.gripper.max_finger_force_N),
-          reference.finger_opening_m};
+          limbs_[limb].grip_opening_m(reference)};
 }
 
 Contact ControlCore::known_contact(int limb, const LimbReference& reference) const noexcept {
-  Contact known = contact(reference);
+  Contact known = contact(limb, reference);
   const double slipped_at = slips_[limb].slipped_at();
   if (slipped_at > 0.0) known.friction *= std::min(slipped_at, 1.0);
   return known;
 }
 
-double ControlCore::wanted_grasp_force_N(const LimbReference& reference, const Wrench& wrench_W) const noexcept {
-  Contact trusted = contact(reference);
+double ControlCore::wanted_grasp_force_N(int limb, const LimbReference& reference,
+                                         const Wrench& wrench_W) const noexcept {
+  Contact trusted = contact(limb, reference);
   trusted.friction *= robot_.control.trusted_friction;
   return std::max(reference.squeeze_N,
                   required_grasp_force_N(wrench_W, reference.finger_axis_W(), trusted, robot_.control));
@@ -41,7 +42,7 @@ PerLimb<double> ControlCore::needs_N(const PlanReference& reference) const noexc
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     if (limb.gripping() && !faults_.lost(l))
-      needs_N[l] = needed_grasp_force_N(wrenches_W_[l], limb.finger_axis_W(), contact(limb), robot_.control);
+      needs_N[l] = needed_grasp_force_N(wrenches_W_[l], limb.finger_axis_W(), contact(l, limb), robot_.control);
   }
   return needs_N;
 }
@@ -52,10 +53,11 @@ void ControlCore::begin_test(int limb) noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& other = reference_.limbs[l];
     bearable_N[l] = std::max(
-        bearable_N[l], testable_N(*plan_, clock_.now(), l, other.finger_axis_W(), contact(other), robot_.control));
+        bearable_N[l], testable_N(*plan_, clock_.now(), l, other.finger_axis_W(), contact(l, other), robot_.control));
   }
   const LimbReference& tested = reference_.limbs[limb];
-  test_.begin(limb, test_load_W(*plan_, clock_.now(), limb, tested.finger_axis_W(), contact(tested), robot_.control),
+  test_.begin(limb,
+              test_load_W(*plan_, clock_.now(), limb, tested.finger_axis_W(), contact(limb, tested), robot_.control),
               bearable_N);
 }
 
@@ -92,13 +94,13 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     const LimbReference& now = reference.limbs[l];
     limbs_[l].hurry(any_lost);
     double force_N = 0.0;
-    if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(now, wrenches_W_[l]);
-    if (test_.limb() == l) force_N = wanted_grasp_force_N(now, test_.load_W());
-    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = contact(now).max_normal_N;
+    if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(l, now, wrenches_W_[l]);
+    if (test_.limb() == l) force_N = wanted_grasp_force_N(l, now, test_.load_W());
+    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = contact(l, now).max_normal_N;
     if (now.gripping() && !faults_.distrusted(l))
-      force_N = std::max(force_N, wanted_grasp_force_N(now, limbs_[l].wrench_W()));
+      force_N = std::max(force_N, wanted_grasp_force_N(l, now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {
-      force_N = std::max(force_N, wanted_grasp_force_N(ahead.limbs[l], wrenches_ahead_W[l]));
+      force_N = std::max(force_N, wanted_grasp_force_N(l, ahead.limbs[l], wrenches_ahead_W[l]));
     }
     limbs_[l].grasp(now, force_N, dt_s);
   }

@@ -15,9 +15,9 @@ Wrench turned(const Wrench& wrench, const Matrix3& rotation) {
 
 constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
-constexpr double kNarrower_m = 0.003;  // than planned may half a hold be
-constexpr double kLeastClosed = 0.5;   // of the way from open fingers to the width of the hold: else they are jammed
-constexpr double kFoundLoad = 0.95;    // share of its load from which on a foot's place is known
+constexpr double kStop_m = 0.001;      // from the fingers' closed stop: they press on each other or on the stop itself
+constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
+constexpr double kFoundLoad = 0.95;       // share of its load from which on a foot's place is known
 
 /// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -136,9 +136,9 @@ LimbEvents LimbController::events(const LimbReference& reference, const Pose& bo
   const double distance_m = ((body_W * state_.gripper_B).position_m - anchor_W_m(reference)).norm();
   if (reference.point_foot) return {.unloaded = true, .opened = true, .arrived = true, .gripped = true};
   if (!reference.gripping() && !reference.closing()) opened_m_ = finger_opening_m_;
-  const double between = (opened_m_ - finger_opening_m_) / (opened_m_ - reference.finger_opening_m);
-  const bool far_open = reference.closing() && opened_m_ > reference.finger_opening_m && between < kLeastClosed;
-  gripped_time_s_ = finger_force_N() >= control_.contact_force_N && !far_open ? gripped_time_s_ + dt_s : 0.0;
+  const bool about_nothing = reference.closing() && (closed() || finger_opening_m_ > opened_m_ - kLeastClosed_m);
+  const bool grips = finger_force_N() >= control_.contact_force_N && !about_nothing;
+  gripped_time_s_ = grips ? gripped_time_s_ + dt_s : 0.0;
   const bool unloaded = trusts_force_torque_ ? wrench_W().force_N.norm() < control_.unload_force_N
                                              : borne_Nm_.norm() < supervisor_.max_ft_residual_Nm;
   return {.unloaded = unloaded,
@@ -258,6 +258,7 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
 }
 
 void LimbController::grasp(const LimbReference& reference, double force_N, double dt_s) noexcept {
+  grasp_.see(finger_opening_m_, finger_speed_m_s_, finger_force_N());
   if (!reference.point_foot && (reference.gripping() || reference.closing())) {
     grasp_.press(force_N, finger_force_N(), finger_opening_m_, dt_s);
   } else {
@@ -306,8 +307,15 @@ double LimbController::torque_share() const noexcept {
 
 bool LimbController::finds_no_hold(const LimbReference& reference, bool begun) const noexcept {
   const bool seeks = begun ? reference.closing() : reference.gripping();
-  return seeks && finger_opening_m_ < reference.finger_opening_m - kNarrower_m &&
-         finger_force_N_ < control_.contact_force_N;
+  return seeks && closed();
+}
+
+bool LimbController::closed() const noexcept { return finger_opening_m_ < gripper_.min_opening_m + kStop_m; }
+
+double LimbController::grip_opening_m(const LimbReference& reference) const noexcept {
+  if (reference.point_foot || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
+  return std::clamp(in_contact_ ? gripped_opening_m_ : finger_opening_m_, gripper_.min_opening_m,
+                    gripper_.max_opening_m);
 }
 
 bool LimbController::closes_on_nothing() const noexcept {

@@ -135,10 +135,12 @@ class LimbController {
   double finger_residual_N(const LimbReference& reference, bool begun) const noexcept;
   /// Half of what the fingers are to press with now [N].
   double least_finger_force_N() const { return 0.5 * grasp_.force_reference_N(); }
-  /// The fingers, on their way to a hold or, before the plan has begun, on one, are further closed than it is wide, and
-  /// press on nothing.
+  /// The fingers, on their way to a hold or, before the plan has begun, on one, have come to their closed stop: nothing
+  /// is between them.
   bool finds_no_hold(const LimbReference& reference, bool begun) const noexcept;
   double finger_opening_m() const { return finger_opening_m_; }
+  /// From a pad's face to the gripper's centre, of a grip: as found, else as planned.
+  double grip_opening_m(const LimbReference& reference) const noexcept;
   /// The fingers close further than the hold that they had gripped is wide, and press with less than that: opening and
   /// force are two sensors.
   bool closes_on_nothing() const noexcept;
@@ -161,6 +163,8 @@ class LimbController {
     Vector3 offset_m() const { return known ? Vector3(found_W_m - planned_W_m) : Vector3::Zero(); }
   };
 
+  /// The fingers are at their closed stop.
+  bool closed() const noexcept;
   /// The commands are these angles, and do not move.
   void stay_at(const JointVector& q_rad) noexcept;
   Pose target_W(const LimbReference& reference) const noexcept;

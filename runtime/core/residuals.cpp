@@ -37,7 +37,7 @@ void ControlCore::watch_stance(double dt_s) noexcept {
   balance_.update(felt_W, grippers_W_m, com_W_m_, robot_.total_mass_kg * plan_->gravity_W_m_s2, dt_s);
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference_.limbs[l];
-    const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(limb),
+    const double used = limit_surface_utilisation(limbs_[l].wrench_W(), limb.finger_axis_W(), contact(l, limb),
                                                   limbs_[l].finger_force_N());
     // While control takes over, the fingers' force and the load change too quickly to be set against each other.
     slips_[l].update(l, stance_, fitted[l].holds && limb.gripping(), started_ ? used : 0.0, dt_s);
@@ -64,7 +64,7 @@ double ControlCore::utilisation(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
   const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
-  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(reference),
+  return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(limb, reference),
                                    limbs_[limb].finger_force_N());
 }
 

@@ -35,7 +35,7 @@ holds:
   all: {offset_m: {normal: [0, 0.005]}, yaw_deg: {uniform: [-3, 3]}, friction_factor: {uniform: [0.6, 1]}}
   h1: {friction: {+x: 0.4, top: {uniform: [0, 1]}}, spines: {-x: false}, breaks_at_N: 40, size_change_m: [0.01, 0, 0]}
   2: {friction: {uniform: [0, 0.5]}, spines: false, present: false}
-  h3: {breaks_at_s: {normal: [10, 1]}}
+  h3: {breaks_at_s: {normal: [10, 1]}, corner_cut_m: [0.01, -0.02]}
 robot:
   payload: {mass_kg: {uniform: [0, 1]}, position_m: [0, 0.08, {uniform: [0, 0.1]}]}
   ambient_degC: 30
@@ -44,7 +44,7 @@ robot:
     LF: {torque_factor: 0.9, dead_cycles: 1, stiffness_Nm_rad: 2000, setpoint_time_constant_s: 0.03}
     LF.2: {torque_factor: 0.5, torque_limit_Nm: 3, heating_K_Nm2: 2, heating_time_s: 10}
   grippers:
-    RR: {force_factor: 0.9, force_limit_N: 30, jams_at_m: 0.04, jams_at_s: 9}
+    RR: {force_factor: 0.9, force_limit_N: 30, speed_limit_m_s: 0.01, jams_at_m: 0.04, jams_at_s: 9}
 sensors:
   - {sensor: encoder, on: all, error: bias, rad: {uniform: [-0.01, 0.01]}}
   - {sensor: encoder, on: LF.3, error: jump, rad: 0.1, from_s: 10}

@@ -43,7 +43,7 @@ from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
 from crux_simulation.sim.truth_log import log_truth
 from crux_simulation.sim.world_file import World
-from crux_simulation.sim.world_model import change_robot, loosen_holds, plant_world, true_wall
+from crux_simulation.sim.world_model import change_robot, cut_corners, loosen_holds, plant_world, true_wall
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
@@ -201,6 +201,7 @@ def plant_of(plan: plan_t, robot: Robot, options: ClimbOptions) -> Plant:
 
     def change(spec: MjSpec) -> None:
         change_robot(spec, robot, world)
+        cut_corners(spec, wall, world)
         loosen_holds(spec, plan, world)
 
     model = build_model(robot, wall, change)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from types import TracebackType
 
+from crux_contracts import LIMB_NAMES
 from crux_contracts.robot import Robot
 from crux_tools.errors import WorkFailed
 from crux_tools.paths import built
@@ -29,14 +30,18 @@ class FirmwareNodes:
         boards: EmulatedBoards | None = None,
         world: World | None = None,
     ) -> None:
-        """`boards` take the places of nodes; in a `world` position loops may be slower than described. Raises
-        WorkFailed when a bus cannot be opened."""
+        """`boards` take the places of nodes; in a `world` position loops and grippers may be slower than described.
+        Raises WorkFailed when a bus cannot be opened."""
         host = binding("host", "crux_nodes")
         joints, grippers = host.joint_parameters(robot), host.gripper_parameters(robot)
         for name, joint in zip(JOINT_NAMES, joints, strict=True):
             change = world.joints.get(name) if world is not None else None
             if change is not None and change.setpoint_time_constant_s is not None:
                 joint.setpoint_time_constant_s = change.setpoint_time_constant_s
+        for limb, gripper in zip(LIMB_NAMES, grippers, strict=True):
+            slowed = world.grippers.get(limb) if world is not None else None
+            if slowed is not None:
+                gripper.speed_limit_m_s = min(gripper.speed_limit_m_s, slowed.speed_limit_m_s)
         try:
             self._nodes = host.Nodes(built(LIBRARY), bus_urls, joints, grippers, host.parameter_hash(robot))
         except host.NodesError as error:

@@ -57,6 +57,8 @@ class HoldChange:
     offset_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
     yaw_deg: float = _number(0.0, -180.0, 180.0, "degrees")
     size_change_m: tuple[float, ...] = _number(ZERO, -1.0, 1.0, "m")
+    corner_cut_m: tuple[float, ...] = _number((0.0, 0.0), -1.0, 1.0, "m")
+    """along x and y, from the corner on the side of their signs: what is beyond is missing, over the whole height"""
     friction_factor: float = _number(1.0, 0.0, 10.0)
     friction: dict[str, float] = field(default_factory=dict, metadata={"range": Range(0.0, MAX_FRICTION)})
     """by face, in place of the plan's"""
@@ -92,6 +94,7 @@ class GripperChange:
 
     force_factor: float = _number(1.0, 0.0, 2.0)
     force_limit_N: float = _number(math.inf, 0.0, 1000.0, "N")
+    speed_limit_m_s: float = _number(math.inf, 1e-4, 1.0, "m/s")
     jams_at_m: float | None = _number(None, 0.0, 0.1, "m")
     jams_at_s: float = _time(math.inf)
 

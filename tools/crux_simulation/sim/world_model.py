@@ -29,6 +29,7 @@ from crux_simulation.sim.world_file import (
 
 GONE_M = -10.0  # z of a hold that is not there: behind the wall
 LEAST_SIZE_M = 0.005
+LEAST_PART_M = 1e-4
 PLAY_ARMATURE_KG_M2 = 1e-4  # of what is between motor and link
 PLAY_DAMPING_NMS_RAD = 0.05
 PLAY_SOLREF = (0.004, 1.0)  # the stiffest that steps of 2 ms bear
@@ -95,6 +96,39 @@ def change_robot(spec: mujoco.MjSpec, robot: Robot, world: World) -> None:
     for name, limb in zip(finger_joints(robot), np.repeat(LIMB_NAMES, 2), strict=True):
         if limb in world.grippers:
             spec.joint(name).solimp_friction, spec.joint(name).solref_friction = STIFF_SOLIMP, PLAY_SOLREF
+
+
+def cut_corners(spec: mujoco.MjSpec, wall: plan_t, world: World) -> None:
+    """Takes a corner off the holds of the true `wall` that lack one."""
+    for index, hold in enumerate(wall.holds):
+        cut = np.array(world.holds.get(hold.name, HoldChange()).corner_cut_m)
+        if not cut.all():
+            continue
+        size = np.array(hold.size_m[:2])
+        corner, cut = np.copysign(size / 2, cut), np.copysign(np.minimum(np.abs(cut), 0.99 * size), cut)
+        for geom in spec.body(f"hold{index}").geoms:  # one, or slabs
+            outline = _beyond_cut(geom.pos[:2], geom.size[:2], corner, cut)
+            if len(outline) < 3:  # nothing is left of this slab
+                geom.size = [LEAST_PART_M] * 3
+                continue
+            ends = [[*point, geom.pos[2] + side * geom.size[2]] for point in outline for side in (-1, 1)]
+            mesh = spec.add_mesh(name=f"{geom.name}_cut", uservert=np.ravel(ends).tolist())
+            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, mesh.name
+            geom.pos = [0, 0, 0]
+
+
+def _beyond_cut(middle: Any, half: Any, corner: Any, cut: Any) -> list[Any]:
+    """Outline of what is left of a rectangle."""
+    points = [middle + half * side for side in ([1, 1], [-1, 1], [-1, -1], [1, -1])]
+    inside = [float(np.sum((corner - point) / cut)) - 1.0 for point in points]
+    outline = []
+    for i, (point, here) in enumerate(zip(points, inside, strict=True)):
+        there = inside[(i + 1) % 4]
+        if here >= 0:
+            outline.append(point)
+        if here * there < 0:
+            outline.append(point + (points[(i + 1) % 4] - point) * here / (here - there))
+    return outline
 
 
 def loosen_holds(spec: mujoco.MjSpec, plan: plan_t, world: World) -> None:

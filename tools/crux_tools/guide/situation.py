@@ -125,7 +125,8 @@ class Situation:
         return {"position_m": [*state.body_position_w_m[:2], height], "rpy_deg": np.degrees(rpy_rad).tolist()}
 
     def _measure(self, content: dict[str, Any]) -> None:
-        """Holds to where they are gripped, with the friction they slipped at; what is no hold becomes an obstacle."""
+        """Holds to where they are gripped, as wide as they are there, with the friction they slipped at; what is no
+        hold becomes an obstacle."""
         useless = self.useless()
         for limb in filter(self.grips, range(len(LIMB_NAMES))):
             hold = next(each for each in content["holds"] if each["name"] == self.hold(limb))
@@ -136,6 +137,11 @@ class Situation:
             turned = _yaw(telemetry, reference.gripper_yaw_w_rad) - reference.gripper_yaw_w_rad
             if abs(turned) > TURN_RAD:
                 hold["yaw_deg"] = hold.get("yaw_deg", 0.0) + math.degrees(turned)
+            across = FACE_NAMES[self.grasp(limb).finger1_face][1:]  # the axis between the fingers
+            size_m, width_m = list(hold["size_m"]), 2 * reference.finger_opening_m
+            if width_m > 0.0 and abs(width_m - size_m["xy".index(across)]) > SHIFT_M:
+                size_m["xy".index(across)] = width_m
+                hold["size_m"] = size_m
             if telemetry.slip_friction > 0.0:
                 hold["friction"] = _at_most(hold["friction"], telemetry.slip_friction)
         for lost in [each for each in content["holds"] if each["name"] in useless]:
