@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ import pytest
 from crux_contracts.plan_file import write_plan
 from crux_tools.cli import main
 from crux_tools.telemetry import read_log
+from crux_tools.telemetry.records import records_inside
 from hand_plan import standing_plan
 from made_up_climb import Story, write_log
 from mcap.reader import make_reader
-from mcap.records import Chunk, McapRecord
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Message, Schema
 from test_log_ls import judge
 
 Messages = Counter[tuple[str, int, bytes]]
@@ -170,12 +171,12 @@ def test_a_damaged_chunk_is_left_out_and_said(log: Path, tmp_path: Path, capsys:
     broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
     broken.write_bytes(data)
     assert main(["log", "recover", str(broken), "-o", str(out)]) == 0
-    assert "1 damaged chunks are left out" in capsys.readouterr().err
+    assert "a damaged chunk is left out" in capsys.readouterr().err
     whole, kept = messages(log), messages(out)
     assert 0 < sum((whole - kept).values()) < sum(whole.values()) / 2
     assert not kept - whole
     assert main(["log", "info", str(broken), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["damage"] == ["1 damaged chunks are left out"]
+    assert json.loads(capsys.readouterr().out)["damage"] == ["a damaged chunk is left out"]
 
 
 def test_info_counts_what_another_reader_counts(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -216,13 +217,13 @@ def test_a_log_with_an_index_is_not_read_message_by_message(
     assert told[1].pop("climb")["verdict"] == "climbed"
     assert told[0] == told[1]
 
-    taken: list[Chunk] = []
+    taken: list[bytes] = []
 
-    def taken_apart(chunk: Chunk, **more: bool) -> list[McapRecord]:
-        taken.append(chunk)
-        return breakup_chunk(chunk, **more)
+    def taken_apart(content: bytes) -> Iterator[Schema | Channel | Message]:
+        taken.append(content)
+        return records_inside(content)
 
-    monkeypatch.setattr("crux_tools.log.edit.breakup_chunk", taken_apart)
+    monkeypatch.setattr("crux_tools.log.edit.records_inside", taken_apart)
     assert main(["log", "cut", str(log), "-o", str(tmp_path / "cut.mcap"), "--from", "3", "--to", "3.1"]) == 0
     first_ns, last_ns = 3_000_000_000, 3_100_000_000
     about = [i for i in whole if i.message_start_time <= last_ns and i.message_end_time >= first_ns]

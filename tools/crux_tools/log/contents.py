@@ -11,7 +11,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from crux_tools.log.edit import NS, Damage, records
 from crux_tools.telemetry import LogError
-from crux_tools.telemetry.chunks import content_of, message_bytes, reader_and_summary
+from crux_tools.telemetry.chunks import indexed, message_bytes
 from crux_tools.telemetry.records import READ_ERRORS
 
 
@@ -65,28 +65,29 @@ def _by_index(file: IO[bytes], found: Contents) -> Contents | None:
 
     Chunks are unpacked for their checksums and the sizes of messages, but no message is looked at.
     """
-    indexed = reader_and_summary(file)
-    if indexed is None:
+    log = indexed(file)
+    if log is None:
         return None
-    reader, summary, statistics = indexed
-    schemas, damaged = summary.schemas, list[str]()
+    summary, damage = log.summary, Damage()
+    schemas = summary.schemas
     channels = {
         number: ChannelContents(channel.topic, schemas[channel.schema_id].name if channel.schema_id in schemas else "")
         for number, channel in summary.channels.items()
     }
     counted = 0
-    for index in summary.chunk_indexes:
-        content, entries = content_of(file, index, damaged)
+    for index in log.chunks():
+        content, entries = log.content(index)
         counted += sum(map(len, entries.values()))
         for number, messages in entries.items() if content else ():
             if len(messages):
                 times_s = messages["time_ns"][[0, -1]] / NS
                 channels[number].take(len(messages), int(message_bytes(content, messages).sum()), *map(float, times_s))
-    if counted != statistics.message_count:
+    if counted != log.statistics.message_count:
         return None
     found.channels = list(channels.values())
-    found.damage = Damage(chunks=len(damaged)).words()
-    found.metadata = [(record.name, dict(record.metadata)) for record in reader.iter_metadata()]
+    damage.take(log.unpacker)
+    found.damage = damage.words()
+    found.metadata = [(record.name, dict(record.metadata)) for record in log.metadata()]
     found.attachments = {attachment.name: attachment.data_size for attachment in summary.attachment_indexes}
     return found
 

@@ -10,18 +10,18 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from crux_tools.errors import UsageError
 from crux_tools.log.mcap_export import LATCHED
 from crux_tools.telemetry import LogError
-from crux_tools.telemetry.chunks import reader_and_summary
-from crux_tools.telemetry.records import MAGIC, READ_ERRORS
+from crux_tools.telemetry.chunks import indexed
+from crux_tools.telemetry.records import MAGIC, READ_ERRORS, record_at, records_inside
+from crux_tools.telemetry.records import records as known_records
+from crux_tools.telemetry.unpack import Unpacker
 
 LIBRARY = "crux log"
 NS = 10**9
@@ -34,70 +34,71 @@ class Damage:
 
     bytes: int = 0  # behind the last whole record
     chunks: int = 0
+    reasons: list[str] = field(default_factory=list)  # why chunks are left out
+
+    def take(self, unpacker: Unpacker) -> None:
+        """Notes the chunks that were left out."""
+        self.chunks, self.reasons = unpacker.left_out, unpacker.notes()
 
     def words(self) -> list[str]:
         """A sentence each."""
-        return [
-            *([f"cut off: its last {self.bytes} bytes are no whole record"] if self.bytes else []),
-            *([f"{self.chunks} damaged chunks are left out"] if self.chunks else []),
-        ]
+        cut = [f"cut off: its last {self.bytes} bytes are no whole record"] if self.bytes else []
+        return cut + self.reasons
 
 
 def records(path: Path, damage: Damage) -> Iterator[Any]:
     """All records in the order written, chunks taken apart, as far as the file goes. Raises LogError, OSError."""
     with path.open("rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
-            raise LogError(f"{path}: not an MCAP file, expected a log of the runtime")
-        size = file.seek(0, os.SEEK_END)
-        file.seek(0)
-        stream = StreamReader(file, emit_chunks=True, record_size_limit=size).records
-        whole = len(MAGIC)
-        while True:
-            try:
-                record = next(stream)
-            except StopIteration:
-                return
-            except READ_ERRORS:
-                damage.bytes = size - whole
-                return
+        for _, record in _placed_records(path, file, damage):
+            yield record
+
+
+def _placed_records(path: Path, file: IO[bytes], damage: Damage) -> Iterator[tuple[int, Any]]:
+    """The same, with the byte of the file at which it begins, or the chunk that it is in."""
+    if file.read(len(MAGIC)) != MAGIC:
+        raise LogError(f"{path}: not an MCAP file, expected a log of the runtime")
+    size = file.seek(0, os.SEEK_END)
+    whole = file.seek(len(MAGIC))
+    unpacker = Unpacker(size)
+    try:
+        for at, record in known_records(file, size):
             whole = file.tell()
-            if not isinstance(record, Chunk):
-                yield record
-                continue
-            yield from _inside(iter([record]), damage)
+            if isinstance(record, Chunk):
+                yield from ((at, each) for each in records_inside(unpacker.content(record, at)))
+            elif record is not None:
+                yield at, record
+    except READ_ERRORS:
+        damage.bytes = size - whole
+    damage.take(unpacker)
 
 
 def records_between(path: Path, damage: Damage, first_ns: int, last_ns: int) -> Iterator[Any]:
     """The same, but of messages only chunks with some between two times, or with a latched one before them, where the
     file has an index. Raises LogError, OSError."""
     with path.open("rb") as file:
-        indexed = reader_and_summary(file)
-        if indexed is None:
+        log = indexed(file)
+        if log is None:
             yield from records(path, damage)
             return
-        reader, summary, _ = indexed
         try:
-            others = [reader.get_header(), *reader.iter_metadata(), *reader.iter_attachments()]
+            others = [log.header(), *log.metadata(), *log.attachments()]
         except READ_ERRORS:  # the index is wrong
             yield from records(path, damage)
             return
+        summary = log.summary
         yield from (*others, *summary.schemas.values(), *summary.channels.values())
         latched = {number for number, channel in summary.channels.items() if channel.topic in LATCHED}
-        for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
+        for index in log.chunks():
             topics = index.message_index_offsets.keys()
             before = index.message_start_time < first_ns and (latched & topics or not topics)
             if before or (index.message_end_time >= first_ns and index.message_start_time <= last_ns):
-                file.seek(index.chunk_start_offset)
-                yield from _inside(StreamReader(file, skip_magic=True, emit_chunks=True).records, damage)
-
-
-def _inside(stream: Iterator[Any], damage: Damage) -> list[Any]:
-    """The records of the chunk that is next, none of a damaged one."""
-    try:
-        return list(breakup_chunk(next(stream), validate_crc=True))
-    except (*READ_ERRORS, AttributeError):  # that of a record that is no chunk READ_ERRORS:
-        damage.chunks += 1
-        return []
+                try:
+                    content, _ = log.content(index)
+                except READ_ERRORS:
+                    log.unpacker.damaged += 1
+                else:
+                    yield from records_inside(content)
+        damage.take(log.unpacker)
 
 
 class Copy:
@@ -211,7 +212,7 @@ def recover(log: Path, out: Path) -> tuple[int, Damage]:
             copy.other(record)
         else:
             copy.message(*known, record)
-    copy.metadata("crux_recovered", {"of": log.name, **{k: str(v) for k, v in vars(damage).items()}})
+    copy.metadata("crux_recovered", {"of": log.name, "bytes": str(damage.bytes), "chunks": str(damage.chunks)})
     copy.close()
     if not copy.messages:
         raise UsageError(f"{log}: not one whole message in it: nothing to recover")
@@ -224,17 +225,16 @@ def merge(logs: list[Path], out: Path) -> int:
     Raises UsageError where they are not of one run, LogError where one is not a whole file, OSError.
     """
     copy = Copy(out)
-    runs = [_others(log, copy) for log in logs]
-    for log, run in zip(logs[1:], runs[1:], strict=True):
+    parts = [_Part(log, copy) for log in logs]
+    for part in parts[1:]:
         for key in SAME_RUN:
-            if run.get(key) != runs[0].get(key):
+            if part.run.get(key) != parts[0].run.get(key):
                 raise UsageError(
-                    f"{log}: of another run than {logs[0]}: its {key} is {run.get(key, 'not recorded')}, not "
-                    f"{runs[0].get(key, 'not recorded')}; right are parts of one log"
+                    f"{part.log}: of another run than {logs[0]}: its {key} is {part.run.get(key, 'not recorded')}, not "
+                    f"{parts[0].run.get(key, 'not recorded')}; right are parts of one log"
                 )
     at, there = None, set[tuple[str, bytes]]()
-    parts = [_in_time(log) for log in logs]
-    for _, schema, channel, message in heapq.merge(*parts, key=lambda part: part[0]):
+    for channel, schema, message in heapq.merge(*(part.in_time() for part in parts), key=lambda each: each[2].log_time):
         if message.log_time != at:
             at, there = message.log_time, set()
         if (channel.topic, message.data) not in there:
@@ -245,20 +245,44 @@ def merge(logs: list[Path], out: Path) -> int:
     return copy.messages
 
 
-def _others(log: Path, copy: Copy) -> dict[str, str]:
-    """Copies metadata and attachments; returns what the log says of its run."""
-    damage, run = Damage(), dict[str, str]()
-    for record in records(log, damage):
-        copy.other(record)
-        if isinstance(record, Metadata) and record.name == "crux":
-            run = dict(record.metadata)
-    if damage.words():
-        raise LogError(f"{log}: {'; '.join(damage.words())}: recover it first (crux log recover)")
-    return run
+class _Part:
+    """A log that is merged; its metadata and attachments are put into the copy at once. `run`: what it says of its run.
 
+    Raises LogError where it is not whole.
+    """
 
-def _in_time(log: Path) -> Iterator[tuple[int, Schema, Channel, Message]]:
-    with log.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=True):
-            if schema is not None:
-                yield message.log_time, schema, channel, message
+    def __init__(self, log: Path, copy: Copy) -> None:
+        self.log = log
+        self.run = dict[str, str]()
+        self._definitions = _Definitions()
+        self._first_ns = dict[int, int]()  # time of the first message of what begins at a byte of the file
+        damage = Damage()
+        with log.open("rb") as file:
+            for at, record in _placed_records(log, file, damage):
+                copy.other(record)
+                if isinstance(record, Metadata) and record.name == "crux":
+                    self.run = dict(record.metadata)
+                if self._definitions.take(record, log) is not None:
+                    self._first_ns[at] = min(self._first_ns.get(at, record.log_time), record.log_time)
+        if damage.words():
+            raise LogError(f"{log}: {'; '.join(damage.words())}: recover it first (crux log recover)")
+
+    def in_time(self) -> Iterator[tuple[Channel, Schema, Message]]:
+        """Its messages in the order of time; a chunk is unpacked when its first message is due."""
+        waiting: list[tuple[int, int, int, Message | None]] = [(t, at, 0, None) for at, t in self._first_ns.items()]
+        heapq.heapify(waiting)
+        with self.log.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            unpacker = Unpacker(size)
+            while waiting:
+                _, at, _, message = heapq.heappop(waiting)
+                known = None if message is None else self._definitions.take(message, self.log)
+                if message is not None and known is not None:
+                    yield *known, message
+                if message is None:
+                    file.seek(at)
+                    record = record_at(file, size)
+                    inside = records_inside(unpacker.content(record, at)) if isinstance(record, Chunk) else [record]
+                    for number, each in enumerate(inside, 1):
+                        if isinstance(each, Message):
+                            heapq.heappush(waiting, (each.log_time, at, number, each))

@@ -90,9 +90,10 @@ def _encoded(log: Path, topic: str, encode: Callable[[bytes], bytes], payload: b
 def _encoder(schema_name: str, definition: str, type_name: str) -> Callable[[bytes], bytes]:
     """From a log's CDR to LCM's bytes; fields that an older log does not have are 0."""
     from mcap.records import Schema
-    from mcap_ros2.decoder import DecoderFactory
 
-    decode = DecoderFactory().decoder_for("cdr", Schema(1, definition.encode(), "ros2msg", schema_name))
+    from crux_tools.telemetry.definitions import decoder_of
+
+    decode = decoder_of(Schema(1, definition.encode(), "ros2msg", schema_name))
     assert decode is not None
     return lambda payload: bytes(_as_lcm(type_name, decode(payload)).encode())
 

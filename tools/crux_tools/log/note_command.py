@@ -43,7 +43,9 @@ def run_note(options: argparse.Namespace) -> int:
         append(options.log, (), {NOTE_METADATA: said})
     except ValueError as error:
         raise LogError(f"{options.log}: {error}; crux log recover makes a whole file of it") from error
-    notes = read_channels(options.log, set()).metadata["note"]
+    notes = read_channels(options.log, set()).metadata.get("note")
+    if notes is None:
+        raise LogError(f"{options.log}: a damaged record hides the note: crux log recover makes a whole file of it")
     if options.json:
         print_json({"ok": True, "file": str(options.log), "note": notes})
     else:

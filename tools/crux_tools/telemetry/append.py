@@ -24,11 +24,13 @@ from crux_contracts.channels import BY_TOPIC, SCHEMAS
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
-from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Schema, SummaryOffset
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema, SummaryOffset
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from crux_tools.telemetry.chunks import summary_of
+from crux_tools.telemetry.records import records, records_inside
+from crux_tools.telemetry.unpack import Unpacker
 
 FILLER = 0x80  # the MCAP specification leaves opcodes from here on to applications
 _FRAME = struct.Struct("<BQ")  # opcode and length before every record
@@ -54,10 +56,9 @@ def append(path: Path, series: Iterable[Series], metadata: Mapping[str, Mapping[
         size = file.seek(0, os.SEEK_END)
         try:
             end_at, crc = _old_end(file, size)
-            file.seek(0)
-            summary = make_reader(file).get_summary()
-            chunks, added = _records(_known(file) if summary is None else summary, series, metadata or {}, size)
-        except (McapError, struct.error) as error:
+            summary = summary_of(file)
+            chunks, added = _records(_known(file, size) if summary is None else summary, series, metadata or {}, size)
+        except (McapError, struct.error, EOFError) as error:
             raise ValueError(f"the file is damaged ({type(error).__name__})") from error
         filler = _FRAME.pack(FILLER, size - end_at - _FRAME.size)
         if crc:
@@ -104,17 +105,19 @@ def _write_all(file: int, data: bytes, at: int) -> None:
         rest, at = rest[done:], at + done
 
 
-def _known(file: IO[bytes]) -> Summary:
+def _known(file: IO[bytes], size: int) -> Summary:
     """Schemas and channels of a log without a summary: the runtime writes them before its first message."""
-    known = Summary()
-    file.seek(0)
-    for record in StreamReader(file).records:
-        if isinstance(record, Message):
-            break
-        if isinstance(record, Schema):
-            known.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            known.channels[record.id] = record
+    known, unpacker = Summary(), Unpacker(size)
+    file.seek(len(MCAP0_MAGIC))
+    for at, record in records(file, size):
+        inside = records_inside(unpacker.content(record, at)) if isinstance(record, Chunk) else [record]
+        for each in inside:
+            if isinstance(each, Message):
+                return known
+            if isinstance(each, Schema):
+                known.schemas[each.id] = each
+            elif isinstance(each, Channel):
+                known.channels[each.id] = each
     return known
 
 
@@ -144,8 +147,7 @@ def _records(
         for sequence, (time_ns, payload) in enumerate(zip(one.times_ns, one.payloads, strict=True)):
             writer.add_message(channel_id, time_ns, payload, time_ns, sequence)
     writer.finish()  # type: ignore[no-untyped-call]
-    scratch.seek(0)
-    added = make_reader(scratch).get_summary()
+    added = summary_of(scratch)
     assert added is not None
     spans = [(index.offset, index.length) for index in added.metadata_indexes]
     spans += [(i.chunk_start_offset, i.chunk_length + i.message_index_length) for i in added.chunk_indexes]
@@ -205,9 +207,9 @@ def _summary_section(summary: Summary, at: int) -> tuple[bytes, int]:
         (Opcode.ATTACHMENT_INDEX, summary.attachment_indexes),
         (Opcode.METADATA_INDEX, summary.metadata_indexes),
     ]
-    for opcode, records in groups:
+    for opcode, group in groups:
         start = section.count
-        for record in records:
+        for record in group:
             record.write(section)
         if section.count > start:
             SummaryOffset(opcode, at + start, section.count - start).write(offsets)

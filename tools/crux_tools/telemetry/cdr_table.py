@@ -13,7 +13,8 @@ import numpy as np
 
 ENCAPSULATION_BYTES = 4
 LITTLE_ENDIAN_HEADER = b"\x00\x01"
-_NUMBERS = {
+MOST_BYTES = 16_384  # of a message: the newest one stands for every cycle until the next. control_input has 1 kB
+NUMBERS = {
     "bool": "u1",
     "byte": "u1",
     "char": "u1",
@@ -32,7 +33,8 @@ _FIELD = re.compile(r"^(?P<type>[a-z0-9]+)(\[(?P<count>\d+)\])?\s+(?P<name>[a-z]
 
 
 def fixed_dtype(definition: str) -> np.dtype | None:
-    """Record type of a ROS 2 message definition, header included; None where a field has no fixed size."""
+    """Record type of a ROS 2 message definition, header included; None where a field has no fixed size. Raises
+    ValueError for one of more than MOST_BYTES."""
     names: list[str] = []
     formats: list[tuple[str, tuple[int, ...]]] = []
     offsets: list[int] = []
@@ -42,9 +44,9 @@ def fixed_dtype(definition: str) -> np.dtype | None:
         if not line or "=" in line:
             continue
         match = _FIELD.match(line)
-        if match is None or match["type"] not in _NUMBERS:
+        if match is None or match["type"] not in NUMBERS:
             return None
-        number = np.dtype(_NUMBERS[match["type"]])
+        number = np.dtype(NUMBERS[match["type"]])
         count = int(match["count"]) if match["count"] else None
         offset += -offset % number.itemsize
         names.append(match["name"])
@@ -53,6 +55,8 @@ def fixed_dtype(definition: str) -> np.dtype | None:
         offset += number.itemsize * (1 if count is None else count)
     if not names:
         return None
+    if offset > MOST_BYTES:
+        raise ValueError(f"messages of {offset} bytes, expected at most {MOST_BYTES}")
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": ENCAPSULATION_BYTES + offset})
 
 

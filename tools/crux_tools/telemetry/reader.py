@@ -23,12 +23,13 @@ from crux_msgs.tables import MEMBERS
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
-from mcap_ros2.decoder import DecoderFactory
 
 from crux_tools.telemetry.cdr_table import decode_table, fixed_dtype
+from crux_tools.telemetry.definitions import decoder_of
 from crux_tools.telemetry.description import difference
 from crux_tools.telemetry.log_format import newer_format
-from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_bytes, chunk_records, records
+from crux_tools.telemetry.records import MAGIC, READ_ERRORS, chunk_records, records
+from crux_tools.telemetry.unpack import Unpacker
 
 METADATA = ("crux_tags", "crux", "crux_world")  # what the runtime was told to say, what it says itself; WORLD
 WORLD = "world.yaml"  # that of a simulation, as its file would have it
@@ -185,10 +186,11 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
             raise LogError(f"{path}: not an MCAP file, expected a log of the runtime or a plan")
         size = file.seek(0, os.SEEK_END)
         file.seek(len(MAGIC))
+        unpacker = Unpacker(size)
         try:
-            for record in records(file, size):
+            for at, record in records(file, size):
                 if isinstance(record, Chunk):
-                    _take_chunk(raw, chunk_bytes(record, raw.notes), wanted)
+                    _take_chunk(raw, unpacker.content(record, at), wanted)
                 elif isinstance(record, Schema):
                     raw.schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -204,6 +206,7 @@ def _read_raw(path: Path, wanted: Callable[[str], bool]) -> Raw:
                     raise LogError(f"{path}: MCAP profile is '{record.profile}', crux writes 'ros2'")
         except READ_ERRORS:
             raw.end = None  # the file is cut off
+        raw.notes += unpacker.notes()
     return raw
 
 
@@ -218,7 +221,6 @@ def fits_definition(path: Path, topic: str) -> Iterator[None]:
 
 
 def decode(raw: Raw, path: Path) -> Channels:
-    factory = DecoderFactory()
     tables: dict[str, np.ndarray] = {}
     messages: dict[str, list[Any]] = {}
     times_ns: dict[str, np.ndarray] = {}
@@ -236,11 +238,11 @@ def decode(raw: Raw, path: Path) -> Channels:
             if dtype is not None:
                 tables[channel.topic] = decode_table(payloads, dtype)
             else:
-                decoder = factory.decoder_for(channel.message_encoding, schema)
+                decoder = decoder_of(schema)
                 assert decoder is not None
                 messages[channel.topic] = [decoder(payload) for payload in payloads]
         times_ns[channel.topic] = np.array(raw.times_ns.get(channel_id, []), dtype=np.int64)
-    return Channels(tables, messages, times_ns, raw.metadata, raw.attachments, raw.end, list(dict.fromkeys(raw.notes)))
+    return Channels(tables, messages, times_ns, raw.metadata, raw.attachments, raw.end, raw.notes)
 
 
 def read_channels(path: Path, topics: set[str] | None = None) -> Channels:
@@ -319,14 +321,14 @@ def is_log(channels: Channels) -> bool:
 
 
 def telemetry_of(path: Path, channels: Channels) -> Telemetry:
-    """The telemetry in channels already read; see read_log. That a log is of a newer format than is known here stands
-    in its notes, or behind the reason why it cannot be read.
+    """The telemetry in channels already read; see read_log. Chunks that were left out, and that a log is of a newer
+    format than is known here, stand in its notes, or behind the reason why it cannot be read.
     """
     newer = newer_format(channels.metadata)
     try:
         return _telemetry_of(path, channels, [newer] if newer else [])
     except LogError as error:
-        raise LogError(f"{error}; {newer}" if newer else str(error)) from None
+        raise LogError("; ".join([str(error), *channels.notes, *([newer] if newer else [])])) from None
 
 
 def _lacking(message: Any, type_name: str) -> set[str]:
