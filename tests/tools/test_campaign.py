@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -138,8 +139,8 @@ def test_a_worker_joins_by_address_in_mid_run_and_where_it_differs_is_said(folde
     with ExitStack() as stack:
         client = stack.enter_context(campaign(folder, 3))
         wait_for(lambda: ran(folder, "0") != [])
-        words = (SCRIPTS / "dask", "worker", (folder / "address").read_text(), "--nthreads", "1", "--no-dashboard")
-        stack.enter_context(started(*words, PYTHONPATH=f"{tmp_path / 'other'}:{HERE}"))
+        dask, *words = shlex.split((folder / "join").read_text())
+        stack.enter_context(started(SCRIPTS / dask, *words, PYTHONPATH=f"{tmp_path / 'other'}:{HERE}"))
         let(folder, "1", "2")  # the only worker so far is busy with 0
         wait_for(lambda: rows(folder) == ["tiny-1", "tiny-2"])
         let(folder, "0")
@@ -167,6 +168,7 @@ def test_a_lost_scheduler_ends_the_campaign_in_one_line_and_keeps_what_is_done(f
         said = client.communicate(timeout=LONGEST_S)[1]
         let(folder, "1")
     assert "WorkFailed: the scheduler is lost; what is done is kept: give the same command again" in said
+    assert f"--dask {address}: is not encrypted: anyone who reaches it can run programs" in said
     assert "distributed" not in said
     assert parquet.read_table(folder / "out" / "results.parquet")["key"].to_pylist() == ["tiny-0"]
 

@@ -1,8 +1,8 @@
 """A campaign of jobs that do nothing but say that they ran, and wait until they may end.
 
-python tiny_campaign.py FOLDER COUNT [ADDRESS]: results go to FOLDER/out; on a worker of its own, or those at ADDRESS.
-FOLDER/ran/NAME gets a line with the process id whenever that job begins; it ends
-when FOLDER/go/NAME is there.
+python tiny_campaign.py FOLDER COUNT [ADDRESS [KEYS]]: results go to FOLDER/out; on a worker of its own, or those at
+ADDRESS. FOLDER/address gets the scheduler's, FOLDER/join the command by which a worker joins. FOLDER/ran/NAME gets a
+line with the process id whenever that job begins; it ends when FOLDER/go/NAME is there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crux_simulation.campaign.engine import cluster, run_jobs
+from crux_simulation.campaign.cluster import cluster
+from crux_simulation.campaign.engine import run_jobs
 from crux_simulation.campaign.job import Outcome
 from crux_simulation.campaign.store import Store
 from crux_tools.report.results import CLIMBED, FAILED
@@ -48,13 +49,14 @@ class TinyJob:
         return Outcome({"key": self.key, **self.labels(), "verdict": verdict, "reason": ""}, {"log.mcap": b"log"})
 
 
-def main(folder: Path, count: int, address: str | None) -> None:
+def main(folder: Path, count: int, address: str | None = None, keys: str | None = None) -> None:
     """The campaign."""
     jobs = [TinyJob(str(number), folder) for number in range(count)]
-    with cluster(address, 1) as client:
-        (folder / "address").write_text(client.scheduler.address)
-        run_jobs(jobs, Store(folder / "out"), client, "tiny jobs")
+    with cluster(address, None if keys is None else Path(keys), 1) as running:
+        (folder / "join").write_text(running.join)
+        (folder / "address").write_text(running.client.scheduler.address)
+        run_jobs(jobs, Store(folder / "out"), running.client, "tiny jobs")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else None)
+    main(Path(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:])

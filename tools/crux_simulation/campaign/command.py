@@ -15,12 +15,13 @@ from crux_tools.output import add_json_option, alone_with, note, print_json
 _DESCRIPTION = """Draws walls x worlds x seeds x methods as SPEC.yaml says, and plans, checks, climbs and judges each of
 them on a Dask cluster: one of this machine's own, a process a core, or the one at --dask. What is finished stands in
 DIR; a campaign that ended in whatever way goes on where it was when the same command is given again. Workers may join
-at any time by the address that is printed: dask worker ADDRESS --nthreads 1. DIR/results.parquet has a row a job,
+at any time by the command that is printed. Nobody else can use a cluster of this machine's own; one at --dask without
+TLS runs programs for anyone who reaches it. DIR/results.parquet has a row a job,
 DIR/failures/KEY all about a job that did not succeed, with the commands to run it again. Exit status 0: every job has
 its result, good or bad. tools/README.md has the keys of the spec."""
 _EXAMPLES = (
     "crux campaign examples/four-hold-walls.yaml --out out/walls",
-    "crux campaign SPEC.yaml --out out/walls --dask tcp://192.168.1.20:8786",
+    "crux campaign SPEC.yaml --out out/walls --dask tls://192.168.1.20:8786 --dask-keys cluster.pem",
     "crux report out/walls -o out/walls.html",
 )
 
@@ -43,13 +44,19 @@ def add_parser(subparsers: Any) -> None:
 def add_cluster_options(parser: argparse.ArgumentParser) -> None:
     """Where jobs run."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler that runs already, as tcp://HOST:8786")
+    where.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler that runs already, as tls://HOST:8786")
     where.add_argument(
         "--workers",
         type=whole(0),
         default=len(os.sched_getaffinity(0)),
         metavar="N",
         help="processes on this machine otherwise (default: one a core, %(default)s here)",
+    )
+    parser.add_argument(
+        "--dask-keys",
+        type=Path,
+        metavar="FILE.pem",
+        help="keys for that scheduler: a certificate, its key, and the certificate that signs the cluster's",
     )
 
 
@@ -58,7 +65,8 @@ def run(options: argparse.Namespace) -> int:
     from crux_contracts.output_file import look_at_folder, write_whole
     from crux_tools.report.results import ERROR, read_rows
 
-    from crux_simulation.campaign.engine import cluster, run_jobs
+    from crux_simulation.campaign.cluster import cluster
+    from crux_simulation.campaign.engine import run_jobs
     from crux_simulation.campaign.environment import environment
     from crux_simulation.campaign.spec import read_spec
     from crux_simulation.campaign.store import TABLE, Store
@@ -66,13 +74,13 @@ def run(options: argparse.Namespace) -> int:
     campaign = read_spec(options.spec)
     look_at_folder("--out", options.out)
     store = Store(options.out, keep_all=options.keep == "all")
-    with alone_with(options.out), cluster(options.dask, options.workers) as client:
-        scheduler = client.scheduler.address
+    with alone_with(options.out), cluster(options.dask, options.dask_keys, options.workers) as running:
+        scheduler = running.client.scheduler.address
         about = {"name": campaign.name, "jobs": len(campaign.jobs), "scheduler": scheduler} | environment()
         write_whole(options.out / "campaign.json", json.dumps(about).encode())
         note(f"campaign {campaign.name}: {len(campaign.jobs)} jobs")
-        note(f"workers may join: dask worker {scheduler}")
-        run_jobs(campaign.jobs, store, client, f"campaign {campaign.name}")
+        note(f"workers may join: {running.join}")
+        run_jobs(campaign.jobs, store, running.client, f"campaign {campaign.name}")
     keys = {job.key for job in campaign.jobs}
     verdicts = Counter(row["verdict"] for row in read_rows(options.out) if row["key"] in keys)
     if options.json:

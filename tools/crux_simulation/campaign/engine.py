@@ -8,30 +8,25 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
-import logging
 import os
-import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import dask
-from crux_tools.errors import UsageError, WorkFailed
+from crux_tools.errors import WorkFailed
 from crux_tools.output import alone_with, note, progress
 from crux_tools.report.results import ERROR, Row, read_rows
-from distributed import CancelledError, Client, LocalCluster, as_completed, get_worker
+from distributed import CancelledError, Client, as_completed, get_worker
 from distributed.comm import CommClosedError
 
+from crux_simulation.campaign.cluster import cluster
 from crux_simulation.campaign.environment import Environment, differences, environment
 from crux_simulation.campaign.job import Outcome
 from crux_simulation.campaign.store import Store
 
 RETRIES = 1  # of a job that ends with an error
-CONNECT_S = 10.0
-RESTART_S = "1h"  # that a worker may take to start anew, on a busy machine: after that it is given up
 HANGING_S = 3600.0  # by the clock: a worker is ended whose job takes so long
 ONE_AT_A_TIME = threading.Lock()  # in a process: the planner's time limits count all that its process computes
 
@@ -77,32 +72,6 @@ def run_on_worker(job: Job, keep_all: bool) -> Done:
 def _cpu_s() -> float:
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
-
-
-@contextmanager
-def cluster(address: str | None, workers: int) -> Iterator[Client]:
-    """A client of the cluster at `address`, else of one of this machine's own, with so many processes.
-
-    Raises UsageError where there is no scheduler.
-    """
-    for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters of it is said here
-    if address is not None:
-        try:
-            client = Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise UsageError(f"--dask {address}: no scheduler there: {error}") from None
-        with client:
-            yield client
-        return
-    settings: dict[str, Any] = {"memory_limit": None, "dashboard_address": "127.0.0.1:0"}
-    interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for this process, which ends the workers
-    try:
-        local = LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **settings)
-    finally:
-        signal.signal(signal.SIGINT, interrupted)
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": RESTART_S}), local, Client(local) as client:
-        yield client
 
 
 class Watch:
@@ -160,8 +129,8 @@ def run_anew(jobs: Sequence[Job], folder: Path, options: argparse.Namespace, tit
     """
     store = Store(folder)
     store.clear()
-    with alone_with(folder), cluster(options.dask, options.workers) as client:
-        run_jobs(jobs, store, client, title)
+    with alone_with(folder), cluster(options.dask, options.dask_keys, options.workers) as running:
+        run_jobs(jobs, store, running.client, title)
     rows = {row["key"]: row for row in read_rows(folder)}
     for row in rows.values():
         if row["verdict"] == ERROR:
