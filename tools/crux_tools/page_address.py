@@ -25,7 +25,11 @@ def port(text: str) -> int:
 
 def add_address(parser: argparse.ArgumentParser) -> None:
     """--host and --port."""
-    parser.add_argument("--host", default="127.0.0.1", help="address the view is served on (default: %(default)s)")
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address the view is served on (default: %(default)s); beyond this machine the link has a token",
+    )
     parser.add_argument(
         "--port", type=port, default=DEFAULT_PORT, help="port of the view, 0 for any free one (default: %(default)s)"
     )

@@ -91,11 +91,15 @@ def _data(mime: str, content: bytes) -> str:
     return f"data:{mime};base64,{base64.b64encode(content).decode()}"
 
 
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+
+
 def page(title: str, lead: str, sections: Sequence[Section]) -> str:
     """The whole document."""
     body = "".join(section.html() for section in sections)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{STYLE}</style></head>\n<body><main><h1>{escape(title)}</h1>"
         f'<p class="lead">{escape(lead)}</p>\n{body}</main></body></html>\n'

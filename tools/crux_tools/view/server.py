@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from crux_tools.page_address import addresses
+from crux_tools.view.guard import Guard, headers
 from crux_tools.view.recording import Recording
 from crux_tools.view.scene import Scene
 from crux_tools.view.signals import Signal, difference, reduced, signals_of, unit_of
@@ -27,6 +28,7 @@ PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 FILES = {f"/{path.relative_to(PAGE)}": path for path in PAGE.rglob("*") if path.suffix in KINDS}
 FILES["/"] = FILES["/page.html"]
+HEADERS = {"Cache-Control": "no-store", **headers(FILES["/"].read_text(encoding="utf-8"))}
 MOST_POINTS = 4000
 PORTS = 100  # that are tried, from the wished one on
 Query = dict[str, str]
@@ -78,14 +80,18 @@ class Side:
 
 
 class Viewer:
-    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `urls`."""
+    """A running server; `close` ends it. A port that is taken gives way to the next free one: see `urls`.
+
+    Beyond this machine it answers only who has the token in them.
+    """
 
     def __init__(self, sources: list[Source], host: str, port: int) -> None:
         self._working = threading.Lock()  # one request a thread
         begins = [start_s(source(*ALL)) for source in sources]
         self._server = _listening(host, port, self)
         self.port = self._server.server_port
-        self.urls = [f"http://{address}:{self.port}" for address in addresses(host)]
+        self.guard = Guard(host, str(self._server.server_address[0]))
+        self.urls = [f"http://{address}:{self.port}{self.guard.prefix}" for address in addresses(host)]
         self.sides = [Side(source, begins[0] - begin) for source, begin in zip(sources, begins, strict=True)]
         self._thread = threading.Thread(target=self._server.serve_forever, name="viewer", daemon=True)
         self._thread.start()
@@ -155,28 +161,43 @@ class Viewer:
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True  # head and body are sent apart
+    server_version, sys_version = "crux", ""
     server: _Server
 
     def do_GET(self) -> None:
         """A file of the page, or JSON."""
-        parts = urlsplit(self.path)
-        if parts.path in FILES:
-            path = FILES[parts.path]
-            self._send(200, KINDS[path.suffix], path.read_bytes())
+        guard = self.server.viewer.guard
+        try:
+            parts = urlsplit(self.path)
+        except ValueError:
+            parts = urlsplit("//")
+        path = None if parts.netloc else guard.inner(parts.path)
+        if refusal := guard.refusal(self.headers) or ("" if path is not None else "open the link that crux printed"):
+            self._send(403, "text/plain", refusal.encode())
+        elif path == "":
+            self._send(308, "text/plain", b"", {"Location": f"{guard.prefix}/"})
+        else:
+            assert path is not None
+            self._answer(path, parts.query)
+
+    def _answer(self, path: str, query: str) -> None:
+        if path in FILES:
+            file = FILES[path]
+            self._send(200, KINDS[file.suffix], file.read_bytes())
             return
         try:
-            query = {key: values[-1] for key, values in parse_qs(parts.query).items()}
-            found = self.server.viewer.answer(parts.path, query)
+            found = self.server.viewer.answer(path, {key: values[-1] for key, values in parse_qs(query).items()})
         except (KeyError, ValueError) as error:
-            self._send(404, "text/plain", f"no {parts.path}: {error}".encode())
+            self._send(404, "text/plain", f"no {path}: {error}".encode())
             return
         self._send(200, "application/json", json.dumps(found, separators=(",", ":")).encode())
 
-    def _send(self, status: int, kind: str, body: bytes) -> None:
+    def _send(self, status: int, kind: str, body: bytes, more: dict[str, str] | None = None) -> None:
         self.send_response(status)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
+        for name, value in {**HEADERS, **(more or {})}.items():
+            self.send_header(name, value)
         self.end_headers()
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # a page that was closed
             self.wfile.write(body)

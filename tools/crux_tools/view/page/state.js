@@ -4,7 +4,7 @@ export const view = { from: 0, to: 1, time: 0, hover: null, playing: false, show
 export const page = { story: null, known: [], scenes: [], moments: null, spaces: [], rig: null, asking: false, wanted: null };
 
 export async function ask(path) {
-  const answer = await fetch(path);
+  const answer = await fetch("." + path); // below the token in the page's address, where it has one
   if (!answer.ok) throw new Error(await answer.text());
   return answer.json();
 }
