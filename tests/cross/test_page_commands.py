@@ -71,6 +71,7 @@ ELSEWHERE = {
     r"cmake --install.*": ("tests/packaging/test_install.py", '"--install"'),
     r"pip install .*": ("tests/packaging/test_install.py", "wheel"),
     r"dask (worker|scheduler).*": ("tests/tools/test_campaign.py", '"dask", "scheduler"'),
+    r"openssl req .*|cat certificate.pem .*|chmod 600 .*": ("tests/tools/test_campaign_security.py", "openssl req"),
 }
 # Not run.
 NOT_RUN = {

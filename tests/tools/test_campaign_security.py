@@ -6,6 +6,7 @@ import http.client
 import json
 import socket
 import ssl
+import subprocess
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ import pytest
 from crux_simulation.campaign.cluster import cluster
 from crux_tools.cli import main
 from crux_tools.errors import UsageError
+from crux_tools.paths import ROOT
 from distributed import Client, Security
 from test_campaign import SCRIPTS, campaign, ended, let, ran, started, wait_for
 
@@ -84,10 +86,21 @@ def test_a_cluster_of_ones_own_answers_nobody_without_its_keys(folder: Path) -> 
     assert not Path(keys).exists()
 
 
+def made_keys(folder: Path) -> Path:
+    """As tools/README.md says."""
+    words = "openssl req -x509 -newkey rsa:3072 -nodes -days 30 -subj /CN=campaign -keyout key.pem -out certificate.pem"
+    assert words in (ROOT / "tools" / "README.md").read_text(encoding="utf-8")
+    subprocess.run(words.split(), cwd=folder, check=True, capture_output=True)
+    keys = folder / "cluster.pem"
+    keys.touch(mode=0o600)
+    keys.write_bytes((folder / "certificate.pem").read_bytes() + (folder / "key.pem").read_bytes())
+    return keys
+
+
 @pytest.fixture
 def scheduler(folder: Path) -> Iterator[tuple[str, Path]]:
     """One with keys, started as tools/README.md says; its address and its keys."""
-    keys, file = keys_of(Security.temporary(), folder / "cluster.pem"), folder / "scheduler.json"
+    keys, file = made_keys(folder), folder / "scheduler.json"
     tls = ("--tls-ca-file", keys, "--tls-cert", keys)
     words = ("--host", "tls://127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file, *tls)
     with ExitStack() as stack:
