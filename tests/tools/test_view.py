@@ -9,6 +9,7 @@ import shutil
 import socket
 import urllib.error
 import urllib.request
+import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -183,13 +184,15 @@ def test_a_long_log_has_every_cycle_where_it_is_looked_at(log_path: Path) -> Non
 def test_a_link_is_drawn_by_its_mesh_where_the_file_is(
     tmp_path: Path, log_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The log of a robot with a mesh for one link that is there, and one for another that is not."""
+    """The log of a robot with a mesh for one link that is there, one for another that is not, and one in an archive."""
     shutil.copytree(ROBOTS, tmp_path / "robots")
     monkeypatch.setattr("crux_contracts.robot.ROBOTS", tmp_path / "robots")
     trimesh.creation.box((10, 20, 30)).export(tmp_path / "robots" / "scaler" / "link.stl")
+    with zipfile.ZipFile(tmp_path / "robots" / "scaler" / "bomb.zip", "w") as archive:
+        archive.write(tmp_path / "robots" / "scaler" / "link.stl", "link.stl")
     urdf = tmp_path / "robots" / "scaler" / "scaler.urdf"
     text = urdf.read_text().replace("visual>", "collision>")
-    for link, file in (("LF_link2", "link.stl"), ("RF_link2", "lost.stl")):
+    for link, file in (("LF_link2", "link.stl"), ("RF_link2", "lost.stl"), ("LR_link2", "bomb.zip")):
         picture = (
             '<visual><origin xyz="1 2 3" rpy="0 0 1.5707963"/><geometry>'
             f'<mesh filename="package://scaler/{file}" scale="0.001 0.001 0.001"/></geometry></visual>'

@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from crux_tools.telemetry.description import inside
 
+KINDS = {".obj", ".off", ".ply", ".stl"}  # as large as what they hold: the library unpacks archives without a limit
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -36,13 +38,14 @@ def _file(robot: robots.Robot, inner: str) -> Path | None:
     """A mesh of the robot's folder, whether a log carries it there or this machine has it; links do not lead out."""
     for folder, name in ((robot.folder, inner), (robot.folder, inside(inner)), (robots.ROBOTS / robot.name, inner)):
         path = (folder / name).resolve()
-        if path.is_relative_to(folder.resolve()) and path.is_file():
+        if path.suffix.lower() in KINDS and path.is_relative_to(folder.resolve()) and path.is_file():
             return path
     return None
 
 
 def meshes_of(robot: robots.Robot) -> dict[str, list[Mesh]]:
-    """By link. A link with a mesh whose file is not there is left out, to be drawn by the shapes that collide."""
+    """By link. A link with a mesh whose file is not there, or not of KINDS, is left out, to be drawn by the shapes that
+    collide."""
     found: dict[str, list[Mesh]] = {}
     for link in ET.parse(robot.urdf_path).getroot().iter("link"):
         meshes = []
