@@ -6,7 +6,8 @@
 #include "crux_services.h"
 
 bool crux_is_at_rest(uint8_t state) {
-  return (state == (uint8_t)CRUX_STATE_BOOT) || (state == (uint8_t)CRUX_STATE_HOLD);
+  return (state == (uint8_t)CRUX_STATE_BOOT) || (state == (uint8_t)CRUX_STATE_HOLD) ||
+         (state == (uint8_t)CRUX_STATE_FAULT);
 }
 
 /// Value of a parameter: the bits of a float, or an integer.

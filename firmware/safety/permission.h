@@ -8,8 +8,9 @@
 
 #include "crux_parameters.h"
 
-/// Whether a node in this state stands still by itself and will until a command: BOOT or HOLD. Only then are
-/// parameters written or saved, images taken and nodes restarted.
+/// Whether a node in this state stands still by itself and will until a command: BOOT, HOLD or FAULT. Only then are
+/// parameters written or saved, images taken and nodes restarted. Nothing written changes the torque of a node in
+/// FAULT, as in HOLD: else a board that has never been calibrated could not be repaired but with a programmer.
 bool crux_is_at_rest(uint8_t state);
 
 /// Whether `bits` (a float's, or an integer) may stand for the description's value `described`: writable, a number, and

@@ -23,9 +23,9 @@ std::uint32_t bits(float value) {
   return result;
 }
 
-TEST(Permission, OnlyBootAndHoldAreRest) {
+TEST(Permission, OnlyBootHoldAndFaultAreRest) {
   for (unsigned state = 0; state < 256; ++state) {
-    const bool rest = state == CRUX_STATE_BOOT || state == CRUX_STATE_HOLD;
+    const bool rest = state == CRUX_STATE_BOOT || state == CRUX_STATE_HOLD || state == CRUX_STATE_FAULT;
     EXPECT_EQ(crux_is_at_rest(static_cast<std::uint8_t>(state)), rest) << state;
   }
 }
@@ -66,7 +66,9 @@ TEST(Permission, ARestartNeedsRestNobodyWhoCommandsAndTheAcknowledgement) {
   EXPECT_FALSE(crux_may_restart(CRUX_STATE_BOOT, true, kOff));
   EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, false, 0));
   EXPECT_FALSE(crux_may_restart(CRUX_STATE_HOLD, false, kOff + 1U));
-  EXPECT_FALSE(crux_may_restart(CRUX_STATE_FAULT, false, kOff));
+  EXPECT_TRUE(crux_may_restart(CRUX_STATE_FAULT, false, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_FAULT, true, kOff));
+  EXPECT_FALSE(crux_may_restart(CRUX_STATE_FAULT, false, 0));
 }
 
 }  // namespace
