@@ -91,6 +91,7 @@ void print_report(const CycleReport& report, const CycleLoop& loop) {
   line("frames of the wrong size", limbs.wrong_size);
   line("frames with unknown identifiers", limbs.unknown);
   line("frames of nodes that are not listened to", limbs.distrusted);
+  line("frames of a second sender under a node's number", limbs.rivals);
   line("malformed frames or datagrams", buses.malformed);
   line("error frames of CAN controllers", buses.error_frames);
   line("times a CAN controller left its bus", buses.bus_off);

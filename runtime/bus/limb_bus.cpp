@@ -19,6 +19,7 @@ LimbStatistics& LimbStatistics::operator+=(const LimbStatistics& other) noexcept
   wrong_size += other.wrong_size;
   unknown += other.unknown;
   distrusted += other.distrusted;
+  rivals += other.rivals;
   foreign += other.foreign;
   heartbeats += other.heartbeats;
   identities += other.identities;
@@ -45,6 +46,12 @@ void check_gains(const RobotDescription& robot, std::size_t joint) {
   refuse("velocity_gain_Nms_rad", kd, 0.0, most_kd);
 }
 
+/// Frames of which a node sends one for each Sync.
+bool answers_sync(FrameKind kind) {
+  return kind == FrameKind::kJointStatus || kind == FrameKind::kGripperStatus || kind == FrameKind::kForceTorque ||
+         kind == FrameKind::kGripperAnswer;
+}
+
 }  // namespace
 
 LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
@@ -56,6 +63,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
                    ", the CAN database has the gripper at node " + std::to_string(CRUX_CAN_NODE_GRIPPER));
   joint_of_node_.fill(-1);
   silence_.fill(silent_cycles_ + 1);  // until they are heard
+  streams_.fill(StreamWatch(silent_cycles_));
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
     const int node = robot.can.joint_nodes[joint];
     if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
@@ -86,6 +94,7 @@ bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept 
     ++statistics_.wrong_size;
     return false;
   }
+  if (answers_sync(meaning.kind)) return trusted_answer(frame, meaning);
   switch (crux_e2e_check(frame.id, frame.data.data(), frame.length, &receivers_[frame.id])) {
     case CRUX_E2E_OK:
       break;
@@ -103,6 +112,58 @@ bool LimbBus::trusted(const Frame& frame, const FrameMeaning& meaning) noexcept 
   }
   if (wrong_[meaning.node].node != 0 && meaning.kind != FrameKind::kIdentity) ++statistics_.distrusted;
   return true;
+}
+
+/// A node answers a Sync once. Who shows to be two is not believed until nothing has shown it for silent_cycles.
+bool LimbBus::trusted_answer(const Frame& frame, const FrameMeaning& meaning) noexcept {
+  const std::uint8_t node = meaning.node;
+  crux_e2e_receiver any{};
+  if (crux_e2e_check(frame.id, frame.data.data(), frame.length, &any) == CRUX_E2E_CORRUPT) {
+    ++statistics_.crc_errors;
+    return false;
+  }
+  const std::size_t stream = meaning.kind == FrameKind::kForceTorque     ? kWrenchStream
+                             : meaning.kind == FrameKind::kGripperAnswer ? kAnswerStream
+                                                                         : node;
+  believed_ = false;
+  switch (streams_[stream].judge(frame)) {
+    case StreamWatch::Verdict::kTwice:
+      ++statistics_.repeated;
+      return false;
+    case StreamWatch::Verdict::kGap:
+      ++statistics_.lost;
+      believed_ = true;
+      break;
+    case StreamWatch::Verdict::kNext:
+      believed_ = true;
+      break;
+    case StreamWatch::Verdict::kJumped:
+      break;
+    case StreamWatch::Verdict::kResumed:
+      identified_nodes_ &= ~(1U << node);  // it says again who it is
+      break;
+    case StreamWatch::Verdict::kRival:
+      ++statistics_.rivals;
+      disputed_[node] = silent_cycles_;
+      fresh_ &= ~(1U << node);
+      if (node == CRUX_CAN_NODE_GRIPPER) fresh_ &= ~(1U << kForceTorqueBit);
+      break;
+  }
+  if (wrong_[node].node != 0) ++statistics_.distrusted;
+  return true;
+}
+
+/// The node has restarted, or is another one: its counters begin anew.
+void LimbBus::start_anew(std::uint8_t node) noexcept {
+  streams_[node].forget();
+  if (node != CRUX_CAN_NODE_GRIPPER) return;
+  streams_[kWrenchStream].forget();
+  streams_[kAnswerStream].forget();
+}
+
+void LimbBus::age_streams() noexcept {
+  for (StreamWatch& stream : streams_) stream.tick();
+  for (int& cycles : disputed_) cycles = std::max(cycles - 1, 0);
 }
 
 bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
@@ -150,6 +211,7 @@ bool LimbBus::take(const Frame& frame, NodeNotice& notice) noexcept {
       if (wrong_[meaning.node].node != 0) return false;
       if (emergency.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) {
         restarted_ |= 1U << meaning.node;
+        start_anew(meaning.node);
         identified_nodes_ &=
             ~(1U << meaning.node) | introduced_;  // it introduces itself first; where that was lost: ask
       }
@@ -183,7 +245,7 @@ void LimbBus::take_from_host(const Frame& frame) noexcept {
 
 /// Whoever answers keeps the cycle going; what he says counts once he has said who he is.
 bool LimbBus::accept_answer(std::uint32_t bit, std::uint8_t node, std::uint16_t cycle_echo) noexcept {
-  const bool known = (identified_nodes_ >> node & 1U) != 0;
+  const bool known = believed_ && disputed_[node] == 0 && (identified_nodes_ >> node & 1U) != 0;
   const std::uint32_t mask = 1U << bit;
   if (cycle_echo != awaited_cycle_) {
     ++statistics_.late;
@@ -321,19 +383,22 @@ void LimbBus::fill(crux_msgs::control_input_t& input) const noexcept {
   const auto state_of = [this](std::uint32_t node, std::int8_t said) {
     return (restarted_ >> node & 1U) != 0 ? static_cast<std::int8_t>(NodeState::kBoot) : said;
   };
+  const auto faults_of = [this](std::uint32_t node, int said) {
+    return static_cast<std::int16_t>(disputed_[node] > 0 ? said | kFaultTwoSenders : said);
+  };
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
     const std::size_t i = static_cast<std::size_t>(limb_) * CRUX_CAN_JOINTS + joint;
     const JointValues& values = joints_[joint];
     input.joint_fresh[i] = fresh(node_of_joint_[joint]);
     input.joint_state[i] = state_of(node_of_joint_[joint], values.state);
-    input.joint_faults[i] = values.faults;
+    input.joint_faults[i] = faults_of(node_of_joint_[joint], values.faults);
     input.joint_position_rad[i] = values.position_rad;
     input.joint_velocity_rad_s[i] = values.velocity_rad_s;
     input.joint_torque_nm[i] = values.torque_Nm;
   }
   input.gripper_fresh[limb_] = fresh(CRUX_CAN_NODE_GRIPPER);
   input.gripper_state[limb_] = state_of(CRUX_CAN_NODE_GRIPPER, gripper_.state);
-  input.gripper_faults[limb_] = gripper_.faults;
+  input.gripper_faults[limb_] = faults_of(CRUX_CAN_NODE_GRIPPER, gripper_.faults);
   input.finger_opening_m[limb_] = gripper_.opening_m;
   input.finger_speed_m_s[limb_] = gripper_.speed_m_s;
   input.finger_force_n[limb_] = gripper_.force_N;

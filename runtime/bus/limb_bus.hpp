@@ -9,6 +9,7 @@
 
 #include "bus/frame.hpp"
 #include "bus/frame_kind.hpp"
+#include "bus/stream_watch.hpp"
 #include "core/robot_description.hpp"
 #include "crux_msgs/control_input_t.hpp"
 #include "crux_msgs/control_output_t.hpp"
@@ -25,6 +26,7 @@ struct LimbStatistics {
   std::uint64_t wrong_size = 0;  ///< payload length or frame type other than the CAN database says
   std::uint64_t unknown = 0;     ///< identifiers outside the CAN database
   std::uint64_t distrusted = 0;  ///< frames of a node that is not what it should be
+  std::uint64_t rivals = 0;      ///< frames that show a second sender under a node's identifier
   std::uint64_t foreign = 0;     ///< frames that only a runtime sends, and that this one did not send
   std::uint64_t heartbeats = 0;
   std::uint64_t identities = 0;
@@ -115,6 +117,9 @@ class LimbBus {
   void add_commands(const crux_msgs::control_output_t& output) noexcept;
   void add_broadcast(const crux_msgs::control_output_t& output, std::uint32_t cycle) noexcept;
   bool trusted(const Frame& frame, const FrameMeaning& meaning) noexcept;
+  bool trusted_answer(const Frame& frame, const FrameMeaning& meaning) noexcept;
+  void start_anew(std::uint8_t node) noexcept;
+  void age_streams() noexcept;
   void take_joint_status(const Frame& frame, std::uint8_t node) noexcept;
   void take_gripper_status(const Frame& frame) noexcept;
   void take_force_torque(const Frame& frame) noexcept;
@@ -149,6 +154,13 @@ class LimbBus {
   std::size_t n_frames_ = 0;
   std::array<std::uint8_t, kStandardIds> send_counters_{};
   std::array<crux_e2e_receiver, kStandardIds> receivers_{};
+
+  // Of the frames that answer a Sync, by node; the wrench has the place of a node 0, the answer to a broadcast the
+  // last.
+  static constexpr std::size_t kWrenchStream = 0, kAnswerStream = CRUX_CAN_NODES + 1, kStreams = CRUX_CAN_NODES + 2;
+  std::array<StreamWatch, kStreams> streams_;
+  std::array<int, CRUX_CAN_NODES + 1> disputed_{};  ///< cycles yet in which no answer of the node is believed
+  bool believed_ = false;                           ///< the answer just received is its node's
 
   std::uint16_t awaited_cycle_ = 0;
   std::uint32_t answered_ = 0;

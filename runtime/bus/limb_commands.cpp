@@ -96,6 +96,7 @@ std::span<const Frame> LimbBus::pack_cycle(const crux_msgs::control_output_t& ou
                                            const HostHeartbeat* heartbeat) noexcept {
   n_frames_ = 0;
   forget_silent_nodes();
+  age_streams();
   if (heartbeat != nullptr) add_heartbeat(*heartbeat);
   if (command_frames_ == CommandFrames::kBroadcast) {
     add_broadcast(output, cycle);

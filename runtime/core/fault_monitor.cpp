@@ -36,8 +36,10 @@ bool all_finite(const crux_msgs::control_input_t& in) {
          finite(in.ft_moment_g_nm, 3 * kLimbs);
 }
 
+bool doubled(int faults) { return (faults & kFaultTwoSenders) != 0; }
+
 bool unfit(int state, int faults) {
-  return state == static_cast<int>(NodeState::kFault) || (faults & kFaultsUnfit) != 0;
+  return state == static_cast<int>(NodeState::kFault) || (faults & kFaultsUnfit) != 0 || doubled(faults);
 }
 
 bool latched(int faults) { return (faults & kFaultCommandTimeout) != 0; }
@@ -163,6 +165,16 @@ FaultEvent FaultMonitor::silent_node() const noexcept {
   return {};
 }
 
+FaultEvent FaultMonitor::doubled_node(const crux_msgs::control_input_t& in) const noexcept {
+  for (int l = 0; l < kLimbs; ++l) {
+    for (int j = 0; j < kJoints; ++j) {
+      if (doubled(in.joint_faults[l * kJoints + j])) return {FaultCode::kNodeTwice, l, can_.joint_nodes[j], 0.0, 0.0};
+    }
+    if (doubled(in.gripper_faults[l])) return {FaultCode::kNodeTwice, l, can_.gripper_node, 0.0, 0.0};
+  }
+  return {};
+}
+
 FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept {
   const auto wrong = [state_counts](int state, int faults) {
     return state_counts ? unfit(state, faults) : (faults & kFaultsUnfit) != 0;
@@ -221,6 +233,7 @@ FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool t
   tracking_cycles_ = tracking ? tracking_cycles_ + 1 : 0;
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
+  if (const FaultEvent fault = doubled_node(in)) return fault;
   if (const FaultEvent fault = silent_node()) return fault;
   if (const FaultEvent fault = unfit_node(in, true)) return fault;
   if (const FaultEvent fault = holding_node(in)) return fault;
@@ -230,6 +243,7 @@ FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool t
 FaultEvent FaultMonitor::standing_cause(const crux_msgs::control_input_t& in) const noexcept {
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
+  if (const FaultEvent fault = doubled_node(in)) return fault;
   if (const FaultEvent fault = silent_node()) return fault;
   if (const FaultEvent fault = unfit_node(in, false)) return fault;
   return sensor_fault(in);

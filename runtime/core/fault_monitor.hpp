@@ -99,6 +99,7 @@ class FaultMonitor {
   bool link_well(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent bus_fault(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent silent_node() const noexcept;  ///< or all of them, which is no single node's fault
+  FaultEvent doubled_node(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept;
   FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;  ///< or some of every limb
   FaultEvent sensor_fault(const crux_msgs::control_input_t& in) const noexcept;

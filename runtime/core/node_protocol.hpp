@@ -30,7 +30,11 @@ inline constexpr int kFaultCommandTimeout = fault_bit(CRUX_CAN_JOINT_EMERGENCY_C
 inline constexpr int kFaultsUnfit = fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_OVER_TEMPERATURE_CHOICE) |
                                     fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_BUS_OFF_CHOICE) |
                                     fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_DRIVER_CHOICE) |
-                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE);
+                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE) |
+                                    fault_bit(CRUX_CAN_JOINT_EMERGENCY_CAUSE_NOT_CALIBRATED_CHOICE);
+
+/// Beyond the bits of a status: the runtime's bus has heard two senders under the node's number, and believes neither.
+inline constexpr int kFaultTwoSenders = 0x100;
 
 // ForceTorque.Status
 inline constexpr int kFtOverload = 1;

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from typing import cast
+from typing import Any, cast
 
 import cantools
 from cantools.database.can import Database, Message
@@ -70,6 +70,14 @@ def message(name: str, node: int | None = None) -> Message:
         return database().get_message_by_name(full)
     except KeyError:
         raise CanCodecError(f"no message {full} in {DBC.name}") from None
+
+
+def fault_causes(faults: int) -> list[str]:
+    """Names of the causes whose bits a status' `Faults` has; bit 8 is the runtime's own (node_protocol.hpp)."""
+    causes: dict[int, Any] = message("JointEmergency", 1).get_signal_by_name("Cause").choices or {}
+    numbers = {bit: bit + 1 for bit in range(7)} | {1: 11, 2: 12, 7: 13}
+    names = {bit: str(causes[number]) for bit, number in numbers.items()} | {8: "TWO_SENDERS"}
+    return [name for bit, name in sorted(names.items()) if faults >> bit & 1]
 
 
 def crc(identifier: int, payload: bytes | bytearray) -> int:

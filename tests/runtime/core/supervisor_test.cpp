@@ -370,6 +370,19 @@ TEST_F(Faults, ALostThermometerMakesANodeUnfit) {
   expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 1, 7);
 }
 
+TEST_F(Faults, ABoardThatIsNotCalibratedIsUnfit) {
+  input().joint_faults[13] = 0x80;  // cause 13
+  expect_fault(FaultCode::kNodeFault, SupervisorState::kFault, 2, 2);
+}
+
+TEST_F(Faults, TwoNodesWithOneNumberAreToldBeforeTheirSilence) {
+  spoil_ = [](crux_msgs::control_input_t& in) {
+    in.joint_faults[7] = kFaultTwoSenders;
+    in.joint_fresh[7] = 0;
+  };
+  expect_fault(FaultCode::kNodeTwice, SupervisorState::kFault, 1, 2);
+}
+
 TEST_F(Faults, ANodeThatLatchedItsHoldMakesTheRobotHoldAndCanBeRearmed) {
   input().joint_faults[13] = kFaultCommandTimeout;
   expect_fault(FaultCode::kNodeHolds, SupervisorState::kHolding, 2, 2);

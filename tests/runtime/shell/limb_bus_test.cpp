@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "bus/bus.hpp"
+#include "core/node_protocol.hpp"
 #include "crux_can.h"
 
 namespace crux {
@@ -266,6 +267,97 @@ TEST_F(LimbBusTest, RepeatsAreDroppedAndGapsAreCounted) {
   nodes_.joint_status(1, 2);  // lost
   take(nodes_.joint_status(1, 2));
   EXPECT_EQ(limb_.statistics().lost, 1U);
+  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+}
+
+// Two boards with one number: each answers every Sync, with a counter of its own.
+TEST_F(LimbBusTest, BelievesNeitherOfTwoSendersUnderOneNumber) {
+  constexpr float kTrue = 0.5F, kFalse = -1.0F;
+  for (const bool second_first : {false, true}) {
+    for (const int ahead : {0, 1, 2, 5, 6, 100, 200, 250, 254}) {
+      LimbBus limb(kLimb, robot_);
+      Nodes right, wrong;
+      limb.take(right.identity(2, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash), notice_);
+      for (int k = 0; k < ahead; ++k) wrong.joint_status(2, 0);
+      std::uint16_t n = 1;
+      crux_msgs::control_input_t input{};
+      for (; n <= 20; ++n) {  // alone
+        limb.pack_cycle(output_, n, nullptr);
+        limb.take(right.joint_status(2, n, kTrue), notice_);
+        limb.fill(input);
+        ASSERT_EQ(input.joint_fresh[6 * kLimb + 1], 1);
+        ASSERT_EQ(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0);
+        wrong.joint_status(2, n);
+      }
+      int cycles = 0;  // until it is told
+      for (; n <= 60; ++n) {
+        limb.pack_cycle(output_, n, nullptr);
+        const Frame one = right.joint_status(2, n, kTrue), other = wrong.joint_status(2, n, kFalse);
+        limb.take(second_first ? other : one, notice_);
+        limb.take(second_first ? one : other, notice_);
+        limb.fill(input);
+        if ((input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders) == 0) {
+          ASSERT_LE(++cycles, 4) << ahead;  // 10 ms at 500 Hz are five
+        } else {
+          ASSERT_EQ(input.joint_fresh[6 * kLimb + 1], 0) << ahead;
+        }
+      }
+      EXPECT_NE(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
+      for (; n <= 80; ++n) {  // alone again
+        limb.pack_cycle(output_, n, nullptr);
+        limb.take(right.joint_status(2, n, kTrue), notice_);
+        limb.take(right.identity(2, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash), notice_);
+      }
+      limb.fill(input);
+      EXPECT_EQ(input.joint_fresh[6 * kLimb + 1], 1) << ahead;
+      EXPECT_EQ(input.joint_faults[6 * kLimb + 1] & kFaultTwoSenders, 0) << ahead;
+    }
+  }
+}
+
+// A forged wrench of zero beside the gripper's own.
+TEST_F(LimbBusTest, BelievesNeitherOfTwoWrenches) {
+  Nodes other;
+  for (int k = 0; k < 77; ++k) other.force_torque(0);
+  for (std::uint16_t n = 1; n <= 5; ++n) {
+    cycle(n);
+    take(nodes_.all(n));
+    if (n > 1) take(other.force_torque(n));
+  }
+  EXPECT_EQ(input().ft_fresh[kLimb], 0);
+  EXPECT_EQ(input().gripper_fresh[kLimb], 0);
+  EXPECT_NE(input().gripper_faults[kLimb] & kFaultTwoSenders, 0);
+  EXPECT_EQ(input().joint_faults[6 * kLimb] & kFaultTwoSenders, 0);
+  EXPECT_TRUE(limb_.complete());  // the cycle goes on
+}
+
+TEST_F(LimbBusTest, ACounterThatJumpsIsNotUsedBeforeItsNodeHasSaidWhoItIs) {
+  cycle(1);
+  take(nodes_.joint_status(1, 1, 0.1F));
+  for (int k = 0; k < 50; ++k) nodes_.joint_status(1, 1);
+  for (std::uint16_t n = 2; n <= 4; ++n) {
+    cycle(n);
+    take(nodes_.joint_status(1, n, 0.2F));
+    EXPECT_EQ(input().joint_fresh[6 * kLimb], 0);
+    EXPECT_EQ(input().joint_position_rad[6 * kLimb], static_cast<double>(0.1F));
+    EXPECT_EQ(input().joint_faults[6 * kLimb] & kFaultTwoSenders, 0);
+  }
+  take(nodes_.identity(1, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
+  cycle(5);
+  take(nodes_.joint_status(1, 5, 0.2F));
+  EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
+}
+
+TEST_F(LimbBusTest, ARestartedNodeIsHeardAtOnce) {
+  for (std::uint16_t n = 1; n <= 3; ++n) {
+    cycle(n);
+    take(nodes_.joint_status(1, n));
+  }
+  nodes_ = Nodes();
+  take(nodes_.identity(1, CRUX_CAN_PROTOCOL_VERSION, kLimb, kParameterHash));
+  take(nodes_.emergency(1, CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE, 0));
+  cycle(4);
+  take(nodes_.joint_status(1, 4, 0.3F));
   EXPECT_EQ(input().joint_fresh[6 * kLimb], 1);
 }
 

@@ -163,14 +163,13 @@ def silent_nodes(at: Moment) -> Iterator[str]:
 def node_states(at: Moment) -> Iterator[str]:
     """Nodes that report faults, and nodes that hold by themselves while the runtime commands motion."""
     states: dict[int, Any] = can_codec.message("JointStatus", 1).get_signal_by_name("State").choices or {}
-    causes: dict[int, Any] = can_codec.message("JointEmergency", 1).get_signal_by_name("Cause").choices or {}
     inputs = at.log.inputs[at.rows]
     state = _of_nodes(inputs["joint_state"], inputs["gripper_state"])
     faults = _of_nodes(inputs["joint_faults"], inputs["gripper_faults"])[-1]
     usual = np.bincount(state[0].ravel().astype(int)).argmax()
     for limb, node in zip(*np.nonzero((state[-1] != usual) | (faults != 0)), strict=True):
         same = _standing(state[:, limb, node] == state[-1, limb, node])
-        bits = [str(causes.get(bit + 1)) for bit in range(16) if int(faults[limb, node]) >> bit & 1]
+        bits = can_codec.fault_causes(int(faults[limb, node]))
         words = f"{LIMB_NAMES[limb]} {role_of(node + 1)} is in {states.get(int(state[-1, limb, node]), '?')} since "
         yield words + at.since(at.row + 1 - int(same)) + (f" and reports {', '.join(bits)}." if bits else ".")
 
