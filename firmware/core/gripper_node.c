@@ -108,7 +108,7 @@ static bool measure(crux_gripper_node *node, const crux_gripper_inputs *inputs) 
   if (!measured && (node->state != (uint8_t)CRUX_STATE_FAULT)) {
     node->state = (uint8_t)CRUX_STATE_FAULT;
     node->latched = true;
-    crux_link_event(&node->link, (uint8_t)CRUX_CAUSE_SENSOR, 0U);
+    crux_link_lost(&node->link, &inputs->health);
   }
   return measured;
 }
@@ -141,7 +141,10 @@ static void report_conditions(crux_gripper_node *node, const crux_gripper_inputs
                       crux_float_bits(node->taken.asked_opening_m));
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
-  crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
+  crux_link_health(&node->link, &inputs->health);
+  if (inputs->health.cause != (uint8_t)CRUX_CAUSE_NOT_CALIBRATED) {  // such a board reads no thermometer
+    crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
+  }
 }
 
 void crux_gripper_node_tick(crux_gripper_node *node, float dt_s, const crux_gripper_inputs *inputs,

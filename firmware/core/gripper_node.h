@@ -28,6 +28,7 @@ typedef struct crux_gripper_inputs {
   bool wrench_overloaded;  ///< by its own word
   bool bus_off;
   bool driver_fault;  ///< the gate driver stopped the bridge, or has just now
+  crux_health health;
 } crux_gripper_inputs;
 
 typedef struct crux_gripper_outputs {

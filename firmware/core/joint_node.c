@@ -141,7 +141,7 @@ static bool measure(crux_joint_node *node, const crux_joint_inputs *inputs) {
     node->latched = true;
     node->setpoint_rate_rad_s = 0.0F;
     node->velocity_setpoint_rad_s = 0.0F;
-    crux_link_event(&node->link, (uint8_t)CRUX_CAUSE_SENSOR, 0U);
+    crux_link_lost(&node->link, &inputs->health);
   }
   return measured;
 }
@@ -200,7 +200,10 @@ static void report_conditions(crux_joint_node *node, const crux_joint_inputs *in
                       crux_float_bits(node->taken.asked_velocity_rad_s));
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_BUS_OFF, inputs->bus_off, 0U);
   crux_link_condition(&node->link, (uint8_t)CRUX_CAUSE_DRIVER, inputs->driver_fault, 0U);
-  crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
+  crux_link_health(&node->link, &inputs->health);
+  if (inputs->health.cause != (uint8_t)CRUX_CAUSE_NOT_CALIBRATED) {  // such a board reads no thermometer
+    crux_link_temperature(&node->link, inputs->temperature_degC, node->parameters.temperature_limit_degC);
+  }
 }
 
 void crux_joint_node_tick(crux_joint_node *node, float dt_s, const crux_joint_inputs *inputs,

@@ -25,6 +25,7 @@ typedef struct crux_joint_inputs {
   float temperature_degC;  ///< of the winding; not finite: the thermometer is lost
   bool bus_off;            ///< the CAN controller has left the bus
   bool driver_fault;       ///< the gate driver stopped the bridge, or has just now
+  crux_health health;
 } crux_joint_inputs;
 
 typedef struct crux_joint_outputs {

@@ -128,6 +128,40 @@ void crux_link_temperature(crux_link *link, float temperature_degC, float limit_
   crux_link_condition(link, (uint8_t)CRUX_CAUSE_THERMOMETER, isfinite(temperature_degC) == 0, 0U);
 }
 
+/// Position lost: by the drive's cause, or by a reading that makes no sense.
+static void tell_loss(crux_link *link) {
+  const bool known = link->told.cause != (uint8_t)CRUX_CAUSE_NONE;
+  crux_link_event(link, known ? link->told.cause : (uint8_t)CRUX_CAUSE_SENSOR, 0U);
+}
+
+void crux_link_lost(crux_link *link, const crux_health *health) {
+  link->told.cause = health->cause;
+  tell_loss(link);
+}
+
+void crux_link_health(crux_link *link, const crux_health *health) {
+  bool encoder_news = health->encoder_errors != link->told.encoder_errors;
+  if (health->cause != link->told.cause) {
+    link->told.cause = health->cause;
+    if (health->cause != (uint8_t)CRUX_CAUSE_NONE) {
+      tell_loss(link);
+    } else {
+      encoder_news = true;  // it is back
+    }
+  }
+  if (health->direction_unchecked && !link->told.direction_unchecked) {
+    crux_link_event(link, (uint8_t)CRUX_CAUSE_DIRECTION_UNCHECKED, 0U);
+  }
+  link->told.direction_unchecked = health->direction_unchecked;
+  if (encoder_news && (link->emergency_wait_us[CRUX_CAUSE_ENCODER_ERRORS] == 0U)) {
+    crux_link_event(link, (uint8_t)CRUX_CAUSE_ENCODER_ERRORS, health->encoder_errors);
+    link->told.encoder_errors = health->encoder_errors;
+  }
+  const uint8_t bit = (uint8_t)CRUX_CAN_FAULT_BIT((uint32_t)CRUX_CAUSE_NOT_CALIBRATED);
+  const bool blank = health->cause == (uint8_t)CRUX_CAUSE_NOT_CALIBRATED;
+  link->faults = (uint8_t)(blank ? (link->faults | bit) : (link->faults & (uint8_t)~bit));
+}
+
 void crux_link_init(crux_link *link, uint8_t kind, uint8_t limb, uint8_t node, uint32_t parameter_hash) {
   *link = (crux_link){0};
   link->kind = kind;
@@ -157,6 +191,9 @@ void crux_link_tick(crux_link *link, uint32_t dt_us, uint8_t state) {
   if (link->identity_asked) {
     link->identity_asked = false;
     send_identity(link);
+    if (state == (uint8_t)CRUX_STATE_FAULT) {
+      tell_loss(link);  // who asks may not have heard it
+    }
   }
   for (uint32_t cause = 0U; cause < (uint32_t)CRUX_CAUSE_COUNT; cause++) {
     uint32_t *wait_us = &link->emergency_wait_us[cause];

@@ -9,6 +9,7 @@
 
 #include "codec.h"
 #include "frame.h"
+#include "health.h"
 #include "safety.h"
 
 /// 0.1.0, two digits a part.
@@ -51,6 +52,7 @@ typedef struct crux_link {
   uint8_t node;  ///< 1..7
   uint8_t faults;
   bool identity_asked;  ///< by the host, since the last tick
+  crux_health told;     ///< of the drive, last
   uint8_t sent[CRUX_SENT_KINDS];
   uint8_t queue_first;
   uint8_t queue_count;
@@ -87,6 +89,12 @@ bool crux_link_hear_broadcast(crux_link *link, crux_guard *guard, const crux_fra
 
 /// Over the limit, until 5 K below it; or not known, for a thermometer that is open or shorted says nothing.
 void crux_link_temperature(crux_link *link, float temperature_degC, float limit_degC);
+
+/// Position lost: an emergency with the drive's cause, SENSOR where it has none; again with each identity asked for.
+void crux_link_lost(crux_link *link, const crux_health *health);
+
+/// Tells what has changed in the drive: a new cause, encoder samples left out, a motor whose direction nobody knows.
+void crux_link_health(crux_link *link, const crux_health *health);
 
 /// Pops the oldest frame of the transmit queue; false when it is empty.
 bool crux_link_take_frame(crux_link *link, crux_frame *frame);

@@ -198,8 +198,8 @@ def identifiers(kinds: list[Kind], database: Database) -> str:
 #define CRUX_CAN_PROTOCOL_VERSION {protocol}u
 #define CRUX_CAN_JOINTS {JOINTS}u // nodes 1 .. CRUX_CAN_JOINTS, from the shoulder outwards
 #define CRUX_CAN_NODE_GRIPPER {GRIPPER_NODE}u
-// Bit of a status' Faults that a cause has: n - 1, and of causes 11 and 12 the bits of 2 and 3, which are events.
-#define CRUX_CAN_FAULT_BIT(cause) (1u << ((cause) - (((cause) > 10u) ? 10u : 1u)))
+// Bit of a status' Faults that a cause has: n - 1, and of causes 11, 12, 13 the bits of 2, 3, 8, which are events.
+#define CRUX_CAN_FAULT_BIT(cause) (1u << ((cause) - (((cause) > 12u) ? 6u : ((cause) > 10u) ? 10u : 1u)))
 #define CRUX_CAN_NODES {GRIPPER_NODE}u
 #define CRUX_CAN_MAX_LENGTH {longest}u
 

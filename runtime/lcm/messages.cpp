@@ -36,6 +36,16 @@ const char* cause_name(std::uint8_t cause) {
       return "the gate driver stopped the bridge";
     case CRUX_CAN_JOINT_EMERGENCY_CAUSE_THERMOMETER_CHOICE:
       return "the winding's thermometer is open or shorted";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_NOT_CALIBRATED_CHOICE:
+      return "the board is not calibrated, its motor is not driven";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_CURRENTS_CHOICE:
+      return "the motor's currents do not fit voltage and speed";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_DIRECTION_CHOICE:
+      return "the motor turns against its current: phases swapped, or wrong electrical offset";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_DIRECTION_UNCHECKED_CHOICE:
+      return "the motor's direction could not be checked, for its shaft is loaded or locked";
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_ENCODER_ERRORS_CHOICE:
+      return "samples of the motor's encoder left out";
     default:
       return "unknown cause";
   }

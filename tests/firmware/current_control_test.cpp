@@ -21,12 +21,15 @@ TEST(CurrentControl, ModulationMakesTheVoltageAskedForUpToTheInscribedCircle) {
       crux_current_control_init(&control, &motor, kPwmPeriod);
       // At rest and without current the voltage asked for is what the integrators hold.
       control.quadrature_integral_V = static_cast<float>(volts);
+      control.limit_V = static_cast<float>(kSupply);
       const crux_current_inputs inputs{.phase_a_A = 0.0F,
                                        .phase_b_A = 0.0F,
                                        .supply_V = static_cast<float>(kSupply),
                                        .angle_rad = static_cast<float>(std::remainder(angle, 2 * std::numbers::pi)),
                                        .speed_rad_s = 0.0F,
-                                       .quadrature_wanted_A = 0.0F};
+                                       .quadrature_wanted_A = 0.0F,
+                                       .direct_wanted_A = 0.0F,
+                                       .follow = false};
       crux_current_outputs outputs;
       crux_current_control_step(&control, &inputs, &outputs);
       const std::complex<double> made = Pmsm::voltage(outputs.duty);

@@ -24,7 +24,8 @@ struct Servo {
   double load_Nm = 0.0;  // external torque on the joint
   double position = 0.0;
   double speed = 0.0;
-  double current_gain = 1.0;  // of what the amplifiers measure
+  double current_gain = 1.0;                                  // of what the amplifiers measure
+  std::array<double, 2> stuck_A{std::nan(""), std::nan("")};  // what they say instead
   bool encoder_works = true;
   bool code_hangs = false;
   Pmsm motor;
@@ -43,6 +44,7 @@ struct Servo {
       EXPECT_TRUE(crux_joint_drive_home(&joint, coarse(), 0.0F));
     }
     crux_heat_tick(&drive.heat, &motor.motor, kTick, 0.0F, kRoom);  // cold: heat is looked at by its own tests
+    drive.direction.verdict = CRUX_DIRECTION_RIGHT;                 // as is the direction
     pwm();
   }
   [[nodiscard]] std::uint32_t coarse() const {
@@ -51,6 +53,10 @@ struct Servo {
   }
   [[nodiscard]] double torque() const {
     return motor.torque() * static_cast<double>(gear.ratio) * static_cast<double>(gear.efficiency);
+  }
+  [[nodiscard]] float amplified(std::size_t phase) const {
+    const double measured_A = current_gain * motor.phase(static_cast<int>(phase));
+    return static_cast<float>(std::isnan(stuck_A[phase]) ? measured_A : stuck_A[phase]);
   }
   void turn(const float* duty) {
     motor.speed = speed * static_cast<double>(gear.ratio);
@@ -63,9 +69,10 @@ struct Servo {
     std::copy(std::begin(drive.outputs.duty), std::end(drive.outputs.duty), acting.begin());
     const crux_drive_inputs inputs{.encoder_raw = late_sample,
                                    .encoder_valid = encoder_works,
-                                   .phase_a_A = static_cast<float>(current_gain * motor.phase(0)),
-                                   .phase_b_A = static_cast<float>(current_gain * motor.phase(1)),
-                                   .supply_V = static_cast<float>(kSupply)};
+                                   .phase_a_A = amplified(0),
+                                   .phase_b_A = amplified(1),
+                                   .supply_V = static_cast<float>(kSupply),
+                                   .bridge_stopped = false};
     late_sample = motor.encoder(kMounting.rotor_zero_counts);
     crux_drive_step(&drive, &inputs);
     turn(acting.data());
@@ -190,6 +197,61 @@ TEST(Drive, AJointWhoseCurrentsAreMeasuredWronglyStaysWhereItIs) {
   }
 }
 
+// Whatever an amplifier is stuck at, and wherever the rotor stands: the joint stays, and is never driven harder than a
+// quarter beyond what its peak current makes.
+TEST(Drive, AJointWithAStuckAmplifierStaysWhereItIs) {
+  for (const std::size_t phase : {0U, 1U}) {
+    for (const double stuck_A : {0.0, -2.0, 5.0}) {
+      for (int eighth = 0; eighth < 8; ++eighth) {
+        Servo servo(eighth / 4.0 * kHalfTurn);
+        Joint joint(unfiltered());
+        joint.inputs.position_rad = static_cast<float>(servo.position);
+        servo.load_Nm = -4.0;
+        double furthest = 0.0, most_Nm = 0.0, before = servo.position;
+        for (int k = 0; k < 3000; ++k) {
+          servo.measure(joint.inputs);
+          joint.command({.position_rad = static_cast<float>(eighth / 4.0 * kHalfTurn)});
+          joint.sync();
+          servo.tick(joint.tick(kTick));
+          servo.speed -= 0.002 * servo.speed;
+          if (k == 1500) {
+            before = servo.position;
+            servo.stuck_A[phase] = stuck_A;
+          }
+          if (k > 1500) {
+            furthest = std::max(furthest, std::abs(servo.position - before));
+            most_Nm = std::max(most_Nm, std::abs(servo.torque()));
+          }
+        }
+        EXPECT_LT(furthest, 2.0 * kHalfTurn) << phase << " " << stuck_A << " " << eighth;
+        const double peak_Nm = 10.0 * static_cast<double>(crux_motor_torque_constant(&servo.motor.motor)) * 36.0 * 0.9;
+        EXPECT_LT(most_Nm, 1.25 * peak_Nm) << phase << " " << stuck_A << " " << eighth;
+      }
+    }
+  }
+}
+
+TEST(Drive, AMotorThatTurnsTheWrongWayIsFoundAsItIsStartedAndThenHeld) {
+  Servo servo;
+  Joint joint(unfiltered());
+  servo.drive.electrical_offset_counts += 16384 / 7 / 2;
+  crux_direction_init(&servo.drive.direction, 1.0F);
+  EXPECT_LT(furthest_after(servo, joint, 0.0, 2.5, [] {}), 3.0 * kHalfTurn);
+  EXPECT_TRUE(servo.drive.direction.verdict == CRUX_DIRECTION_WRONG || servo.drive.current_lost);
+  EXPECT_EQ(joint.node.state, CRUX_STATE_FAULT);
+  EXPECT_NEAR(servo.position, 0.0, 3.0 * kHalfTurn);
+}
+
+TEST(Drive, SoundCurrentsAreBelievedThroughStepsAndShocks) {
+  Servo servo;
+  servo.motor.motor.resistance_ohm = 0.5F;  // hot, a quarter above what the drive knows
+  for (int k = 0; k < 3000; ++k) {
+    servo.speed = (k % 50 < 25) ? 0.0 : ((k % 100 < 50) ? 2.0 : -2.0);  // from one period to the next
+    servo.tick((k % 70 < 35) ? 15.0F : -15.0F);
+    ASSERT_FALSE(servo.drive.current_lost) << k;
+  }
+}
+
 TEST(Drive, AJointWhoseControlHangsStaysAndThenGoesOn) {
   for (const auto& [load, then] : kLoads) {
     Servo servo;
@@ -233,8 +295,12 @@ TEST(Drive, AJointThatCannotFindItsPositionHoldsStill) {
 TEST(Drive, ASupplyThatIsMeasuredWronglyDoesNotStopTheMotor) {
   Servo servo;
   servo.inertia = 1e6;
-  crux_drive_inputs inputs{
-      .encoder_raw = servo.late_sample, .encoder_valid = true, .phase_a_A = 0.0F, .phase_b_A = 0.0F, .supply_V = 0.0F};
+  crux_drive_inputs inputs{.encoder_raw = servo.late_sample,
+                           .encoder_valid = true,
+                           .phase_a_A = 0.0F,
+                           .phase_b_A = 0.0F,
+                           .supply_V = 0.0F,
+                           .bridge_stopped = false};
   for (const float supply : {0.0F, -5.0F, kNaN, 1e9F}) {
     inputs.supply_V = supply;
     crux_joint_drive_tick(&servo.joint, kTick, 4.0F, kRoom);

@@ -67,7 +67,8 @@ struct Hand {
                                      .encoder_valid = true,
                                      .phase_a_A = static_cast<float>(motor.phase(0)),
                                      .phase_b_A = static_cast<float>(motor.phase(1)),
-                                     .supply_V = static_cast<float>(kSupply)};
+                                     .supply_V = static_cast<float>(kSupply),
+                                     .bridge_stopped = false};
       crux_drive_step(&gripper.drive, &inputs);
       constexpr int kSteps = 10;
       for (int i = 0; i < kSteps; ++i) {

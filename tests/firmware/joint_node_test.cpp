@@ -177,7 +177,8 @@ TEST(JointNode, AnswersEverySyncOnce) {
                   .torque_Nm = 2.0625F,
                   .temperature_degC = 41.4F,
                   .bus_off = false,
-                  .driver_fault = false};
+                  .driver_fault = false,
+                  .health = {}};
   joint.run({});
   take_all(joint.node.link);
   joint.cycle = 0x12344;
@@ -206,7 +207,8 @@ TEST(JointNode, StatusSaturatesAndStaysFinite) {
                   .torque_Nm = -1e9F,
                   .temperature_degC = 1e9F,
                   .bus_off = false,
-                  .driver_fault = false};
+                  .driver_fault = false,
+                  .health = {}};
   crux_joint_node_publish(&joint.node, &joint.inputs);
   const auto frames = take_all(joint.node.link);
   const crux_frame frame = frames.find(0x180 + kJoint)->second;

@@ -88,7 +88,12 @@ struct Pmsm {
 struct CurrentLoop {
   Pmsm motor;
   crux_current_control control{};
-  crux_current_outputs outputs{.duty = {0.5F, 0.5F, 0.5F}, .direct_A = 0.0F, .quadrature_A = 0.0F, .cut = false};
+  crux_current_outputs outputs{.duty = {0.5F, 0.5F, 0.5F},
+                               .direct_A = 0.0F,
+                               .quadrature_A = 0.0F,
+                               .misfit_A2 = 0.0F,
+                               .modelled_A2 = 0.0F,
+                               .cut = false};
   float period_s;
 
   explicit CurrentLoop(float period = kPwmPeriod) : period_s(period) {
@@ -104,7 +109,9 @@ struct CurrentLoop {
         .supply_V = static_cast<float>(kSupply),
         .angle_rad = static_cast<float>(std::remainder(electrical, 2.0 * std::numbers::pi)),
         .speed_rad_s = static_cast<float>(motor.motor.pole_pairs * motor.speed),
-        .quadrature_wanted_A = static_cast<float>(quadrature_A)};
+        .quadrature_wanted_A = static_cast<float>(quadrature_A),
+        .direct_wanted_A = 0.0F,
+        .follow = false};
     crux_current_control_step(&control, &inputs, &outputs);
     motor.run(acting.data(), period_s);
   }

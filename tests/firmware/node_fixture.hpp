@@ -191,7 +191,8 @@ struct Joint {
                            .torque_Nm = 0.0F,
                            .temperature_degC = 25.0F,
                            .bus_off = false,
-                           .driver_fault = false};
+                           .driver_fault = false,
+                           .health = {}};
   std::uint8_t command_counter = 0;
   std::uint8_t sync_counter = 0;
   std::uint32_t cycle = 0;
@@ -226,7 +227,8 @@ struct Gripper {
                              .wrench_valid = true,
                              .wrench_overloaded = false,
                              .bus_off = false,
-                             .driver_fault = false};
+                             .driver_fault = false,
+                             .health = {}};
   std::uint8_t command_counter = 0;
   std::uint8_t sync_counter = 0;
   std::uint32_t cycle = 0;

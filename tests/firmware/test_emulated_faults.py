@@ -22,6 +22,7 @@ GRIPPER_COMMAND = {"Mode": TRACK, "Opening_m": 0.03, "SpeedLimit_m_s": 0.02, "Fo
 COMMAND = {"Mode": TRACK, "Position_rad": 0.25, "Kp_Nm_rad": 40.0, "Kd_Nms_rad": 1.0, "Torque_Nm": 2.0}
 UNDEFINED = struct.pack("<H", 0xDE00)  # udf #0
 RETURN_FALSE = struct.pack("<HH", 0x2000, 0x4770)  # movs r0, #0; bx lr
+START_CYCLES = 120  # in which a board looks which way its motor turns
 BOOT_CYCLES = 15  # in which a board gives a silent encoder up
 TURN_CYCLES = 20  # in which the rotor turns by an eighth
 
@@ -114,7 +115,7 @@ def test_a_fault_of_the_gate_driver_is_told_and_the_torque_comes_back(robot: Rob
     with board(robot, LF, NODE) as emulated, host(robot) as bus:
         bus.nodes.replace(LF, NODE, emulated.port)
         bus.plant.joint_position_rad[:] = 0.25
-        for cycle in range(50):
+        for cycle in range(START_CYCLES):
             torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
         assert torque[NODE - 1] == pytest.approx(2.0, abs=0.05)
         bus.heard(LF)
@@ -122,7 +123,7 @@ def test_a_fault_of_the_gate_driver_is_told_and_the_torque_comes_back(robot: Rob
         if for_s < 0.001:
             emulated.break_driver(False)  # too short for anybody to see the line itself
         faults = []
-        for cycle in range(50, 100):
+        for cycle in range(START_CYCLES, START_CYCLES + 50):
             torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
             heard = bus.heard(LF)
             faults += [row["Cause"] for row in heard["JointEmergency", NODE]]
@@ -132,7 +133,7 @@ def test_a_fault_of_the_gate_driver_is_told_and_the_torque_comes_back(robot: Rob
         assert status["State"] == TRACK_STATE
         assert torque[NODE - 1] == pytest.approx(2.0 if for_s < 0.001 else 0.0, abs=0.05)
         emulated.break_driver(False)
-        for cycle in range(100, 160):
+        for cycle in range(START_CYCLES + 50, START_CYCLES + 110):
             torque, _ = bus.run(cycle, COMMAND, GRIPPER_COMMAND)
             status = bus.heard(LF)["JointStatus", NODE][-1]
         assert torque[NODE - 1] == pytest.approx(2.0, abs=0.05)

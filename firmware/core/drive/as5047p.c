@@ -12,4 +12,6 @@ bool crux_as5047p_valid(uint16_t answer) {
   return ((folded & 1U) == 0U) && ((answer & ERROR_FLAG) == 0U);
 }
 
+bool crux_as5047p_flagged(uint16_t answer) { return (answer & ERROR_FLAG) != 0U; }
+
 uint32_t crux_as5047p_angle(uint16_t answer) { return answer & VALUE; }

@@ -19,6 +19,9 @@
 /// zero: to the loop a rotor that stands.
 bool crux_as5047p_valid(uint16_t answer);
 
+/// Whether an answer says that something was wrong with a command. It goes on saying so until the errors are read.
+bool crux_as5047p_flagged(uint16_t answer);
+
 /// Angle of an answer.
 uint32_t crux_as5047p_angle(uint16_t answer);
 

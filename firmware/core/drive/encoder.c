@@ -1,6 +1,7 @@
 #include "encoder.h"
 
 #include <math.h>
+#include <stdatomic.h>
 
 #define TWO_PI 6.28318531F
 
@@ -11,6 +12,7 @@
 #define NOISE_COUNTS 4.0F
 #define MAX_MISSED 20U
 #define HOMING_MAX_TURN 0.25F
+#define FOUND_TIMES 10U
 
 void crux_encoder_init(crux_encoder *encoder, const crux_motor_parameters *motor, float period_s, float age_s) {
   *encoder = (crux_encoder){
@@ -37,6 +39,7 @@ static int32_t way(const crux_encoder *encoder, uint32_t from, uint32_t to) {
 }
 
 static void miss(crux_encoder *encoder) {
+  encoder->refused += encoder->lost ? 0U : 1U;
   if (encoder->missed < MAX_MISSED) {
     encoder->missed++;
   } else {
@@ -93,6 +96,25 @@ bool crux_encoder_home(crux_encoder *encoder, float rotor_rad, uint32_t zero_cou
     encoder->home_counts = ((int32_t)whole * (int32_t)encoder->counts_per_turn) - zero;
   }
   return clear;
+}
+
+void crux_encoder_restart(crux_encoder *encoder, uint32_t raw) {
+  encoder->raw = raw;
+  encoder->counts = (int32_t)raw;
+  encoder->behind_counts = 0.0F;
+  encoder->speed_rad_s = 0.0F;
+  encoder->seen = true;
+}
+
+void crux_encoder_found(crux_encoder *encoder, bool homed) {
+  encoder->found = homed ? (encoder->found + 1U) : 0U;
+  if (encoder->found >= FOUND_TIMES) {
+    encoder->found = 0U;
+    encoder->missed = 0U;
+    // The interrupt that uses the position may come at any time: all of it must be there before.
+    atomic_signal_fence(memory_order_release);
+    encoder->lost = false;
+  }
 }
 
 float crux_encoder_coarse_rad(uint32_t raw, uint32_t zero_counts, uint32_t counts_per_turn, float middle_rad) {

@@ -3,7 +3,8 @@
 /// Speed comes from a tracking loop of second order with both poles at `OBSERVER_RAD_S`: an estimate of the position
 /// runs along, its error corrects position and speed. No lag at constant speed, and a count more or less is no jump.
 /// A sample further away than the rotor can have turned, or one that the sensor marks as bad, is left out; the position
-/// then runs on at the speed known. After MAX_MISSED such samples in a row the encoder is lost, for good.
+/// then runs on at the speed known. After MAX_MISSED such samples in a row the encoder is lost, until it is found
+/// again: that is homing as after a start, for nobody knows how far the rotor has turned meanwhile.
 #ifndef CRUX_FIRMWARE_DRIVE_ENCODER_H
 #define CRUX_FIRMWARE_DRIVE_ENCODER_H
 
@@ -23,7 +24,9 @@ typedef struct crux_encoder {
   uint32_t raw;         ///< last sample that made sense
   float behind_counts;  ///< position minus the estimate of it
   float speed_rad_s;
-  uint32_t missed;  ///< samples left out since then
+  uint32_t missed;   ///< samples left out since then
+  uint32_t refused;  ///< left out since the start; those of a lost encoder count no more
+  uint32_t found;    ///< times in a row that a lost encoder was homed
   bool seen;
   bool lost;
 } crux_encoder;
@@ -41,6 +44,12 @@ float crux_encoder_position_rad(const crux_encoder *encoder);
 /// encoder's sample at the axis' zero. False, and nothing changes, when the two differ by more than a quarter turn from
 /// any whole number of turns, since the next count of the coarse sensor could then choose another turn.
 bool crux_encoder_home(crux_encoder *encoder, float rotor_rad, uint32_t zero_counts);
+
+/// A lost encoder answers again, with this sample. Homing and crux_encoder_found follow.
+void crux_encoder_restart(crux_encoder *encoder, uint32_t raw);
+
+/// Whether the restarted encoder was homed. After FOUND_TIMES in a row it counts as found.
+void crux_encoder_found(crux_encoder *encoder, bool homed);
 
 /// Angle of a coarse encoder whose turn holds the whole travel: the one within half a turn of `middle_rad`.
 float crux_encoder_coarse_rad(uint32_t raw, uint32_t zero_counts, uint32_t counts_per_turn, float middle_rad);

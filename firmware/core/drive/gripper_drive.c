@@ -4,6 +4,9 @@
 
 #define TWO_PI 6.28318531F
 
+/// Of the peak current, to see which way the motor turns.
+#define PULSE 0.02F
+
 void crux_gripper_drive_init(crux_gripper_drive *gripper, const crux_gripper_drive_parameters *parameters,
                              const crux_gripper_parameters *limits, const crux_mounting *mounting,
                              const crux_drive_timing *timing) {
@@ -16,6 +19,7 @@ void crux_gripper_drive_init(crux_gripper_drive *gripper, const crux_gripper_dri
       .coarse_travel_m = parameters->coarse_travel_m,
   };
   crux_drive_init(&gripper->drive, &parameters->motor, mounting->electrical_offset_counts, timing);
+  crux_direction_init(&gripper->drive.direction, PULSE * parameters->motor.peak_current_A);
   crux_screw_init(&gripper->screw, &parameters->screw);
 }
 
@@ -35,6 +39,11 @@ static float travel_m(const crux_gripper_drive *gripper, float rotor_rad) {
   return rotor_rad * (gripper->screw.parameters.lead_m / TWO_PI);
 }
 
+void crux_gripper_drive_find(crux_gripper_drive *gripper, uint32_t motor_raw, uint32_t coarse_raw) {
+  crux_encoder_restart(&gripper->drive.encoder, motor_raw);
+  crux_encoder_found(&gripper->drive.encoder, crux_gripper_drive_home(gripper, coarse_raw));
+}
+
 void crux_gripper_drive_measure(const crux_gripper_drive *gripper, crux_gripper_inputs *inputs) {
   const crux_encoder *encoder = &gripper->drive.encoder;
   const bool known = crux_drive_measures(&gripper->drive);
@@ -42,6 +51,7 @@ void crux_gripper_drive_measure(const crux_gripper_drive *gripper, crux_gripper_
   inputs->opening_m = known ? (gripper->travel.opening_max_m - closed_m) : NAN;
   inputs->speed_m_s = known ? -travel_m(gripper, encoder->speed_rad_s) : NAN;
   inputs->force_N = gripper->screw.force_N;
+  inputs->health = crux_drive_health(&gripper->drive);
 }
 
 /// Whether an end of the travel takes the force: then the screw holds alone, and the motor need not press against it.

@@ -26,6 +26,9 @@ void crux_gripper_drive_init(crux_gripper_drive *gripper, const crux_gripper_dri
 /// must have seen. False when the two encoders contradict each other.
 bool crux_gripper_drive_home(crux_gripper_drive *gripper, uint32_t coarse_raw);
 
+/// The position was lost and both encoders answer: homes again, and after ten times in a row the position is known.
+void crux_gripper_drive_find(crux_gripper_drive *gripper, uint32_t motor_raw, uint32_t coarse_raw);
+
 /// Opening, its speed and the squeeze of a finger; opening and speed are no numbers when they are not known.
 void crux_gripper_drive_measure(const crux_gripper_drive *gripper, crux_gripper_inputs *inputs);
 

@@ -19,6 +19,9 @@ void crux_joint_drive_init(crux_joint_drive *joint, const crux_joint_drive_param
 /// drive must have seen. `middle_rad`: of the joint's range. False when the two encoders contradict each other.
 bool crux_joint_drive_home(crux_joint_drive *joint, uint32_t coarse_raw, float middle_rad);
 
+/// The position was lost and both encoders answer: homes again, and after ten times in a row the position is known.
+void crux_joint_drive_find(crux_joint_drive *joint, uint32_t motor_raw, uint32_t coarse_raw, float middle_rad);
+
 /// Position, velocity and torque of the joint; position and velocity are no numbers when they are not known.
 void crux_joint_drive_measure(const crux_joint_drive *joint, crux_joint_inputs *inputs);
 

@@ -5,6 +5,8 @@
 
 #define TURN 16384.0
 #define READ_ANGLE 0x3FFFU
+#define READ_ERRORS 0x0001U
+#define ERROR_FLAG 0x4000U
 #define COUNTS 4096.0
 #define REFERENCE_V 3.3
 #define AMPLIFIER_V_A 0.1
@@ -22,8 +24,13 @@
 void magnetic_encoder_latch(magnetic_encoder *encoder, uint32_t counts) { encoder->latched = counts; }
 
 uint16_t magnetic_encoder_exchange(magnetic_encoder *encoder, uint16_t command) {
-  // Any register but the angle reads zero: no errors.
-  const uint32_t content = ((encoder->command & READ_ANGLE) == READ_ANGLE) ? encoder->latched : 0U;
+  const uint32_t address = encoder->command & READ_ANGLE;
+  uint32_t content = (address == READ_ANGLE) ? encoder->latched : 0U;
+  if (address == READ_ERRORS) {
+    content = encoder->error ? 1U : 0U;
+    encoder->error = false;
+  }
+  content |= encoder->error ? ERROR_FLAG : 0U;
   encoder->command = command;
   return (uint16_t)(content | (((uint32_t)__builtin_parity(content)) << 15U));
 }

@@ -10,6 +10,7 @@
 
 /// AS5047P: takes its angle when the select goes up, and answers a command in the frame after it.
 typedef struct magnetic_encoder {
+  bool error;        ///< of a command: every answer says so until the register of errors has been read
   uint32_t latched;  ///< 14 bits
   uint16_t command;  ///< of the last frame
 } magnetic_encoder;

@@ -65,6 +65,22 @@ void crux_emulated_disturb(emulated_node *node, int on) { node->port.disturb(nod
 
 void crux_emulated_break_encoder(emulated_node *node, int on) { node->encoder_broken = on != 0; }
 
+void crux_emulated_flag_encoder(emulated_node *node) { node->rotor_encoder.error = true; }
+
+void crux_emulated_stick_amplifier(emulated_node *node, int phase, double current_A) {
+  if ((phase == 0) || (phase == 1)) {
+    node->stuck_A[phase] = current_A;
+  }
+}
+
+void crux_emulated_swap_phases(emulated_node *node, int on) { node->phases_swapped = on != 0; }
+
+void crux_emulated_turn_magnets(emulated_node *node, double electrical_rad) {
+  node->magnets_turned_rad = electrical_rad;
+}
+
+void crux_emulated_blank(emulated_node *node) { emulated_node_blank(node); }
+
 void crux_emulated_break_driver(emulated_node *node, int on) { stm32g4_break(&node->chip, on != 0); }
 
 uint32_t crux_emulated_can_register(const emulated_node *node, uint32_t offset) {

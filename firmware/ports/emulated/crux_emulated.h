@@ -57,6 +57,21 @@ CRUX_API void crux_emulated_disturb(emulated_node *node, int on);
 /// While on, the motor's encoder does not answer.
 CRUX_API void crux_emulated_break_encoder(emulated_node *node, int on);
 
+/// The motor's encoder finds an error in a command.
+CRUX_API void crux_emulated_flag_encoder(emulated_node *node);
+
+/// The amplifier of phase 0 (a) or 1 (b) says so many amperes, whatever flows; not a number: it works.
+CRUX_API void crux_emulated_stick_amplifier(emulated_node *node, int phase, double current_A);
+
+/// Phases b and c of the motor are swapped (or not).
+CRUX_API void crux_emulated_swap_phases(emulated_node *node, int on);
+
+/// The magnets are so far from where the calibration has them [rad electrical].
+CRUX_API void crux_emulated_turn_magnets(emulated_node *node, double electrical_rad);
+
+/// The board has never been calibrated; before its power comes on.
+CRUX_API void crux_emulated_blank(emulated_node *node);
+
 /// While on, the gate driver reports a fault: it pulls the timer's break input.
 CRUX_API void crux_emulated_break_driver(emulated_node *node, int on);
 

@@ -133,6 +133,11 @@ def _load(path: Path) -> ctypes.CDLL:
         "disturb": (None, [handle, integer]),
         "break_encoder": (None, [handle, integer]),
         "break_driver": (None, [handle, integer]),
+        "flag_encoder": (None, [handle]),
+        "stick_amplifier": (None, [handle, integer, ctypes.c_double]),
+        "swap_phases": (None, [handle, integer]),
+        "turn_magnets": (None, [handle, ctypes.c_double]),
+        "blank": (None, [handle]),
         "cut_power": (None, [handle, ctypes.c_uint32, integer]),
         "record": (integer, [handle]),
         "recorded": (ctypes.c_uint32, [handle]),
@@ -224,6 +229,26 @@ class Board:
     def break_encoder(self, on: bool) -> None:
         """While on, the motor's encoder does not answer."""
         self._library.crux_emulated_break_encoder(self._handle, int(on))
+
+    def flag_encoder(self) -> None:
+        """The motor's encoder finds an error in a command; its answers say so until it is asked which."""
+        self._library.crux_emulated_flag_encoder(self._handle)
+
+    def stick_amplifier(self, phase: int, current_A: float = math.nan) -> None:
+        """The amplifier of phase 0 (a) or 1 (b) says so whatever flows; without a current it works."""
+        self._library.crux_emulated_stick_amplifier(self._handle, phase, current_A)
+
+    def swap_phases(self, on: bool) -> None:
+        """While on, phases b and c of the motor are swapped."""
+        self._library.crux_emulated_swap_phases(self._handle, int(on))
+
+    def turn_magnets(self, electrical_rad: float) -> None:
+        """The magnets are so far from where the calibration has them."""
+        self._library.crux_emulated_turn_magnets(self._handle, electrical_rad)
+
+    def blank(self) -> None:
+        """The board has never been calibrated; before its power comes on."""
+        self._library.crux_emulated_blank(self._handle)
 
     def break_driver(self, on: bool) -> None:
         """While on, the gate driver reports a fault."""

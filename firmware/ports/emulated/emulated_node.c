@@ -28,6 +28,7 @@
 
 // Calibration page, the last of the flash.
 #define CALIBRATION_OFFSET 0x7F800U
+#define CALIBRATION_BYTES 0x800U
 #define CALIBRATION_MAGIC 0x43525543U
 
 static double position_at(const emulated_node *node, uint64_t time) {
@@ -45,7 +46,14 @@ static double turned(const emulated_node *node, uint64_t time, double turns_per_
 static double electrical_rad(const emulated_node *node, uint64_t time) {
   const emulated_mounting *mounting = &node->mounting;
   const double mounted = ((double)mounting->rotor_zero_counts - (double)mounting->electrical_offset_counts) / TURN;
-  return TWO_PI * node->world.pole_pairs * (turned(node, time, node->world.rotor_turns_per_unit) + mounted);
+  return (TWO_PI * node->world.pole_pairs * (turned(node, time, node->world.rotor_turns_per_unit) + mounted)) +
+         node->magnets_turned_rad;
+}
+
+/// What the amplifier of phase 0 (a) or 1 (b) measures.
+static double amplified_A(const emulated_node *node, unsigned phase) {
+  const int wire = (node->phases_swapped && (phase == 1U)) ? 2 : (int)phase;
+  return isnan(node->stuck_A[phase]) ? motor_phase_A(&node->motor, wire) : node->stuck_A[phase];
 }
 
 static uint32_t analogue(void *context, unsigned converter, unsigned channel) {
@@ -59,7 +67,7 @@ static uint32_t analogue(void *context, unsigned converter, unsigned channel) {
     default: {
       // The shunts lie under the lower switches.
       const bool flows = stm32g4_lower_conducts(&node->chip, phase);
-      return reading_of_current(flows ? motor_phase_A(&node->motor, (int)phase) : 0.0,
+      return reading_of_current(flows ? amplified_A(node, phase) : 0.0,
                                 (double)node->mounting.phase_zero_counts[phase]);
     }
   }
@@ -71,7 +79,8 @@ static void pwm_period(void *context, uint64_t time, const double duty[3]) {
   const double angle_rad = electrical_rad(node, time);
   const double passed = (double)(time - node->stepped_at);
   if (passed > 0.0) {
-    const motor_vector voltage_V = motor_voltage_V(&node->motor.parameters, duty);
+    const double wired[3] = {duty[0], duty[node->phases_swapped ? 2 : 1], duty[node->phases_swapped ? 1 : 2]};
+    const motor_vector voltage_V = motor_voltage_V(&node->motor.parameters, wired);
     node->torque_time += passed * motor_step(&node->motor, voltage_V, passed / CORE_HZ, node->angle_rad, angle_rad);
   }
   node->angle_rad = angle_rad;
@@ -283,6 +292,10 @@ static void write_calibration(emulated_node *node) {
   (void)memcpy(node->chip.core.flash + CALIBRATION_OFFSET, page, sizeof(page));
 }
 
+void emulated_node_blank(emulated_node *node) {
+  (void)memset(node->chip.core.flash + CALIBRATION_OFFSET, 0xFF, CALIBRATION_BYTES);
+}
+
 emulated_node *emulated_node_new(const char *image, int limb, int number, const emulated_world *world, char *error,
                                  size_t error_bytes) {
   emulated_node *node = calloc(1U, sizeof(*node));
@@ -315,6 +328,8 @@ emulated_node *emulated_node_new(const char *image, int limb, int number, const 
                                               .supply_V = world->supply_V};
   node->limb = limb;
   node->node = number;
+  node->stuck_A[0] = NAN;
+  node->stuck_A[1] = NAN;
   node->temperature_degC = ROOM_DEG_C;
   if (!stm32g4_open(&node->chip, &board, (uint32_t)world->bit_rate, (uint32_t)world->data_bit_rate)) {
     (void)snprintf(error, error_bytes, "%s", node->chip.core.fault);

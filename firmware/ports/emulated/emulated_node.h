@@ -48,7 +48,10 @@ typedef struct emulated_node {
   motor_model motor;
   magnetic_encoder rotor_encoder;
   magnetic_encoder coarse_encoder;
-  bool encoder_broken;  ///< of the rotor: its line stays high
+  bool encoder_broken;        ///< of the rotor: its line stays high
+  bool phases_swapped;        ///< of the motor: b and c
+  double magnets_turned_rad;  ///< electrical, from where the calibration has them
+  double stuck_A[2];          ///< what the amplifiers of phases a and b say; NAN: the current
   int limb;
   int node;
   bool powered;
@@ -77,6 +80,9 @@ void emulated_node_delete(emulated_node *node);
 
 /// Power comes on with the shaft at `position`; the board boots.
 void emulated_node_power_on(emulated_node *node, double position);
+
+/// The board has never been calibrated. Takes effect when the power comes on.
+void emulated_node_blank(emulated_node *node);
 
 /// The board runs the program of another ELF file than the one its flash was filled from: states are looked up there.
 void emulated_node_look_into(emulated_node *node, const char *image);

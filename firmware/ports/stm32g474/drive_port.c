@@ -58,6 +58,8 @@ static uint32_t periods_seen;
 static uint32_t still_ticks;  ///< without a period since the tick before
 static bool was_behind;       ///< at the last tick
 static bool supply_is_next;
+static uint16_t sent;                ///< command to the motor's encoder that is on its way; 0: none
+static uint16_t answered;            ///< the command before, whose answer comes with that frame; 0: none
 static uint32_t driver_fault_ticks;  ///< for which a fault of the gate driver is told yet
 
 void drive_port_on_sample(void);
@@ -79,15 +81,21 @@ static uint16_t exchange(uint32_t pin, uint16_t command) {
   return answer;
 }
 
-/// Clears the error flag, asks, and takes the answer; a sensor that starts up is asked again.
+/// Clears the error flag, asks, and takes the answer.
+static bool try_encoder(uint32_t pin, uint32_t *raw) {
+  (void)exchange(pin, CRUX_AS5047P_READ_ERRORS);
+  (void)exchange(pin, CRUX_AS5047P_READ_ANGLE);
+  const uint16_t answer = exchange(pin, CRUX_AS5047P_READ_ANGLE);
+  const bool valid = crux_as5047p_valid(answer);
+  *raw = valid ? crux_as5047p_angle(answer) : 0U;
+  return valid;
+}
+
+/// A sensor that starts up is asked again.
 static bool read_encoder(uint32_t pin, uint32_t *raw) {
   bool valid = false;
   for (uint32_t i = 0U; (i < ENCODER_TRIES) && !valid; i++) {
-    (void)exchange(pin, CRUX_AS5047P_READ_ERRORS);
-    (void)exchange(pin, CRUX_AS5047P_READ_ANGLE);
-    const uint16_t answer = exchange(pin, CRUX_AS5047P_READ_ANGLE);
-    valid = crux_as5047p_valid(answer);
-    *raw = valid ? crux_as5047p_angle(answer) : 0U;
+    valid = try_encoder(pin, raw);
   }
   return valid;
 }
@@ -98,6 +106,19 @@ bool drive_port_read_encoders(uint32_t *motor_raw, uint32_t *coarse_raw) {
   const bool motor = read_encoder(BOARD_PIN_MOTOR_ENCODER, motor_raw);
   const bool coarse = read_encoder(BOARD_PIN_COARSE_ENCODER, coarse_raw);
   return motor && coarse;
+}
+
+bool drive_port_search(uint32_t *motor_raw, uint32_t *coarse_raw) {
+  bool found = false;
+  if (!crux_drive_sees(controlled)) {  // the interrupt keeps off the SPI
+    const bool motor = try_encoder(BOARD_PIN_MOTOR_ENCODER, motor_raw);
+    const bool coarse = try_encoder(BOARD_PIN_COARSE_ENCODER, coarse_raw);
+    if (motor && !controlled->encoder.seen) {
+      crux_encoder_restart(&controlled->encoder, *motor_raw);
+    }
+    found = motor && coarse;
+  }
+  return found;
 }
 
 static void set_up_timer(void) {
@@ -147,10 +168,14 @@ void drive_port_start(crux_drive *drive, const calibration *zeros) {
   set_up_adc(ADC1, CHANNEL_PHASE_A);
   set_up_adc(ADC2, CHANNEL_PHASE_B);
   set_up_timer();
-  (void)exchange(BOARD_PIN_MOTOR_ENCODER, CRUX_AS5047P_READ_ANGLE);
-  select_encoder(BOARD_PIN_MOTOR_ENCODER);
-  board_spend(ENCODER_SETTLE_CYCLES);
-  SPI1_DR = CRUX_AS5047P_READ_ANGLE;
+  if (crux_drive_sees(drive)) {
+    (void)exchange(BOARD_PIN_MOTOR_ENCODER, CRUX_AS5047P_READ_ANGLE);
+    select_encoder(BOARD_PIN_MOTOR_ENCODER);
+    board_spend(ENCODER_SETTLE_CYCLES);
+    SPI1_DR = CRUX_AS5047P_READ_ANGLE;
+    sent = CRUX_AS5047P_READ_ANGLE;
+    answered = CRUX_AS5047P_READ_ANGLE;
+  }
   NVIC_IPR4 = ADC_PRIORITY << (8UL * (IRQ_ADC1_2 - 16UL));
   ADC_IER(ADC1) = ADC_IER_JEOCIE;
   ADC_CR(ADC2) = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
@@ -169,24 +194,48 @@ static uint32_t compare(float duty) {
   return (uint32_t)(duty * (float)top);
 }
 
+/// The answer of the frame that has run since the last period, if there was one; of an angle it is a sample.
+static uint16_t take_answer(crux_drive_inputs *inputs) {
+  uint16_t answer = 0U;
+  if (sent != 0U) {
+    answer = SPI1_DR;
+    release_encoder(BOARD_PIN_MOTOR_ENCODER);
+  }
+  inputs->encoder_valid = (answered == CRUX_AS5047P_READ_ANGLE) && crux_as5047p_valid(answer);
+  inputs->encoder_raw = crux_as5047p_angle(answer);
+  return answer;
+}
+
+/// An error flag stays until the errors are read: once for each, for the next answer still has it.
+static uint16_t next_command(uint16_t answer) {
+  const bool flagged = (answered == CRUX_AS5047P_READ_ANGLE) && crux_as5047p_flagged(answer);
+  return (uint16_t)((flagged && (sent == CRUX_AS5047P_READ_ANGLE)) ? CRUX_AS5047P_READ_ERRORS
+                                                                   : CRUX_AS5047P_READ_ANGLE);
+}
+
 void drive_port_on_sample(void) {
   crux_drive *drive = controlled;
   crux_drive_inputs inputs;
   inputs.phase_a_A = ((float)ADC_JDR1(ADC1) - phase_a_zero) * AMPERE_PER_COUNT;  // reading it clears the request
   inputs.phase_b_A = ((float)ADC_JDR1(ADC2) - phase_b_zero) * AMPERE_PER_COUNT;
-  const uint16_t answer = SPI1_DR;
-  release_encoder(BOARD_PIN_MOTOR_ENCODER);
-  inputs.encoder_valid = crux_as5047p_valid(answer);
-  inputs.encoder_raw = crux_as5047p_angle(answer);
+  const uint16_t answer = take_answer(&inputs);
   inputs.supply_V = supply_V;
+  inputs.bridge_stopped = (TIM1_BDTR & TIM_BDTR_MOE) == 0U;
   crux_drive_step(drive, &inputs);
-  select_encoder(BOARD_PIN_MOTOR_ENCODER);
+  const uint16_t command = crux_drive_sees(drive) ? next_command(answer) : 0U;
+  if (command != 0U) {
+    select_encoder(BOARD_PIN_MOTOR_ENCODER);
+  }
   TIM1_CCR1 = compare(drive->outputs.duty[0]);
   TIM1_CCR2 = compare(drive->outputs.duty[1]);
   TIM1_CCR3 = compare(drive->outputs.duty[2]);
   periods++;
-  board_spend(ENCODER_SETTLE_CYCLES / 4U);  // a turn of the loop takes four: add, compare, a branch that is taken
-  SPI1_DR = CRUX_AS5047P_READ_ANGLE;
+  answered = sent;
+  sent = command;
+  if (command != 0U) {
+    board_spend(ENCODER_SETTLE_CYCLES / 4U);  // a turn of the loop takes four: add, compare, a branch that is taken
+    SPI1_DR = command;
+  }
 }
 
 static float thermistor_degC(float counts) {
@@ -201,7 +250,6 @@ static void look_at_driver(void) {
   if ((TIM1_SR & TIM_SR_BIF) != 0U) {
     TIM1_SR = ~TIM_SR_BIF;
     driver_fault_ticks = DRIVER_FAULT_TICKS;
-    crux_drive_forget(controlled);
   } else if (driver_fault_ticks > 0U) {
     driver_fault_ticks--;
   } else {

@@ -19,6 +19,9 @@ extern const crux_drive_timing drive_port_timing;
 /// Sets up SPI and reads both encoders, before drive_port_start. False when one does not answer: its reading is 0.
 bool drive_port_read_encoders(uint32_t *motor_raw, uint32_t *coarse_raw);
 
+/// Once a tick: where the position is not known, asks both encoders again. True when both have answered.
+bool drive_port_search(uint32_t *motor_raw, uint32_t *coarse_raw);
+
 /// Starts the current loop on a drive, which stays with the interrupt from now on.
 void drive_port_start(crux_drive *drive, const calibration *zeros);
 

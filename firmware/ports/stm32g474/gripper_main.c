@@ -40,10 +40,24 @@ static bool start(const crux_gripper_drive_parameters *parameters, const crux_gr
   return known;
 }
 
+static void search(void) {
+  uint32_t motor_raw = 0U;
+  uint32_t coarse_raw = 0U;
+  if (drive_port_search(&motor_raw, &coarse_raw)) {
+    crux_gripper_drive_find(&drive, motor_raw, coarse_raw);
+  }
+}
+
 static void measure(void) {
-  if (driven && drive_port_tick()) {
+  if (!driven) {
+    inputs.health.cause = (uint8_t)CRUX_CAUSE_NOT_CALIBRATED;
+    inputs.opening_m = NAN;
+    inputs.speed_m_s = NAN;
+  } else if (drive_port_tick()) {
+    search();
     crux_gripper_drive_measure(&drive, &inputs);
   } else {
+    inputs.health.cause = (uint8_t)CRUX_CAUSE_SENSOR;
     inputs.opening_m = NAN;
     inputs.speed_m_s = NAN;
   }

@@ -20,6 +20,10 @@ static crux_joint_outputs outputs;
 static crux_requests requests;
 static bool driven;  ///< the board is calibrated
 
+static float middle_rad(const crux_joint_parameters *limits) {
+  return 0.5F * (limits->position_min_rad + limits->position_max_rad);
+}
+
 /// Homes and starts the drive. Without a calibration there is none.
 static bool start(const crux_joint_drive_parameters *parameters, const crux_joint_parameters *limits) {
   calibration mounted;
@@ -30,17 +34,31 @@ static bool start(const crux_joint_drive_parameters *parameters, const crux_join
     crux_joint_drive_init(&drive, parameters, &mounted.mounting, &drive_port_timing);
     if (drive_port_read_encoders(&motor_raw, &coarse_raw)) {
       crux_encoder_step(&drive.drive.encoder, motor_raw, true);
-      (void)crux_joint_drive_home(&drive, coarse_raw, 0.5F * (limits->position_min_rad + limits->position_max_rad));
+      (void)crux_joint_drive_home(&drive, coarse_raw, middle_rad(limits));
     }
     drive_port_start(&drive.drive, &mounted);
   }
   return known;
 }
 
+static void search(void) {
+  uint32_t motor_raw = 0U;
+  uint32_t coarse_raw = 0U;
+  if (drive_port_search(&motor_raw, &coarse_raw)) {
+    crux_joint_drive_find(&drive, motor_raw, coarse_raw, middle_rad(&node.parameters));
+  }
+}
+
 static void measure(void) {
-  if (driven && drive_port_tick()) {
+  if (!driven) {
+    inputs.health.cause = (uint8_t)CRUX_CAUSE_NOT_CALIBRATED;
+    inputs.position_rad = NAN;
+    inputs.velocity_rad_s = NAN;
+  } else if (drive_port_tick()) {
+    search();
     crux_joint_drive_measure(&drive, &inputs);
   } else {
+    inputs.health.cause = (uint8_t)CRUX_CAUSE_SENSOR;
     inputs.position_rad = NAN;
     inputs.velocity_rad_s = NAN;
   }
