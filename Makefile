@@ -115,9 +115,10 @@ bench: build ## reproduce the figures of merit
 firmware: configure-development ## the node images and their sizes
 	@cmake --build build/cmake -j $(JOBS) --target crux_firmware
 
-fuzz: build configure-sanitized ## ten million frames and a million parameter writes against both nodes, ten million packets against the runtime, under sanitizers
+fuzz: build configure-sanitized ## ten million frames and a million parameter writes against both nodes, ten million packets against the runtime, under sanitizers, and against its operators
 	@cmake --build build/asan -j $(JOBS) --target shell_tests
-	CRUX_FUZZ_PACKETS=10000000 build/asan/tests/runtime/shell/shell_tests --gtest_filter='GateFuzz.*'
+	CRUX_FUZZ_PACKETS=10000000 build/asan/tests/runtime/shell/shell_tests --gtest_filter='GateFuzz.*:OperatorServerTest.Lives*'
+	CRUX_FUZZ_PACKETS=10000000 $(BIN)/python -m pytest tests/tools/test_hostile_messages.py -m sweep
 	CRUX_FUZZ_FRAMES=10000000 CRUX_FUZZ_WRITES=1000000 $(BIN)/python -m pytest tests/firmware/test_fuzz.py -m sweep -k unsafe
 
 lock: setup ## resolve pyproject.toml anew

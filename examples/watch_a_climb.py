@@ -5,11 +5,13 @@ crux sim out/plan.mcap -o out/practice.mcap &     # or a robot; then crux upload
 """
 
 import argparse
+from contextlib import suppress
 
-import lcm
 from crux_contracts import LIMB_NAMES, channels
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.lcm_bytes import decoded
 from crux_msgs import fault_t, limb_telemetry_t, robot_state_t
+from crux_tools.lcm_socket import LcmSocket
 from crux_tools.operator_link import DEFAULT_URL
 
 STATES = ("idle", "ready", "climbing", "holding", "fault")
@@ -19,16 +21,25 @@ class Watch:
     """What the runtime said last."""
 
     def __init__(self, url: str) -> None:
-        self.connection = lcm.LCM(url)
-        self.connection.subscribe(channels.CRUX_ROBOT_STATE, self.on_state)
-        self.connection.subscribe(channels.CRUX_LIMB_TELEMETRY, self.on_limb)
-        self.connection.subscribe(channels.CRUX_FAULT, self.on_fault)
+        self.connection = LcmSocket(url)
+        self.on = {
+            channels.CRUX_ROBOT_STATE: self.on_state,
+            channels.CRUX_LIMB_TELEMETRY: self.on_limb,
+            channels.CRUX_FAULT: self.on_fault,
+        }
         self.used = [0.0] * len(LIMB_NAMES)  # share of the limit surface
         self.told_s = float("-inf")
         self.complete = False
 
-    def on_state(self, _channel: str, data: bytes) -> None:
-        state = robot_state_t.decode(data)
+    def listen(self) -> None:
+        """Takes the next message; what is no such message is ignored."""
+        heard = self.connection.receive(1.0, lambda channel, _data: channel in self.on)
+        if heard is not None:
+            with suppress(ValueError, LookupError):
+                self.on[heard[0]](heard[1])
+
+    def on_state(self, data: bytes) -> None:
+        state = decoded(robot_state_t, data)
         self.complete = bool(state.plan_complete)
         if state.time_s >= self.told_s + 1 or self.complete:
             self.told_s = state.time_s
@@ -36,12 +47,12 @@ class Watch:
             where = f"{state.plan_time_s:6.1f} of {state.plan_end_s:.1f} s"
             print(f"{STATES[state.supervisor_state]:8s}  plan {where}  limit surface used: {used}", flush=True)
 
-    def on_limb(self, _channel: str, data: bytes) -> None:
-        limb = limb_telemetry_t.decode(data)
+    def on_limb(self, data: bytes) -> None:
+        limb = decoded(limb_telemetry_t, data)
         self.used[limb.limb] = limb.utilisation
 
-    def on_fault(self, _channel: str, data: bytes) -> None:
-        fault = fault_t.decode(data)
+    def on_fault(self, data: bytes) -> None:
+        fault = decoded(fault_t, data)
         print(f"fault {fault.code}: {FAULT_BY_CODE[fault.code].name}", flush=True)
 
 
@@ -50,7 +61,7 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--lcm", default=DEFAULT_URL)
     watch = Watch(parser.parse_args(words).lcm)
     while not watch.complete:
-        watch.connection.handle()
+        watch.listen()
 
 
 if __name__ == "__main__":

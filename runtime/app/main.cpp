@@ -101,6 +101,19 @@ void print_report(const CycleReport& report, const CycleLoop& loop) {
   line("frames of another host", limbs.foreign);
 }
 
+/// Operators who know it take it for the same runtime; whoever sets them up finds the public half here.
+Identity identity_of(const Options& options) {
+  std::string trouble;
+  Identity identity =
+      Identity::of_file(options.identity.empty() ? Identity::default_path() : options.identity, trouble);
+  if (!trouble.empty())
+    std::fprintf(stderr,
+                 "crux-runtime: its own key is for this run alone, and operators will miss the one they know: %s\n",
+                 trouble.c_str());
+  if (!options.insecure) std::fprintf(stderr, "crux-runtime: its own key is %s\n", hex_of(identity.key()).c_str());
+  return identity;
+}
+
 int run(const Options& options) {
   Result<RobotDescription> loaded = load_robot((std::filesystem::path(options.robot) / "robot.yaml").string());
   if (!loaded) throw OptionError(loaded.reason());
@@ -121,7 +134,7 @@ int run(const Options& options) {
 
   RuntimeExchange exchange;
   SpscRing<CycleRecord> records(kLogQueue);
-  OperatorServer server(options.lcm_url, robot, exchange, std::move(gate));
+  OperatorServer server(options.lcm_url, robot, exchange, std::move(gate), identity_of(options));
   const bool must_log = options.cycle.pace == Pace::kBus;  // a robot on the wall gets its runtime without a log, too
   LogFiles log_files(options, robot);
   LogWriter log_writer(records, must_log ? open_log(options, robot) : nullptr, exchange.log_broken, options.log_frames);

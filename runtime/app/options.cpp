@@ -102,9 +102,9 @@ Options parse_options(std::span<const char* const> arguments) {
       *given->second = true;
       continue;
     }
-    constexpr std::array<std::string_view, 12> kNames = {"--robot",      "--bus",  "--bus-base", "--commands",
-                                                         "--pace",       "--keys", "--lcm",      "--log",
-                                                         "--guard-time", "--tag",  "--note",     "--idle-logs"};
+    constexpr std::array<std::string_view, 13> kNames = {
+        "--robot", "--bus",        "--bus-base", "--commands", "--pace",      "--keys",    "--lcm",
+        "--log",   "--guard-time", "--tag",      "--note",     "--idle-logs", "--identity"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -115,6 +115,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--commands") options.cycle.commands = parse_commands(value);
     if (name == "--pace") options.cycle.pace = parse_pace(value);
     if (name == "--keys") options.keys = value;
+    if (name == "--identity") options.identity = value;
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
@@ -148,6 +149,8 @@ usage: crux-runtime [options]
   --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
   --keys FILE       who may command it: a line a key, KEY ROLE NAME;
                     commands have to be signed (crux key)              (this or --insecure)
+  --identity FILE   its own private key, which signs its answers;      (runtime.pem in $STATE_DIRECTORY or
+                    made where there is none                            ~/.local/state/crux)
   --insecure        whoever reaches LCM commands it: for tests
                     and the simulation
   --log FILE        every cycle as MCAP; where FILE is there already,

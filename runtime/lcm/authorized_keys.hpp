@@ -17,7 +17,7 @@ class KeysError : public std::runtime_error {
 };
 
 enum class Role : std::uint8_t {
-  kWatch,    ///< may ask, which needs no signature, and nothing else
+  kWatch,    ///< may hold, and ask, which needs no signature; nothing else
   kOperate,  ///< may command
 };
 

@@ -36,6 +36,12 @@ bool is_signed(std::span<const std::uint8_t> message, const std::array<std::uint
          EVP_DigestVerify(context.get(), signature.data(), signature.size(), message.data(), message.size()) == 1;
 }
 
+/// At once: one that is scheduled takes a place from other commands.
+bool is_hold(const Opened& opened) {
+  return opened.kind == Opened::Kind::kCommand && opened.command.command == command_t::HOLD &&
+         opened.command.at_cycle == 0;
+}
+
 std::string in_seconds(std::chrono::duration<double> left) {
   std::array<char, 32> text{};
   std::snprintf(text.data(), text.size(), "%.1f s", left.count());
@@ -69,8 +75,9 @@ Opened CommandGate::open(std::span<const std::uint8_t> message, Time now) {
     opened.kind = Opened::Kind::kPiece;
   if (insecure() || opened.kind == Opened::Kind::kNothing) return opened;
   Operator* from = nullptr;
-  opened.denial = refuse_proof(message, envelope, from);
-  if (opened.denial || from == nullptr) return opened;
+  const bool holds = is_hold(opened);
+  opened.denial = refuse_proof(message, envelope, holds, from);
+  if (opened.denial || from == nullptr || holds) return opened;
   from->counter = envelope.counter;
   if (from->role != Role::kOperate)
     opened.denial = {"key '" + from->name + "' may watch, not operate"};
@@ -79,23 +86,26 @@ Opened CommandGate::open(std::span<const std::uint8_t> message, Time now) {
   return opened;
 }
 
-/// The costly signature last: who has no key costs little.
-Denial CommandGate::refuse_proof(std::span<const std::uint8_t> message, const signed_t& envelope, Operator*& from) {
+/// The costly signature last: who has no key costs little. Of HOLD it alone counts: whoever wants the robot to stop
+/// need know nothing of this run, and a HOLD that is replayed holds the robot again, which is the safe state.
+Denial CommandGate::refuse_proof(std::span<const std::uint8_t> message, const signed_t& envelope, bool holds,
+                                 Operator*& from) {
   const auto found = std::ranges::find_if(
       operators_, [&envelope](const Operator& each) { return std::ranges::equal(each.key, envelope.key); });
   if (found == operators_.end())
-    return {"its key " + first_digits(&envelope.key[0]) + " is not among the keys of this runtime"};
-  if (envelope.session != session_) return {"it was signed for another session of the runtime", true};
-  if (envelope.counter <= found->counter)
-    return {"its counter is not above the last one of key '" + found->name + "': replayed, or overtaken", true};
+    return {"its key " + first_digits(&envelope.key[0]) + " is not among the keys of this runtime", false, true};
+  if (!holds && envelope.session != session_) return {"it was signed for another session of the runtime", true};
+  if (!holds && envelope.counter <= found->counter)
+    return {"its counter is not above the last one of key '" + found->name +
+                "': replayed, overtaken, or from a computer whose clock is behind",
+            true};
   if (!is_signed(message.first(message.size() - kSignature), found->key, envelope.signature))
-    return {"its signature is wrong: altered, or not signed with key '" + found->name + "'"};
+    return {"its signature is wrong: altered, or not signed with key '" + found->name + "'", false, true};
   from = &*found;
   return {};
 }
 
 Denial CommandGate::refuse_lease(const Operator& from, std::int64_t lease, Opened& opened, Time now) {
-  if (opened.kind == Opened::Kind::kCommand && opened.command.command == command_t::HOLD) return {};  // is safe
   const bool runs = now < lease_end_;
   if (runs && holder_ != &from)
     return {"operator '" + holder_->name + "' has the lease, for " + in_seconds(left(now)) + " more"};
@@ -109,12 +119,6 @@ Denial CommandGate::refuse_lease(const Operator& from, std::int64_t lease, Opene
   }
   lease_end_ = now + kLease;
   return {};
-}
-
-std::int64_t CommandGate::counter() const noexcept {
-  std::int64_t highest = 0;
-  for (const Operator& each : operators_) highest = std::max(highest, each.role == Role::kOperate ? each.counter : 0);
-  return highest;
 }
 
 std::string CommandGate::holder(Time now) const { return now < lease_end_ ? holder_->name : ""; }

@@ -1,5 +1,6 @@
 // Who commands the robot: opens signed messages, and lets through what an operator has signed for this run, anew, while
-// he has the lease. Pure: no LCM, no clock; whatever comes in is taken for hostile.
+// he has the lease; and HOLD, whenever the holder of a key has signed it. Pure: no LCM, no clock; whatever comes in is
+// taken for hostile.
 #pragma once
 
 #include <chrono>
@@ -19,7 +20,8 @@ namespace crux {
 /// Why a message is not let through; no reason: it is.
 struct Denial {
   std::string reason;
-  bool stale = false;  ///< its sender may sign it anew, for what the runtime says of itself now
+  bool stale = false;   ///< its sender may sign it anew, for what the runtime says of itself now
+  bool forged = false;  ///< nobody whose key is known has signed it
   explicit operator bool() const noexcept { return !reason.empty(); }
 };
 
@@ -53,8 +55,6 @@ class CommandGate {
 
   [[nodiscard]] bool insecure() const noexcept { return operators_.empty(); }
   [[nodiscard]] std::int64_t session() const noexcept { return session_; }
-  /// The highest that any key with role operate has used.
-  [[nodiscard]] std::int64_t counter() const noexcept;
   /// 0: nobody has it.
   [[nodiscard]] std::int64_t lease(Time now) const noexcept { return now < lease_end_ ? lease_ : 0; }
   /// Name of the operator who has it; empty: nobody.
@@ -66,7 +66,8 @@ class CommandGate {
     std::int64_t counter = 0;  ///< the last one used
   };
 
-  Denial refuse_proof(std::span<const std::uint8_t> message, const crux_msgs::signed_t& envelope, Operator*& from);
+  Denial refuse_proof(std::span<const std::uint8_t> message, const crux_msgs::signed_t& envelope, bool holds,
+                      Operator*& from);
   Denial refuse_lease(const Operator& from, std::int64_t lease, Opened& opened, Time now);
 
   std::vector<Operator> operators_;

@@ -9,12 +9,12 @@
 #include "core/supervisor.hpp"
 #include "crux_msgs/cdr.hpp"
 #include "lcm/messages.hpp"
-#include "lcm/this_machine.hpp"
 
 namespace crux {
 namespace {
 
 using crux_msgs::acknowledgement_t;
+using crux_msgs::Channel;
 using crux_msgs::channel_info;
 using crux_msgs::command_t;
 using crux_msgs::plan_piece_t;
@@ -24,10 +24,25 @@ using namespace std::chrono_literals;
 
 constexpr auto kRepeatWindow = 3s;  // within it, the same bytes again are a sender that missed the answer
 constexpr auto kPollTime = 5ms;
+constexpr std::size_t kMostForgers = 4096;  // that are remembered
+constexpr std::size_t kMostHolding = 256;   // who are told of one HOLD
 constexpr int kLoggedRefusals = 10;  // a second: a flood of them fills neither the log nor the way of good requests
 constexpr const char* kTooMany = "too many requests at once";
 constexpr const char* kUnsigned =
     "it is not signed, and this runtime takes only what an operator has signed (`crux key new` makes a key)";
+
+constexpr std::array kChannels = {Channel::kPlanPiece, Channel::kCommand, Channel::kSigned};
+
+/// What may be HOLD, by its looks.
+bool seems_to_hold(Channel channel, std::span<const std::uint8_t> bytes) {
+  crux_msgs::signed_t envelope{};
+  command_t command{};
+  const bool is_signed =
+      channel == Channel::kSigned && bytes.size() < FairQueue::kSmall && crux_msgs::decode_lcm(bytes, envelope);
+  return (is_signed || channel == Channel::kCommand) &&
+         crux_msgs::decode_lcm(is_signed ? std::span<const std::uint8_t>(envelope.data) : bytes, command) &&
+         command.command == command_t::HOLD;
+}
 
 std::span<const std::uint8_t> bytes_of(const lcm::ReceiveBuffer& buffer) {
   return {static_cast<const std::uint8_t*>(buffer.data), static_cast<std::size_t>(buffer.data_size)};
@@ -42,22 +57,28 @@ std::unique_ptr<LogEntry> entry_of(const acknowledgement_t& acknowledgement) {
 }  // namespace
 
 OperatorServer::OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange,
-                               CommandGate gate, bool prints)
-    : lcm_(url), robot_(robot), exchange_(exchange), gate_(std::move(gate)), prints_(prints) {
-  if (!lcm_.good())
-    throw LcmError(
-        "LCM at '" + url +
-        "' cannot be opened; right is for example udpm://239.255.76.67:7667?ttl=0, and multicast needs a route");
+                               CommandGate gate, Identity identity, bool prints)
+    : lcm_(url),
+      robot_(robot),
+      exchange_(exchange),
+      gate_(std::move(gate)),
+      identity_(std::move(identity)),
+      prints_(prints) {
+  try {
+    if (!lcm_.good()) throw std::runtime_error("no such LCM");
+    if (UdpmInbox::serves(url)) inbox_ = std::make_unique<UdpmInbox>(url);
+  } catch (const std::runtime_error& error) {
+    throw LcmError("LCM at '" + url + "' cannot be opened (" + error.what() +
+                   "); right is for example udpm://239.255.76.67:7667?ttl=0, and multicast needs a route");
+  }
+  if (inbox_) return;  // LCM itself only sends: it receives nothing, and takes no memory for it, without a subscription
   // Functions, not members: g++ 12 with UBSan calls through a pointer to member on a wrong object.
   using Self = OperatorServer*;
   const auto on_message = [](const lcm::ReceiveBuffer* buffer, const std::string& name, Self self) {
-    for (const Channel channel : {Channel::kPlanPiece, Channel::kCommand, Channel::kSigned})
+    for (const Channel channel : kChannels)
       if (name == channel_info(channel).name) self->on_message(channel, bytes_of(*buffer));
   };
-  for (const Channel channel : {Channel::kPlanPiece, Channel::kCommand, Channel::kSigned})
-    lcm_.subscribeFunction<Self>(channel_info(channel).name, on_message, this);
-  if (const std::string open = hear_only_this_machine(url); !open.empty() && prints_)
-    std::fprintf(stderr, "crux-runtime: %s\n", open.c_str());
+  for (const Channel channel : kChannels) lcm_.subscribeFunction<Self>(channel_info(channel).name, on_message, this);
 }
 
 void OperatorServer::run(const std::atomic<bool>& ended) {
@@ -69,11 +90,35 @@ void OperatorServer::run(const std::atomic<bool>& ended) {
 }
 
 bool OperatorServer::serve(std::chrono::milliseconds patience) {
-  pollfd descriptor{.fd = lcm_.getFileno(), .events = POLLIN, .revents = 0};
-  const bool any = ::poll(&descriptor, 1, static_cast<int>(patience.count())) > 0;
-  if (any) lcm_.handle();
+  bool waiting = !holds_.empty() || !others_.empty() || !doubtful_.empty();
+  pollfd descriptor{.fd = inbox_ ? inbox_->fd() : lcm_.getFileno(), .events = POLLIN, .revents = 0};
+  bool any = ::poll(&descriptor, 1, waiting ? 0 : static_cast<int>(patience.count())) > 0;
+  if (any && !inbox_) lcm_.handle();
+  if (any && inbox_)
+    inbox_->drain([this](std::uint64_t sender, std::string_view channel, std::span<const std::uint8_t> bytes) {
+      put(sender, channel, bytes);
+    });
+  waiting = !holds_.empty() || !others_.empty() || !doubtful_.empty();
+  if (holds_.empty() && others_.empty()) serve_next(doubtful_);
+  serve_next(holds_);
+  serve_next(others_);
   drain();
-  return any;
+  return any || waiting;
+}
+
+void OperatorServer::serve_next(FairQueue& queue) {
+  const auto next = queue.take();
+  if (!next || !on_message(next->channel, next->bytes).forged) return;
+  if (forgers_.size() == kMostForgers) forgers_.clear();
+  forgers_.insert(next->sender);
+}
+
+void OperatorServer::put(std::uint64_t sender, std::string_view name, std::span<const std::uint8_t> bytes) {
+  const auto* const channel =
+      std::ranges::find_if(kChannels, [name](Channel each) { return name == channel_info(each).name; });
+  if (channel == kChannels.end()) return;  // the runtime's own, mostly
+  FairQueue& trusted = seems_to_hold(*channel, bytes) ? holds_ : others_;
+  (forgers_.contains(sender) ? doubtful_ : trusted).put(sender, *channel, bytes);
 }
 
 void OperatorServer::drain() {
@@ -94,11 +139,12 @@ acknowledgement_t OperatorServer::new_acknowledgement(std::int8_t subject, std::
   return acknowledgement;
 }
 
-void OperatorServer::acknowledge(const acknowledgement_t& acknowledgement) {
+void OperatorServer::acknowledge(const acknowledgement_t& acknowledgement, const Digest& to) {
   if (acknowledgement.subject == acknowledgement_t::PLAN && acknowledgement.request_id == plan_verdict_.transfer_id)
     plan_verdict_.acknowledgement = acknowledgement;
-  if (acknowledgement.subject == acknowledgement_t::COMMAND) last_command_.acknowledgement = acknowledgement;
-  publish(Channel::kAcknowledgement, acknowledgement);
+  if (acknowledgement.subject == acknowledgement_t::COMMAND && acknowledgement.request_id == last_command_.request_id)
+    last_command_.acknowledgement = acknowledgement;
+  answer(acknowledgement, to);
 }
 
 bool OperatorServer::submit(Request request, std::optional<Pending> pending) {
@@ -113,7 +159,7 @@ bool OperatorServer::submit(Request request, std::optional<Pending> pending) {
 
 /// Sends an acknowledgement that needs no word of the real-time thread, which only logs it.
 void OperatorServer::answer_at_once(const acknowledgement_t& acknowledgement, std::optional<command_t> command) {
-  acknowledge(acknowledgement);
+  acknowledge(acknowledgement, serving_);
   log(acknowledgement, std::move(command));
 }
 
@@ -128,13 +174,23 @@ void OperatorServer::log(const acknowledgement_t& acknowledgement, std::optional
 
 // ---- what comes in
 
-void OperatorServer::on_message(Channel channel, std::span<const std::uint8_t> bytes) {
+/// Returns why it is refused, where it is.
+Denial OperatorServer::on_message(Channel channel, std::span<const std::uint8_t> bytes) {
   const Opened opened = open(channel, bytes);
-  if (opened.kind == Opened::Kind::kNothing) return print_malformed(channel, bytes.size(), ++malformed_);
-  if (opened.denial) return refuse(opened);
-  if (opened.kind == Opened::Kind::kPiece) return on_piece(opened.piece);
-  if (opened.kind == Opened::Kind::kCommand) return on_command(opened.command, opened.bytes);
-  on_lease(opened);
+  if (opened.kind == Opened::Kind::kNothing) {
+    print_malformed(channel, bytes.size(), ++malformed_);
+    return {};
+  }
+  serving_ = digest_of(bytes);
+  if (opened.denial)
+    refuse(opened);
+  else if (opened.kind == Opened::Kind::kPiece)
+    on_piece(opened.piece);
+  else if (opened.kind == Opened::Kind::kCommand)
+    on_command(opened.command, opened.bytes);
+  else
+    on_lease(opened);
+  return opened.denial;
 }
 
 /// What is in a message; one that is not signed is refused but for a question, unless anybody may command.
@@ -153,11 +209,9 @@ Opened OperatorServer::open(Channel channel, std::span<const std::uint8_t> bytes
 
 void OperatorServer::on_lease(const Opened& opened) {
   acknowledgement_t acknowledgement = new_acknowledgement(acknowledgement_t::COMMAND, opened.counter, loaded_plan_id_);
-  publish_status(opened.counter);
-  if (opened.new_holder.empty()) return publish(Channel::kAcknowledgement, acknowledgement);
-  acknowledgement.reason = "operator '" + opened.new_holder + "' has the lease";
-  publish(Channel::kAcknowledgement, acknowledgement);
-  log(acknowledgement, std::nullopt);
+  if (!opened.new_holder.empty()) acknowledgement.reason = "operator '" + opened.new_holder + "' has the lease";
+  answer(acknowledgement, serving_, true);
+  if (!opened.new_holder.empty()) log(acknowledgement, std::nullopt);
 }
 
 /// Says why, to the sender and to the log. No acknowledgement of what was let through is touched.
@@ -172,11 +226,11 @@ void OperatorServer::refuse(const Opened& opened) {
   if (piece) acknowledgement.piece = opened.piece.piece;
   acknowledgement.verdict = acknowledgement_t::REFUSED;
   acknowledgement.reason = opened.denial.reason;
-  if (opened.denial.stale) publish_status(acknowledgement.request_id);
-  publish(Channel::kAcknowledgement, acknowledgement);
+  const bool logged = refusal_is_logged();
+  if (logged || !opened.denial.forged) answer(acknowledgement, serving_, opened.denial.stale);
   ++refused_;
   if (prints_) print_refused(acknowledgement.reason, refused_);
-  if (!refusal_is_logged()) return;
+  if (!logged) return;
   log(acknowledgement, command ? std::optional(opened.command) : std::nullopt);
 }
 
@@ -195,18 +249,18 @@ void OperatorServer::on_piece(const plan_piece_t& piece) {
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::PLAN_PIECE, piece.transfer_id, piece.plan_id);
   acknowledgement.piece = piece.piece;
-  if (repeated_after_verdict(piece)) return publish(Channel::kAcknowledgement, acknowledgement);
+  if (repeated_after_verdict(piece)) return answer(acknowledgement, serving_);
 
   acknowledgement.reason = assembly_.take(piece);
   if (!acknowledgement.reason.empty()) acknowledgement.verdict = acknowledgement_t::REFUSED;
-  publish(Channel::kAcknowledgement, acknowledgement);
+  answer(acknowledgement, serving_);
   if (assembly_.complete()) judge_plan(piece.plan_id);
 }
 
 /// True when the piece's plan has just been decided; the verdict is then sent once more.
 bool OperatorServer::repeated_after_verdict(const plan_piece_t& piece) {
   if (plan_verdict_.transfer_id != piece.transfer_id || Clock::now() - plan_verdict_.at > kRepeatWindow) return false;
-  if (plan_verdict_.acknowledgement) publish(Channel::kAcknowledgement, *plan_verdict_.acknowledgement);
+  if (plan_verdict_.acknowledgement) answer(*plan_verdict_.acknowledgement, serving_);
   return true;
 }
 
@@ -232,7 +286,7 @@ void OperatorServer::judge_plan(const std::string& plan_id) {
   request.plan = std::move(prepared);
   request.entry = entry_of(acknowledgement);
   request.entry->plan = plan;
-  if (!submit(std::move(request), Pending{acknowledgement, std::move(plan), false}))
+  if (!submit(std::move(request), Pending{acknowledgement, {{0, serving_}}, std::move(plan)}))
     refuse_plan(acknowledgement, kTooMany);
 }
 
@@ -262,11 +316,8 @@ std::string OperatorServer::plan_defect(const std::string& plan_id, plan_t& plan
 void OperatorServer::on_command(const command_t& command, std::span<const std::uint8_t> bytes) {
   acknowledgement_t acknowledgement =
       new_acknowledgement(acknowledgement_t::COMMAND, command.request_id, loaded_plan_id_);
-  if (command.command == command_t::STATUS) {
-    publish_status(command.request_id);
-    return publish(Channel::kAcknowledgement, acknowledgement);
-  }
-  if (repeated(bytes, command.command)) return;
+  if (command.command == command_t::STATUS) return answer(acknowledgement, serving_, true);
+  if (repeated(bytes, command) || joins_a_hold(command)) return;
 
   acknowledgement.reason = command_defect(command);
   if (!acknowledgement.reason.empty()) {
@@ -286,19 +337,34 @@ void OperatorServer::on_command(const command_t& command, std::span<const std::u
   request.at_cycle = command.at_cycle;
   request.entry = entry_of(acknowledgement);
   request.entry->command = command;
-  if (submit(std::move(request), Pending{acknowledgement, std::nullopt, false})) return;
+  const bool holds = command.command == command_t::HOLD && command.at_cycle == 0;
+  if (submit(std::move(request),
+             Pending{acknowledgement, {{command.request_id, serving_}}, std::nullopt, false, holds}))
+    return;
   acknowledgement.verdict = acknowledgement_t::REFUSED;
   acknowledgement.reason = kTooMany;
-  acknowledge(acknowledgement);
+  acknowledge(acknowledgement, serving_);
 }
 
-/// True when these bytes came just before: the sender missed the answer, which is sent again if there is one already.
-bool OperatorServer::repeated(std::span<const std::uint8_t> bytes, std::int8_t command) {
+/// One HOLD at a time is on its way to the control cycle, however many are sent; its outcome answers them all.
+bool OperatorServer::joins_a_hold(const command_t& command) {
+  if (command.command != command_t::HOLD || command.at_cycle != 0) return false;
+  const auto found = std::ranges::find_if(pending_, [](const auto& each) { return each.second.holds; });
+  if (found == pending_.end()) return false;
+  std::vector<Asked>& asked = found->second.asked;
+  const auto same = [this](const Asked& each) { return each.message == serving_; };
+  if (asked.size() < kMostHolding && std::ranges::none_of(asked, same)) asked.push_back({command.request_id, serving_});
+  return true;
+}
+
+/// True when these bytes came just before: the sender missed the answer, which is sent again if there is one already. A
+/// HOLD is carried out each time, and what was sent before it is not by being sent again after it.
+bool OperatorServer::repeated(std::span<const std::uint8_t> bytes, const command_t& command) {
+  if (command.command == command_t::HOLD) return false;
   const Clock::time_point now = Clock::now();
-  const bool same = command != command_t::HOLD && now - last_command_.at < kRepeatWindow &&
-                    std::ranges::equal(bytes, last_command_.bytes);
-  if (same && last_command_.acknowledgement) publish(Channel::kAcknowledgement, *last_command_.acknowledgement);
-  if (!same) last_command_ = {{bytes.begin(), bytes.end()}, now, std::nullopt};
+  const bool same = now - last_command_.at < kRepeatWindow && std::ranges::equal(bytes, last_command_.bytes);
+  if (same && last_command_.acknowledgement) answer(*last_command_.acknowledgement, serving_);
+  if (!same) last_command_ = {command.request_id, {bytes.begin(), bytes.end()}, now, std::nullopt};
   return same;
 }
 

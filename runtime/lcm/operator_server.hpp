@@ -5,10 +5,12 @@
 #include <chrono>
 #include <lcm/lcm-cpp.hpp>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <unordered_set>
 
 #include "core/robot_description.hpp"
 #include "crux_msgs/acknowledgement_t.hpp"
@@ -17,8 +19,11 @@
 #include "crux_msgs/plan_t.hpp"
 #include "exchange/runtime_exchange.hpp"
 #include "lcm/command_gate.hpp"
+#include "lcm/fair_queue.hpp"
+#include "lcm/identity.hpp"
 #include "lcm/plan_assembly.hpp"
 #include "lcm/service_manager.hpp"
+#include "lcm/udpm_inbox.hpp"
 
 namespace crux {
 
@@ -31,10 +36,11 @@ class LcmError : public std::runtime_error {
 class OperatorServer {
  public:
   /// @param gate who may command
+  /// @param identity signs the answers
   /// @param prints faults and notices, on standard error
   /// @throws LcmError
   OperatorServer(const std::string& url, const RobotDescription& robot, RuntimeExchange& exchange, CommandGate gate,
-                 bool prints = true);
+                 Identity identity, bool prints = true);
 
   /// Serves until `ended` is set, then sends what is left to send.
   void run(const std::atomic<bool>& ended);
@@ -49,11 +55,20 @@ class OperatorServer {
   using Clock = std::chrono::steady_clock;
   using Channel = crux_msgs::Channel;
 
+  using Digest = std::array<std::uint8_t, 32>;
+
+  /// Who wants to know, by what he has sent.
+  struct Asked {
+    std::int64_t request_id = 0;
+    Digest message{};
+  };
   /// A request the real-time thread has not answered yet.
   struct Pending {
     crux_msgs::acknowledgement_t acknowledgement;
+    std::vector<Asked> asked;
     std::optional<crux_msgs::plan_t> plan;
     bool scheduled = false;
+    bool holds = false;
   };
   /// The last plan's verdict, for pieces that are sent again because its acknowledgement was lost.
   struct PlanVerdict {
@@ -61,13 +76,16 @@ class OperatorServer {
     Clock::time_point at;
     std::optional<crux_msgs::acknowledgement_t> acknowledgement;  ///< none while it is being decided
   };
-  struct LastCommand {
+  struct LastCommand {  // but HOLD
+    std::int64_t request_id = 0;
     std::vector<std::uint8_t> bytes;
     Clock::time_point at;
     std::optional<crux_msgs::acknowledgement_t> acknowledgement;
   };
 
-  void on_message(Channel channel, std::span<const std::uint8_t> bytes);
+  void put(std::uint64_t sender, std::string_view channel, std::span<const std::uint8_t> bytes);
+  void serve_next(FairQueue& queue);
+  Denial on_message(Channel channel, std::span<const std::uint8_t> bytes);
   void on_piece(const crux_msgs::plan_piece_t& piece);
   void on_command(const crux_msgs::command_t& command, std::span<const std::uint8_t> bytes);
   Opened open(Channel channel, std::span<const std::uint8_t> bytes);
@@ -79,7 +97,7 @@ class OperatorServer {
   void judge_plan(const std::string& plan_id);
   std::string plan_defect(const std::string& plan_id, crux_msgs::plan_t& plan,
                           std::unique_ptr<const PreparedPlan>& prepared);
-  bool repeated(std::span<const std::uint8_t> bytes, std::int8_t command);
+  bool repeated(std::span<const std::uint8_t> bytes, const crux_msgs::command_t& command);
   std::string command_defect(const crux_msgs::command_t& command) const;
 
   /// Hands a request to the real-time thread; false when it has too many already.
@@ -89,7 +107,9 @@ class OperatorServer {
   void refuse_plan(crux_msgs::acknowledgement_t acknowledgement, const std::string& reason);
   crux_msgs::acknowledgement_t new_acknowledgement(std::int8_t subject, std::int64_t request_id,
                                                    const std::string& plan_id) const;
-  void acknowledge(const crux_msgs::acknowledgement_t& acknowledgement);
+  void acknowledge(const crux_msgs::acknowledgement_t& acknowledgement, const Digest& to);
+  void answer(crux_msgs::acknowledgement_t acknowledgement, const Digest& to, bool with_status = false);
+  bool joins_a_hold(const crux_msgs::command_t& command);
 
   void drain();
   void drain_answers();
@@ -97,7 +117,7 @@ class OperatorServer {
   void drain_notices();
   void take_snapshot();
   void publish_snapshot();
-  void publish_status(std::int64_t request_id);
+  crux_msgs::status_t status();
 
   template <class Message>
   void publish(Channel channel, const Message& message) {
@@ -108,7 +128,13 @@ class OperatorServer {
   const RobotDescription& robot_;
   RuntimeExchange& exchange_;
   CommandGate gate_;
+  Identity identity_;
   bool prints_;
+  std::unique_ptr<UdpmInbox> inbox_;  ///< none where LCM's URL is not udpm://
+  FairQueue holds_, others_;          ///< what may be HOLD has a turn of its own
+  FairQueue doubtful_;                ///< of those who have sent something forged: when nothing else waits
+  std::unordered_set<std::uint64_t> forgers_;
+  Digest serving_{};  ///< of the message that is being served
   ServiceManager service_manager_;
   PlanAssembly assembly_;
   PlanVerdict plan_verdict_;

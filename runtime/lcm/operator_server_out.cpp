@@ -1,6 +1,8 @@
 // What the runtime tells its operators: the answers, faults and notices of the real-time thread, state, status.
 #include <algorithm>
+#include <utility>
 
+#include "crux_msgs/answer_t.hpp"
 #include "crux_msgs/faults.hpp"
 #include "lcm/messages.hpp"
 #include "lcm/operator_server.hpp"
@@ -44,7 +46,11 @@ void OperatorServer::drain_answers() {
       publish(Channel::kPlan, *pending.plan);
     }
     // A scheduled command was granted when it came in; only a failure in its cycle is news.
-    if (!again || !accepted) acknowledge(acknowledgement);
+    for (const Asked& asked : pending.asked) {
+      if (again && accepted) break;
+      if (acknowledgement.subject == acknowledgement_t::COMMAND) acknowledgement.request_id = asked.request_id;
+      acknowledge(acknowledgement, asked.message);
+    }
     if (!answer->scheduled) pending_.erase(found);
   }
 }
@@ -67,11 +73,29 @@ void OperatorServer::drain_notices() {
   }
 }
 
-void OperatorServer::publish_status(std::int64_t request_id) {
+/// Tells everybody, and signs it for whoever asked.
+void OperatorServer::answer(acknowledgement_t acknowledgement, const Digest& to, bool with_status) {
+  for (std::string* text : {&acknowledgement.reason, &acknowledgement.plan_id})
+    std::ranges::replace_if(*text, [](char c) { return c < ' ' || c > '~'; }, '?');  // of a damaged plan, say
+  publish(Channel::kAcknowledgement, acknowledgement);
+  crux_msgs::answer_t answer{};
+  std::ranges::copy(identity_.key(), std::begin(answer.key));
+  std::ranges::copy(to, std::begin(answer.request));
+  answer.acknowledgement = std::move(acknowledgement);
+  if (with_status) answer.status = {status()};
+  answer.n_status = static_cast<std::int32_t>(answer.status.size());
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(answer.getEncodedSize()));
+  answer.encode(bytes.data(), 0, answer.getEncodedSize());
+  const std::size_t content = bytes.size() - sizeof answer.signature;
+  std::ranges::copy(identity_.sign(std::span(bytes).first(content)),
+                    bytes.begin() + static_cast<std::ptrdiff_t>(content));
+  lcm_.publish(channel_info(Channel::kAnswer).name, bytes.data(), static_cast<unsigned>(bytes.size()));
+}
+
+crux_msgs::status_t OperatorServer::status() {
   drain_faults();  // what the control cycle has told must not come after
   if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
   crux_msgs::status_t status{};
-  status.request_id = request_id;
   std::ranges::copy(nodes_, std::begin(status.node_state));
   // What is only told is no fault of the control; it is said while none of these stands.
   const std::int16_t standing = exchange_.fault_code.load(std::memory_order_relaxed);
@@ -88,11 +112,10 @@ void OperatorServer::publish_status(std::int64_t request_id) {
   const Clock::time_point now = Clock::now();
   status.insecure = gate_.insecure() ? 1 : 0;
   status.session = gate_.session();
-  status.counter = gate_.counter();
   status.lease = gate_.lease(now);
   status.lease_holder = gate_.holder(now);
   status.lease_s = gate_.left(now).count();
-  publish(Channel::kStatus, status);
+  return status;
 }
 
 void OperatorServer::take_snapshot() {

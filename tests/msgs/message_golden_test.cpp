@@ -39,13 +39,13 @@ class MessageGolden : public testing::Test {
   }
 };
 
-using AllTypes =
-    testing::Types<crux_msgs::acknowledgement_t, crux_msgs::bus_health_t, crux_msgs::can_frames_t, crux_msgs::command_t,
-                   crux_msgs::control_input_t, crux_msgs::control_output_t, crux_msgs::cycle_timing_t,
-                   crux_msgs::fault_t, crux_msgs::hold_t, crux_msgs::limb_knot_t, crux_msgs::limb_reference_t,
-                   crux_msgs::limb_telemetry_t, crux_msgs::plan_knot_t, crux_msgs::plan_piece_t, crux_msgs::plan_t,
-                   crux_msgs::robot_state_t, crux_msgs::signed_t, crux_msgs::status_t, crux_msgs::truth_body_t,
-                   crux_msgs::truth_contacts_t, crux_msgs::truth_verdict_t>;
+using AllTypes = testing::Types<crux_msgs::acknowledgement_t, crux_msgs::answer_t, crux_msgs::bus_health_t,
+                                crux_msgs::can_frames_t, crux_msgs::command_t, crux_msgs::control_input_t,
+                                crux_msgs::control_output_t, crux_msgs::cycle_timing_t, crux_msgs::fault_t,
+                                crux_msgs::hold_t, crux_msgs::limb_knot_t, crux_msgs::limb_reference_t,
+                                crux_msgs::limb_telemetry_t, crux_msgs::plan_knot_t, crux_msgs::plan_piece_t,
+                                crux_msgs::plan_t, crux_msgs::robot_state_t, crux_msgs::signed_t, crux_msgs::status_t,
+                                crux_msgs::truth_body_t, crux_msgs::truth_contacts_t, crux_msgs::truth_verdict_t>;
 TYPED_TEST_SUITE(MessageGolden, AllTypes);
 
 TYPED_TEST(MessageGolden, LcmToCdrAndBack) {

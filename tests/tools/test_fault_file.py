@@ -116,7 +116,7 @@ class MadeUpRuntime:
     """A process that there is not."""
 
     pid = 1 << 30
-    lcm_url = "memq://"
+    lcm_url = "udpm://239.255.76.67:19999?ttl=0"  # below all of the tests
     alive = True
 
     def is_alive(self) -> bool:

@@ -17,6 +17,7 @@ from crux_msgs import limb_knot_t, plan_t, status_t
 from crux_planner.model.arrays import Array
 from crux_simulation.benchmarks.world_faults import START_S
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
+from crux_simulation.sim.ports import run_ports
 from crux_simulation.sim.world_file import parse_world
 from crux_tools.cli import main
 from crux_tools.guide.guide import Attended, Guide
@@ -179,8 +180,9 @@ def test_no_runtime_and_no_terminal_are_told(
     plan: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_plan(tmp_path / "plan.mcap", plan)
-    assert main(["guide", str(tmp_path / "plan.mcap"), "--lcm", "memq://"]) == 1
-    assert "no runtime answers on memq://" in capsys.readouterr().err
+    with run_ports() as ports:
+        assert main(["guide", str(tmp_path / "plan.mcap"), "--lcm", ports.lcm_url]) == 1
+    assert f"no runtime answers on {ports.lcm_url}" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
-    assert main(["guide", str(tmp_path / "plan.mcap"), "--lcm", "memq://", "--ask"]) == 2
+    assert main(["guide", str(tmp_path / "plan.mcap"), "--ask"]) == 2
     assert "--ask: standard input is no terminal" in capsys.readouterr().err

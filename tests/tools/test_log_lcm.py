@@ -107,7 +107,7 @@ def test_wrong_input_is_one_line(log_path: Path, tmp_path: Path, capsys: pytest.
     for words, named in (
         ([str(log_path), "--from", "90"], "nothing to play in it from 90 to inf s"),
         ([str(tmp_path)], "is a folder"),
-        ([str(log_path), "--lcm", "nonsense"], "--lcm nonsense: cannot be opened"),
+        ([str(log_path), "--lcm", "nonsense"], "cannot open LCM at nonsense"),
     ):
         assert main(["log", "lcm", *words]) == 2
         assert named in capsys.readouterr().err

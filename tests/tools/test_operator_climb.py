@@ -69,9 +69,8 @@ class Operated:
         message = command_t()
         self._request += 1
         message.request_id, message.command, message.value, message.plan_id = self._request, command, value, plan_id
-        self.runtime.publish(channels.CRUX_COMMAND, message.encode())
+        self.link._answers.ask(channels.CRUX_COMMAND, message.encode())
         self.cycles(2)
-        self.link.send(command_t.STATUS)
         answer = self.link._await(lambda a: a.request_id == message.request_id, 600.0)
         assert answer is not None
         assert (answer.verdict == acknowledgement_t.ACCEPTED) == (answer.reason == "")

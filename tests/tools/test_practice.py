@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import attacks
 import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_msgs import command_t, plan_t, robot_state_t
 from crux_simulation.sim.ports import run_ports
+from crux_tools.operator_key import OperatorKey
 from crux_tools.operator_link import OperatorLink
 from crux_tools.telemetry.reader import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, standing_plan
@@ -34,13 +36,13 @@ def hanging_plan() -> plan_t:
 
 
 @contextmanager
-def practice(folder: Path) -> Iterator[tuple[subprocess.Popen[str], OperatorLink]]:
+def practice(folder: Path, *more: str, key: Path | None = None) -> Iterator[tuple[subprocess.Popen[str], OperatorLink]]:
     write_plan(folder / "plan.mcap", hanging_plan())
     with run_ports() as ports:
-        words = ["sim", str(folder / "plan.mcap"), "-o", str(folder / "log.mcap"), "--lcm", ports.lcm_url]
+        words = ["sim", str(folder / "plan.mcap"), "-o", str(folder / "log.mcap"), "--lcm", ports.lcm_url, *more]
         process = subprocess.Popen([sys.executable, "-m", "crux_tools.cli", *words], stderr=subprocess.PIPE, text=True)
         try:
-            with OperatorLink(ports.lcm_url) as link:
+            with OperatorLink(ports.lcm_url, first_request=time.time_ns(), key=key) as link:
                 yield process, link
         except AssertionError as error:
             process.kill()
@@ -93,3 +95,29 @@ def test_ctrl_c_ends_it_without_a_word_too_much(tmp_path: Path) -> None:
         _, said = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0, said
         assert said.splitlines()[-1] == f"crux sim: ended; the log is {tmp_path / 'log.mcap'}"
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", ["fragments", "garbage", "forged_answers", "questions"])
+def test_an_attack_costs_no_hold_and_no_cycle_of_the_log(tmp_path: Path, name: str) -> None:
+    plan, key = hanging_plan(), tmp_path / "ann.pem"
+    (tmp_path / "keys").write_text(OperatorKey.new(key).line("operate", "ann"), encoding="ascii")
+    with practice(tmp_path, "--keys", str(tmp_path / "keys"), key=key) as (process, link):
+        until(link, lambda state: state.time_s > CARRIED_S)
+        attacker = subprocess.Popen([sys.executable, attacks.__file__, name, link.url])
+        try:
+            link.upload(plan)
+            until(link, lambda state: state.supervisor_state == robot_state_t.READY, led_on=True)
+            link.send(command_t.START, plan.plan_id)
+            for _ in range(20):
+                assert link.command(command_t.HOLD) is not None
+                until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
+                link.send(command_t.RESUME)
+        finally:
+            attacker.kill()
+            attacker.wait()
+        link.send(command_t.FORCE_SHUTDOWN)
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, said
+    cycles = read_log(tmp_path / "log.mcap").state["cycle"]
+    assert (np.diff(cycles) == 1).all()

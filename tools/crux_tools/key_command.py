@@ -41,7 +41,7 @@ def add_parser(subparsers: Any) -> None:
             "--role",
             choices=ROLES,
             default="operate",
-            help="watch: may not command; asking needs no key (default: %(default)s)",
+            help="watch: may hold, nothing else; asking needs no key (default: %(default)s)",
         )
         action.add_argument("--name", metavar="NAME", help="what the runtime calls you (default: user@host)")
         add_json_option(action)

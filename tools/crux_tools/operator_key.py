@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import getpass
 import os
 import socket
+import time
 from pathlib import Path
 
 from crux_msgs import signed_t
@@ -15,6 +17,7 @@ from crux_tools.signing_key import new_key, read_key
 PRIVATE = 0o077  # what of the mode others may have nothing of
 SIGNATURE_BYTES = 64
 LONGEST_NAME = 64
+HIGHEST_COUNTER = 2**63 - 1
 
 
 def default_path() -> Path:
@@ -48,6 +51,7 @@ class OperatorKey:
         if mode & PRIVATE:
             raise UsageError(f"{path}: others may read this key (mode {mode & 0o777:o}); chmod 600 {path}")
         self.public = self._private.public_key().public_bytes_raw()
+        self._count = path.with_suffix(".counter")
 
     @staticmethod
     def new(path: Path) -> OperatorKey:
@@ -64,6 +68,26 @@ class OperatorKey:
     def line(self, role: str, name: str) -> str:
         """Of the runtime's keys file."""
         return f"{self.public.hex()} {role} {name}"
+
+    def next_counter(self) -> int:
+        """Above all before it, of every process of this user: the time [ns], or one more than the last where the clock
+        was set back. The last one stands in a file beside the key; where none can be written the time alone counts.
+        Raises UsageError."""
+        try:
+            descriptor = os.open(self._count, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            with os.fdopen(descriptor, "r+", encoding="utf-8") as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                counter = max(time.time_ns(), int(file.read() or 0) + 1)
+                if counter > HIGHEST_COUNTER:
+                    raise ValueError(f"{counter} is too high")
+                file.seek(0)
+                file.write(str(counter))
+                file.truncate()
+                return counter
+        except OSError:
+            return time.time_ns()
+        except ValueError as error:
+            raise UsageError(f"{self._count}: {error}; right is the last counter, or no such file: remove it") from None
 
     def sealed(self, session: int, counter: int, lease: int, data: bytes) -> bytes:
         """An encoded signed_t."""

@@ -1,11 +1,12 @@
-"""An operator's line to a runtime over LCM: upload a plan, send commands, read the acknowledgements."""
+"""An operator's line to a runtime over LCM: upload a plan, send commands, read the answers."""
 
 from __future__ import annotations
 
 import hashlib
+import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,14 +15,18 @@ from crux_contracts import channels
 from crux_contracts.terminal import in_a_line
 from crux_msgs import acknowledgement_t, command_t, plan_piece_t, plan_t, status_t
 
+from crux_tools.answers import Answers
 from crux_tools.errors import UsageError, WorkFailed
-from crux_tools.lcm_binding import lcm
+from crux_tools.known_runtimes import KnownRuntime
+from crux_tools.lcm_socket import LcmSocket
 from crux_tools.operator_key import OperatorKey, default_path
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
-NO_NETWORK = "without a network, as root: ip link set lo up && ip route add 224.0.0.0/4 dev lo"
 START_IT = "start crux-runtime there, or name its --lcm URL"
 ANSWER_TIMEOUT_S = 0.5
+HOLD_AGAIN_S = 0.01  # until it is answered: in a flood some packets are lost
+HOLDS_TO_THE_UNKNOWN = 3
+FIRST_CONTACT_S = 0.3  # in which others may say that they are the runtime
 VERDICT_TIMEOUT_S = 10.0  # the runtime decodes and validates the whole plan
 TRIES = 4
 LEASE_LEFT_S = 2.0  # with less the lease is renewed first
@@ -30,31 +35,25 @@ STATES = {value: name for name, value in (("idle", 0), ("ready", 1), ("climbing"
 
 @dataclass
 class OperatorLink:
-    """One LCM connection. Request ids count from `first_request`, so a bench run sends the same bytes every time."""
+    """One LCM connection. Request ids count from `first_request`, so a bench run sends the same commands every time;
+    those of questions are random, so that nobody else can have asked the same before and kept the answer."""
 
     url: str = DEFAULT_URL
     first_request: int = 1
     connection: Any = None
-    """what is used instead of lcm.LCM(url), with the same methods"""
+    """a runtime in this process, with the methods of LcmSocket"""
     key: Path | None = None
     """the private key to sign with, where the runtime wants it; None: the one that `crux key new` makes"""
-    _answers: list[acknowledgement_t] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._next_request = self.first_request
-        try:
-            self._lcm = lcm.LCM(self.url) if self.connection is None else self.connection
-        except RuntimeError as error:
-            raise UsageError(f"cannot open LCM at {self.url}: {error} ({NO_NETWORK})") from error
-        self._subscriptions = [
-            self._lcm.subscribe(channels.CRUX_ACKNOWLEDGEMENT, self._keep),
-            self._lcm.subscribe(channels.CRUX_STATUS, self._keep_status),
-        ]
+        self._lcm = LcmSocket(self.url) if self.connection is None else self.connection
+        self._known = KnownRuntime(self.url) if self.connection is None else None
+        self._answers = Answers(self._lcm, self._known)
         self.status: status_t | None = None
         """what the runtime said beside its acknowledgement, where the last command was STATUS; None: nothing"""
-        self._told: status_t | None = None  # last by the runtime, whoever asked
+        self._told: status_t | None = None  # last by the runtime
         self._signer: OperatorKey | None = None
-        self._counter = self._lease = 0
         self._lease_end_s = 0.0
 
     def __enter__(self) -> OperatorLink:
@@ -63,33 +62,20 @@ class OperatorLink:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # A subscription keeps its handler, and so this link and LCM's sockets, for as long as it is kept itself.
-        while self._subscriptions:
-            self._lcm.unsubscribe(self._subscriptions.pop())
+        self.close()
 
-    def _keep(self, _channel: str, data: bytes) -> None:
-        self._answers.append(acknowledgement_t.decode(data))
-
-    def _keep_status(self, _channel: str, data: bytes) -> None:
-        self.status = self._told = status_t.decode(data)
+    def close(self) -> None:
+        """Gives the sockets back."""
+        if self.connection is None:
+            self._lcm.close()
 
     def _await(self, wanted: Callable[[acknowledgement_t], bool], timeout_s: float) -> acknowledgement_t | None:
-        end = time.monotonic() + timeout_s
-        while True:
-            for answer in self._answers:
-                if wanted(answer):
-                    self._answers.remove(answer)
-                    return answer
-            left_s = end - time.monotonic()
-            if left_s <= 0:
-                return None
-            self._lcm.handle_timeout(max(1, int(left_s * 1000)))
-
-    def _begin(self) -> None:
-        """Hears what has come since: LCM keeps thirty messages, and drops the answer to come behind those of others."""
-        while self._lcm.handle_timeout(0):
-            pass
-        self.status = None
+        answer = self._answers.next(lambda each: wanted(each.acknowledgement), timeout_s)
+        if answer is None:
+            return None
+        if answer.status:
+            self.status = self._told = answer.status[0]
+        return answer.acknowledgement
 
     def _answer_to(self, request_id: int, timeout_s: float) -> acknowledgement_t | None:
         return self._await(lambda a: a.subject == acknowledgement_t.COMMAND and a.request_id == request_id, timeout_s)
@@ -107,46 +93,110 @@ class OperatorLink:
         """Sends a command (command_t constant) until it is acknowledged; None when nobody answers.
 
         Every try is the same message with the same request id and waits `timeout_s`; `is_worth_it` comes first. What
-        needs a signature is signed; raises UsageError where there is no key.
+        needs a signature is signed; raises UsageError where there is no key, and where only a runtime answers that has
+        another key than the one this operator knows.
         """
-        asks = command == command_t.STATUS
-        if not asks and self._told is None and self.command(command_t.STATUS, tries=tries) is None:
-            return None
         message = command_t()
-        message.request_id = self._next_request
         message.command = command
         message.at_cycle = at_cycle
         message.plan_id = plan_id
         message.value = value
-        self._next_request += 1
+        if command == command_t.STATUS:
+            message.request_id = secrets.randbits(62)
+            send = self._ask
+        else:
+            if command != command_t.HOLD and not self._knows(tries):
+                return None
+            message.request_id = self._next_request
+            self._next_request += 1
+            send = self._hold if command == command_t.HOLD and at_cycle == 0 else self._say
+        if send == self._hold and self.connection is None:
+            tries, timeout_s = round(tries * timeout_s / HOLD_AGAIN_S), HOLD_AGAIN_S
+        self._answers.forget()
         answer = None
-        for _ in range(tries):
-            if not is_worth_it():
+        for number in range(tries):
+            if not is_worth_it() or (number >= TRIES and self._answers.refused and send != self._hold):
                 break
-            if not asks and command != command_t.HOLD and (refused := self._without_lease()) is not None:
+            if send == self._say and (refused := self._without_lease()) is not None:
                 return refused
-            self._begin()
-            if asks or not self._signs():
-                self._lcm.publish(channels.CRUX_COMMAND, message.encode())
-            else:
-                self._publish_signed(message.encode())
+            self.status = None
+            send(message.encode())
             answer = self._answer_to(message.request_id, timeout_s)
-            if answer is not None and (asks or not self._is_stale(answer)):
+            if answer is not None and not self._is_stale(answer):
                 break
+        if command == command_t.STATUS and answer is not None:
+            self._meet()
+        if answer is None:
+            self._look_at_the_others()
+        if send == self._hold and answer is not None:
+            self._make_sure(message.encode(), answer)
         return answer
+
+    def _knows(self, tries: int = TRIES) -> bool:
+        """Whether the runtime has told what it is, and whether commands have to be signed."""
+        return self._told is not None or self.command(command_t.STATUS, tries=tries) is not None
+
+    def _ask(self, data: bytes) -> None:
+        self._answers.ask(channels.CRUX_COMMAND, data)
+
+    def _say(self, data: bytes) -> None:
+        if self._signs():
+            self._ask_signed(data)
+        else:
+            self._ask(data)
+
+    def _hold(self, data: bytes) -> None:
+        """Needs nothing that the runtime has to tell first; who has no key may be lucky."""
+        try:
+            signer = None if self._told is not None and self._told.insecure else self._signing()
+        except UsageError:
+            if self.key is not None:
+                raise
+            signer = None
+        if signer is None:
+            self._ask(data)
+        else:
+            self._answers.ask(channels.CRUX_SIGNED, signer.sealed(0, 0, 0, data))
+
+    def _make_sure(self, hold: bytes, answer: acknowledgement_t) -> None:
+        """That HOLD has come to the robot's runtime, where anybody may have answered, and that it could be signed."""
+        for _ in range(0 if self._is_certain() else HOLDS_TO_THE_UNKNOWN):
+            time.sleep(HOLD_AGAIN_S)
+            self._hold(hold)
+        if answer.verdict != acknowledgement_t.ACCEPTED and self._signer is None and self._knows() and self._signs():
+            self._signing()
+
+    def _meet(self) -> None:
+        """The first contact: the runtime that has answered is the one from now on, if no other says that it is."""
+        if self._known is None or self._told is None or self._is_certain():
+            return
+        self._answers.next(lambda _: False, FIRST_CONTACT_S)
+        keys = sorted(key.hex() for key in self._answers.seen)
+        if len(keys) > 1:
+            raise UsageError(
+                f"{len(keys)} runtimes answer at {self.url} ({', '.join(keys[:2])}); say which is the robot's by a "
+                f"line in {self._known.path}: {self._known.address} and its key, which it prints when it starts"
+            )
+        self._known.pin(bytes.fromhex(keys[0]), for_good=not self._told.insecure)
+
+    def _is_certain(self) -> bool:
+        """Whether what has answered is a runtime that was known before."""
+        return self._known is None or any(map(self._known.is_certain, self._answers.seen))
+
+    def _look_at_the_others(self) -> None:
+        if self._known is not None and self._answers.refused:
+            raise UsageError(self._known.changed(self._answers.refused))
 
     def take_lease(self) -> acknowledgement_t | None:
         """Asks to be the one who commands, or to stay it; None when nobody answers. Raises UsageError without a key."""
-        if self._told is None and self.command(command_t.STATUS) is None:
+        if not self._knows():
             return None
         answer = None
         for _ in range(TRIES):
-            self._begin()
-            counter = self._publish_signed(b"")
-            answer = self._answer_to(counter, ANSWER_TIMEOUT_S)
-            if answer is not None and answer.verdict == acknowledgement_t.ACCEPTED and self.status is not None:
-                self._lease = self.status.lease
-                self._lease_end_s = time.monotonic() + self.status.lease_s
+            self.status = None
+            answer = self._answer_to(self._ask_signed(b""), ANSWER_TIMEOUT_S)
+            if answer is not None and answer.verdict == acknowledgement_t.ACCEPTED and self._told is not None:
+                self._lease_end_s = time.monotonic() + self._told.lease_s
             if answer is not None and not self._is_stale(answer):
                 break
         return answer
@@ -159,24 +209,27 @@ class OperatorLink:
         return None if answer is None or answer.verdict == acknowledgement_t.ACCEPTED else answer
 
     def _signs(self) -> bool:
-        """Whether the runtime wants it; one that has told nothing of itself is of an older crux."""
+        """Whether the runtime wants it."""
         return self._told is not None and not self._told.insecure
 
     def _is_stale(self, answer: acknowledgement_t) -> bool:
         """Refused because session, lease or counter have passed, which the runtime shows by telling the new ones."""
-        refused = answer.verdict != acknowledgement_t.ACCEPTED
-        stale = refused and self.status is not None and self.status.request_id == answer.request_id
+        stale = answer.verdict != acknowledgement_t.ACCEPTED and self.status is not None
         self._lease_end_s = 0.0 if stale else self._lease_end_s
         return stale
 
-    def _publish_signed(self, data: bytes) -> int:
-        """Signs and sends; returns the counter."""
+    def _signing(self) -> OperatorKey:
         if self._signer is None:
             self._signer = OperatorKey(self.key or default_path())
-        session, known = (0, 0) if self._told is None else (self._told.session, self._told.counter)
-        self._counter = max(time.time_ns(), self._counter + 1, known + 1)
-        self._lcm.publish(channels.CRUX_SIGNED, self._signer.sealed(session, self._counter, self._lease, data))
-        return self._counter
+        return self._signer
+
+    def _ask_signed(self, data: bytes) -> int:
+        """Signs and sends; returns the counter."""
+        signer = self._signing()
+        counter, told = signer.next_counter(), self._told
+        session, lease = (0, 0) if told is None else (told.session, told.lease)
+        self._answers.ask(channels.CRUX_SIGNED, signer.sealed(session, counter, lease, data))
+        return counter
 
     def send(self, command: int, plan_id: str = "", at_cycle: int = 0, value: float = 0.0) -> acknowledgement_t:
         """Like command(), but raises WorkFailed when nobody answers or the runtime refuses."""
@@ -192,8 +245,9 @@ class OperatorLink:
 
         Raises UsageError with the runtime's reason when it refuses the plan, WorkFailed when it does not answer.
         """
-        if self._told is None and self.command(command_t.STATUS) is None:
+        if not self._knows():
             raise WorkFailed(f"no runtime answers on {self.url}; {START_IT}")
+        self._answers.forget()
         data = plan.encode()
         pieces = [data[i : i + plan_piece_t.MAX_BYTES] for i in range(0, len(data), plan_piece_t.MAX_BYTES)]
         digest = hashlib.sha256(data).hexdigest()
@@ -222,11 +276,11 @@ class OperatorLink:
         for _ in range(TRIES):
             if (refused := self._without_lease()) is not None:
                 raise WorkFailed(f"the runtime refuses: {in_a_line(refused.reason)}")
-            self._begin()
+            self.status = None
             if self._signs():
-                self._publish_signed(message.encode())
+                self._ask_signed(message.encode())
             else:
-                self._lcm.publish(channels.CRUX_PLAN_PIECE, message.encode())
+                self._answers.ask(channels.CRUX_PLAN_PIECE, message.encode())
             answer = self._await(
                 lambda a: (
                     a.request_id == message.transfer_id

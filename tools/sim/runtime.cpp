@@ -6,7 +6,6 @@
 #include <exception>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -53,11 +52,6 @@ RobotDescription robot_of(const Options& options) {
 }  // namespace
 
 struct crux_runtime {
-  struct Message {
-    std::vector<std::uint8_t> bytes;
-    bool is_status;
-  };
-
   crux_runtime(crux_nodes* nodes, const Options& options);
   ~crux_runtime() { finish(); }
   crux_runtime(const crux_runtime&) = delete;
@@ -73,8 +67,8 @@ struct crux_runtime {
   OperatorServer server_;
   LogWriter log_writer_;
   CycleLoop loop_;
-  std::deque<Message> to_operators_;
-  std::optional<Message> told_;  ///< the last one that crux_runtime_next gave
+  std::deque<std::vector<std::uint8_t>> to_operators_;
+  std::vector<std::uint8_t> told_;  ///< the last one that crux_runtime_next gave
 
  private:
   std::atomic<bool> ended_{false};
@@ -83,18 +77,16 @@ struct crux_runtime {
 
 crux_runtime::crux_runtime(crux_nodes* nodes, const Options& options)
     : robot_(robot_of(options)),
-      server_(kInProcess, robot_, exchange_, CommandGate({}, unpredictable), false),  // nobody else reaches it
+      server_(kInProcess, robot_, exchange_, CommandGate({}, unpredictable), {}, false),  // nobody else reaches it
       log_writer_(records_, open_log(options, robot_), exchange_.log_broken, options.log_frames),
       loop_(robot_, memory_buses(nodes), exchange_, records_, options.cycle),
       log_thread_([this] { log_writer_.run(ended_); }) {
   using Self = crux_runtime*;
-  const auto keep = [](const lcm::ReceiveBuffer* buffer, const std::string& channel, Self self) {
+  const auto keep = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
     const auto* bytes = static_cast<const std::uint8_t*>(buffer->data);
-    const bool is_status = channel == crux_msgs::channel_info(crux_msgs::Channel::kStatus).name;
-    self->to_operators_.push_back({{bytes, bytes + buffer->data_size}, is_status});
+    self->to_operators_.emplace_back(bytes, bytes + buffer->data_size);
   };
-  for (const auto channel : {crux_msgs::Channel::kAcknowledgement, crux_msgs::Channel::kStatus})
-    server_.link().subscribeFunction<Self>(crux_msgs::channel_info(channel).name, keep, this);
+  server_.link().subscribeFunction<Self>(crux_msgs::channel_info(crux_msgs::Channel::kAnswer).name, keep, this);
 }
 
 void crux_runtime::tell(const std::string& channel, std::span<const std::uint8_t> data) {
@@ -134,14 +126,13 @@ void crux_runtime_tell(crux_runtime* runtime, const char* channel, const std::ui
   runtime->tell(channel, {data, static_cast<std::size_t>(size)});
 }
 
-const std::uint8_t* crux_runtime_next(crux_runtime* runtime, std::int32_t* size, std::int32_t* is_status) {
+const std::uint8_t* crux_runtime_next(crux_runtime* runtime, std::int32_t* size) {
   if (runtime->to_operators_.empty()) runtime->serve();
   if (runtime->to_operators_.empty()) return nullptr;
   runtime->told_ = std::move(runtime->to_operators_.front());
   runtime->to_operators_.pop_front();
-  *size = static_cast<std::int32_t>(runtime->told_->bytes.size());
-  *is_status = runtime->told_->is_status ? 1 : 0;
-  return runtime->told_->bytes.data();
+  *size = static_cast<std::int32_t>(runtime->told_.size());
+  return runtime->told_.data();
 }
 
 const char* crux_runtime_finish(crux_runtime* runtime) { return runtime->finish().c_str(); }

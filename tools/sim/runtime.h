@@ -32,9 +32,8 @@ CRUX_SIM_API int32_t crux_runtime_turn(crux_runtime *runtime);
 /// Sends an operator's message, and serves him until nothing is left to do.
 CRUX_SIM_API void crux_runtime_tell(crux_runtime *runtime, const char *channel, const uint8_t *data, int32_t size);
 
-/// The next message to operators: its bytes, valid until the next call, and whether it is a status_t or an
-/// acknowledgement_t. NULL when there is none.
-CRUX_SIM_API const uint8_t *crux_runtime_next(crux_runtime *runtime, int32_t *size, int32_t *is_status);
+/// The next answer_t: its bytes, valid until the next call. NULL when there is none.
+CRUX_SIM_API const uint8_t *crux_runtime_next(crux_runtime *runtime, int32_t *size);
 
 /// Ends the log. Empty, or why it is incomplete.
 CRUX_SIM_API const char *crux_runtime_finish(crux_runtime *runtime);

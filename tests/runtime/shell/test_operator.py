@@ -42,7 +42,7 @@ def pieces_of(data: bytes, plan_id: str, size: int = plan_piece_t.MAX_BYTES) -> 
 def send(link: OperatorLink, pieces: list[plan_piece_t]) -> acknowledgement_t:
     """Sends pieces without waiting for theirs, and returns the verdict on the plan."""
     for piece in pieces:
-        link._lcm.publish(channels.CRUX_PLAN_PIECE, piece.encode())
+        link._answers.ask(channels.CRUX_PLAN_PIECE, piece.encode())
     transfer = pieces[0].transfer_id
     verdict = link._await(lambda a: a.subject == acknowledgement_t.PLAN and a.request_id == transfer, 600.0)
     assert verdict is not None
@@ -133,8 +133,8 @@ def test_hostile_pieces_and_noise_leave_the_runtime_unharmed(start: Starter, pla
         bad = bytearray(good[: chooser.randrange(1, 300)] if chooser.random() < 0.3 else good)
         for _ in range(chooser.randrange(1, 6)):
             bad[chooser.randrange(min(len(bad), 200))] = chooser.randrange(256)
-        runtime.link._lcm.publish(channels.CRUX_PLAN_PIECE, bytes(bad))
-        runtime.link._lcm.publish(channels.CRUX_COMMAND, chooser.randbytes(chooser.randrange(60)))
+        runtime.link._answers.ask(channels.CRUX_PLAN_PIECE, bytes(bad))
+        runtime.link._answers.ask(channels.CRUX_COMMAND, chooser.randbytes(chooser.randrange(60)))
     huge = pieces_of(plan.encode(), plan.plan_id)[0]
     huge.total_bytes, huge.n_pieces = 2**31 - 1, 2**31 - 1
     with pytest.raises((UsageError, WorkFailed), match="total_bytes"):
@@ -190,7 +190,7 @@ def test_a_repeated_command_is_carried_out_once(start: Starter) -> None:
     with FakeNodes(runtime.ports.bus_urls(), 300) as nodes:
         nodes.await_cycle(10)
         for _ in range(3):
-            runtime.link._lcm.publish(channels.CRUX_COMMAND, message.encode())
+            runtime.link._answers.ask(channels.CRUX_COMMAND, message.encode())
             answer = runtime.link._await(lambda a: a.request_id == 77, 600.0)
             assert answer is not None
             assert answer.verdict == acknowledgement_t.ACCEPTED

@@ -13,7 +13,7 @@ from itertools import count
 
 from crux_contracts import channels
 from crux_msgs import command_t, plan_piece_t
-from crux_tools.lcm_binding import lcm
+from crux_tools.lcm_socket import LcmSocket
 
 BURST, PAUSE_S = 100, 0.001
 FIRST_REQUEST = 1 << 40  # nobody else's
@@ -37,7 +37,7 @@ def _first_piece(number: int) -> bytes:
 
 def main() -> None:
     """Never returns."""
-    link = lcm.LCM(sys.argv[1])
+    link = LcmSocket(sys.argv[1])
     for number in count():
         link.publish(channels.CRUX_COMMAND, _command(2 * number, command_t.STATUS))
         link.publish(channels.CRUX_COMMAND, _command(2 * number + 1, command_t.START))

@@ -144,7 +144,7 @@ def library() -> Any:
         "runtime_error": (c_char_p, []),
         "runtime_turn": (c_int32, [handle]),
         "runtime_tell": (None, [handle, c_char_p, c_char_p, c_int32]),
-        "runtime_next": (POINTER(c_ubyte), [handle, POINTER(c_int32), POINTER(c_int32)]),
+        "runtime_next": (POINTER(c_ubyte), [handle, POINTER(c_int32)]),
         "runtime_finish": (c_char_p, [handle]),
         "runtime_close": (None, [handle]),
         "sim_step": (None, [handle, handle, c_double]),

@@ -15,7 +15,7 @@ from crux_simulation.sim.firmware_nodes import FirmwareNodes
 from crux_simulation.sim.native import library
 from crux_simulation.sim.runtime_process import log_reason
 
-Handler = Callable[[str, bytes], None]
+Wanted = Callable[[str, bytes], bool]
 
 
 class RuntimeHere:
@@ -28,7 +28,6 @@ class RuntimeHere:
         self._handle = ctypes.c_void_p(self._sim.crux_runtime_open(nodes.handle, len(arguments), words))
         if not self._handle:
             raise UsageError(f"crux-runtime: {self._sim.crux_runtime_error().decode(errors='replace')}")
-        self._handlers: dict[str, Handler] = {}
         self._trouble = ""
         self.idle: Callable[[], None] | None = None
         """lets time pass while somebody waits for an answer"""
@@ -61,43 +60,32 @@ class RuntimeHere:
         return log_reason(self._trouble) or self._trouble
 
     def await_answer(self, link: OperatorLink) -> None:
-        """It is there at once; what a process is asked until it answers is asked here, too: requests are numbered."""
+        """It is there at once."""
         link.command(command_t.STATUS)
 
     def wait(self) -> None:
         """Ends it, and its log."""
         self._trouble = self._sim.crux_runtime_finish(self._handle).decode(errors="replace")
 
-    # ---- what an operator's link needs of LCM
+    # ---- what an operator's link needs of an LcmSocket
 
     def publish(self, channel: str, data: bytes) -> None:
         """Sends a message to the runtime, which serves it at once."""
         self._sim.crux_runtime_tell(self._handle, channel.encode(), data, len(data))
 
-    def subscribe(self, channel: str, handler: Handler) -> str:
-        """From now on what the runtime says there goes to `handler`."""
-        self._handlers[channel] = handler
-        return channel
-
-    def unsubscribe(self, subscription: str) -> None:
-        """No more."""
-        self._handlers.pop(subscription, None)
-
-    def handle_timeout(self, timeout_ms: int) -> int:
-        """Hands on one message; where time passes by `idle` alone, after so many turns of it at most."""
-        for _ in range(timeout_ms if self.idle else 0):
-            if self._hand_on():
-                return 1
+    def receive(self, timeout_s: float, wanted: Wanted) -> tuple[str, bytes, None] | None:
+        """The next answer that is wanted; where time passes by `idle` alone, after a turn a millisecond at most."""
+        for _ in range(round(1000 * timeout_s) if self.idle else 0):
+            if (heard := self._next(wanted)) is not None:
+                return heard
             assert self.idle is not None
             self.idle()
-        return self._hand_on()
+        return self._next(wanted)
 
-    def _hand_on(self) -> int:
-        size, is_status = ctypes.c_int32(), ctypes.c_int32()
-        data = self._sim.crux_runtime_next(self._handle, ctypes.byref(size), ctypes.byref(is_status))
-        if not data:
-            return 0
-        channel = channels.CRUX_STATUS if is_status.value else channels.CRUX_ACKNOWLEDGEMENT
-        if channel in self._handlers:
-            self._handlers[channel](channel, ctypes.string_at(data, size.value))
-        return 1
+    def _next(self, wanted: Wanted) -> tuple[str, bytes, None] | None:
+        size = ctypes.c_int32()
+        while data := self._sim.crux_runtime_next(self._handle, ctypes.byref(size)):
+            answer = ctypes.string_at(data, size.value)
+            if wanted(channels.CRUX_ANSWER, answer):
+                return channels.CRUX_ANSWER, answer, None
+        return None

@@ -130,27 +130,17 @@ def _is_somebody_there(link: Any) -> bool:
     """Whether a runtime tells its state at the address."""
     from crux_contracts import channels
 
-    heard: list[bytes] = []
-    subscription = link.subscribe(channels.CRUX_ROBOT_STATE, lambda _, data: heard.append(data))
-    end = time.monotonic() + LISTEN_S
-    while not heard and (left_s := end - time.monotonic()) > 0:
-        link.handle_timeout(max(1, int(left_s * 1000)))
-    link.unsubscribe(subscription)
-    return bool(heard)
+    return link.receive(LISTEN_S, lambda channel, _data: channel == channels.CRUX_ROBOT_STATE) is not None
 
 
 def run_lcm(options: argparse.Namespace) -> int:
     """Exit status 0 when it was played to its end."""
-    from crux_tools.lcm_binding import lcm
-    from crux_tools.operator_link import NO_NETWORK
+    from crux_tools.lcm_socket import LcmSocket
 
     found = messages(options.log, options.from_s, options.to_s)
     if not found:
         raise UsageError(f"{options.log}: nothing to play in it from {options.from_s:g} to {options.to_s:g} s")
-    try:
-        link = lcm.LCM(options.lcm)
-    except RuntimeError as error:
-        raise UsageError(f"--lcm {options.lcm}: cannot be opened: {error} ({NO_NETWORK})") from error
+    link = LcmSocket(options.lcm)
     if _is_somebody_there(link):
         raise UsageError(f"--lcm {options.lcm}: a runtime talks there, and the log would mix with it; give another one")
     note(f"playing on {options.lcm}; lcm-spy shows it (Ctrl-C ends it)")

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from crux_tools.lcm_binding import lcm
-from crux_tools.operator_link import NO_NETWORK
+from crux_tools.errors import UsageError
+from crux_tools.lcm_socket import NO_NETWORK, LcmSocket
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, RUNTIME_PRIORITY, Finding
 from crux_tools.priority import realtime_priority
 
@@ -61,20 +61,25 @@ def lateness(late_us: np.ndarray, is_real_time: bool, period_s: float) -> Findin
 
 def lcm_loss(url: str) -> Finding:
     """Messages to oneself by the operators' address, in bursts as an upload sends them."""
+    arrived: set[bytes] = set()
+    sent = [number.to_bytes(4, "little") + bytes(MESSAGE_BYTES) for number in range(MESSAGES)]
+
+    def hear(timeout_s: float) -> None:
+        while (
+            len(arrived) < MESSAGES and (heard := link.receive(timeout_s, lambda to, _data: to == CHANNEL)) is not None
+        ):
+            arrived.add(heard[1])
+
     try:
-        link = lcm.LCM(url)
-    except RuntimeError as error:
-        return Finding("LCM", BAD, f"cannot open {url}: {error}", NO_NETWORK)
-    arrived: set[int] = set()
-    subscription = link.subscribe(CHANNEL, lambda _channel, data: arrived.add(int.from_bytes(data[:4], "little")))
-    subscription.set_queue_capacity(MESSAGES)
-    for number in range(MESSAGES):
-        link.publish(CHANNEL, number.to_bytes(4, "little") + bytes(MESSAGE_BYTES))
-        while (number + 1) % BURST == 0 and link.handle_timeout(1) > 0:
-            pass
-    while len(arrived) < MESSAGES and link.handle_timeout(200) > 0:
-        pass
-    link.unsubscribe(subscription)
+        with LcmSocket(url) as link:
+            for number, message in enumerate(sent, start=1):
+                link.publish(CHANNEL, message)
+                if number % BURST == 0:
+                    hear(0.001)
+            hear(0.2)
+    except UsageError as error:
+        return Finding("LCM", BAD, str(error), NO_NETWORK)
+    arrived.intersection_update(sent)
     lost = MESSAGES - len(arrived)
     if lost == 0:
         return Finding("LCM", GOOD, f"{MESSAGES} messages, none lost")

@@ -37,17 +37,23 @@ def _gripper_error(robot: RobotModel, data: mujoco.MjData, limb: int, position_w
 
 
 def solve_limb(
-    robot: RobotModel, data: mujoco.MjData, limb: int, position_w_m: Floats, yaw_rad: float, near: bool = False
+    robot: RobotModel,
+    data: mujoco.MjData,
+    limb: int,
+    position_w_m: Floats,
+    yaw_rad: float,
+    near: bool = False,
+    starts: int = STARTS,
 ) -> bool:
     """Moves the six joints of `limb` until its gripper stands at the pose; False when it cannot within the limits.
-    `near`: begins with the joints as they are, so that a motion is followed.
+    `near`: begins with the joints as they are, so that a motion is followed; then from so many postures (`starts`).
     """
     model = robot.model
     qpos, dof = robot.joint_qpos[6 * limb : 6 * limb + 6], robot.joint_dof[6 * limb : 6 * limb + 6]
     low, high = model.jnt_range[model.dof_jntid[dof]].T
     jacobian = np.zeros((6, model.nv))
     generator = np.random.default_rng(0)
-    for attempt in range(-1 if near else 0, STARTS):
+    for attempt in range(-1 if near else 0, starts):
         if attempt >= 0:
             share = 0.5 if attempt == 0 else generator.uniform(0.2, 0.8, 6)
             data.qpos[qpos] = low + share * (high - low)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from crux_contracts import LIMB_NAMES, channels
+from crux_contracts.lcm_bytes import decoded
 from crux_msgs import (
     acknowledgement_t,
     command_t,
@@ -24,10 +27,8 @@ from crux_msgs import (
     signed_t,
 )
 
-from crux_tools.errors import UsageError
-from crux_tools.lcm_binding import lcm
+from crux_tools.lcm_socket import LcmSocket
 from crux_tools.log.seen import NS, Event, events_of, grip_of_limbs
-from crux_tools.operator_link import NO_NETWORK
 from crux_tools.plan_robot import robot_named
 from crux_tools.robot3d.robot_model import RobotModel, build_model
 from crux_tools.robot3d.start_pose import solve_limb
@@ -38,7 +39,12 @@ from crux_tools.view.recording import Recording, blank, made_telemetry
 
 EVENTS_EVERY_S = 1.0
 FIRST_ROWS = 4096
-QUEUED = 1000  # messages of a channel, 5 s of the limbs; of the usual 30 some are lost in a pause of 0.15 s
+# What anybody may send is bounded: the rest of it is ignored.
+QUEUED, QUEUED_BYTES = 4000, 32 << 20  # messages that wait to be looked at; 5 s of a runtime's
+LONGEST_PLAN, MOST_HOLDS = 8 << 20, 2000  # bytes, as the runtime takes them
+MOST_ROWS = 250_000  # 80 min, and 1 GB; then it begins anew
+MOST_TOLD = 5000  # of commands, answers and faults: the newest
+LARGEST = 1 << 40  # of any number, in SI units
 
 
 class Table:
@@ -68,14 +74,25 @@ def _record(topic: str, message: Any) -> np.ndarray:
     return row
 
 
+def is_sound(values: Iterable[Any]) -> bool:
+    """Whether every number is finite and of a size that something real could have."""
+    for value in values:
+        if isinstance(value, (tuple, list)):
+            if not is_sound(value):
+                return False
+        elif isinstance(value, (int, float)) and not (math.isfinite(value) and abs(value) < LARGEST):
+            return False
+    return True
+
+
 class Live:
-    """Listens in a thread of its own for as long as the process lives; sends nothing."""
+    """Listens in threads of its own for as long as the process lives; sends nothing. What it shows is not signed."""
 
     def __init__(self, url: str, plan: plan_t | None) -> None:
-        try:
-            self._lcm = lcm.LCM(url)
-        except RuntimeError as error:
-            raise UsageError(f"--lcm {url}: cannot be opened: {error} ({NO_NETWORK})") from error
+        """Raises UsageError."""
+        self._lcm = LcmSocket(url, longest=LONGEST_PLAN)
+        self.ignored = 0
+        """messages so far that were none"""
         self._plan: plan_t | None = None
         self._robot: RobotModel | None = None
         self._data: Any = None
@@ -89,25 +106,50 @@ class Live:
             (channels.CRUX_ROBOT_STATE, robot_state_t, self._take_state),
             (channels.CRUX_LIMB_REFERENCE, limb_reference_t, lambda m: self._take_limb("/limb_reference", m)),
             (channels.CRUX_LIMB_TELEMETRY, limb_telemetry_t, lambda m: self._take_limb("/limb_telemetry", m)),
-            (channels.CRUX_FAULT, fault_t, lambda m: self._faults.add(_record("/fault", m))),
+            (channels.CRUX_FAULT, fault_t, self._take_fault),
             (channels.CRUX_COMMAND, command_t, lambda m: self._tell("/command", m)),
             (channels.CRUX_SIGNED, signed_t, self._take_signed),
             (channels.CRUX_ACKNOWLEDGEMENT, acknowledgement_t, lambda m: self._tell("/acknowledgement", m)),
         ]
-        for channel, kind, take in heard:
-            self._lcm.subscribe(channel, self._handler(kind, take)).set_queue_capacity(QUEUED)
-        threading.Thread(target=self._listen, name="lcm", daemon=True).start()
-
-    def _handler(self, kind: Any, take: Callable[[Any], None]) -> Callable[[str, bytes], None]:
-        def handle(_channel: str, data: bytes) -> None:
-            with self._lock:
-                take(kind.decode(data))
-
-        return handle
+        self._takers = {channel: (kind, take) for channel, kind, take in heard}
+        self._queue: deque[tuple[str, bytes]] = deque()
+        self._queued_bytes = 0
+        self._more = threading.Condition()
+        for name in ("_listen", "_look"):
+            threading.Thread(target=getattr(self, name), name=name, daemon=True).start()
 
     def _listen(self) -> None:
+        """Empties the socket: the kernel keeps less of what comes than a second's."""
         while True:
-            self._lcm.handle()
+            heard = self._lcm.receive(1.0, lambda channel, _data: channel in self._takers)
+            if heard is None:
+                continue
+            with self._more:
+                if len(self._queue) < QUEUED and self._queued_bytes + len(heard[1]) <= QUEUED_BYTES:
+                    self._queue.append(heard[:2])
+                    self._queued_bytes += len(heard[1])
+                    self._more.notify()
+
+    def _look(self) -> None:
+        while True:
+            with self._more:
+                while not self._queue:
+                    self._more.wait()
+                channel, data = self._queue.popleft()
+                self._queued_bytes -= len(data)
+            self.take(channel, data)
+
+    def take(self, channel: str, data: bytes) -> None:
+        """One message, whoever sent it; what is none is ignored."""
+        kind, take = self._takers[channel]
+        try:
+            message = decoded(kind, data)
+            if kind is not plan_t and not is_sound(getattr(message, name) for name in message.__slots__):
+                raise ValueError(f"no {kind.__name__}: a number is out of range")
+            with self._lock:
+                take(message)
+        except Exception:  # a plan that is no wall, say: nobody can tell what all is in one
+            self.ignored += 1
 
     def _clear(self) -> None:
         """Before the first message, and when another runtime begins."""
@@ -125,8 +167,10 @@ class Live:
         self._events_at = -EVENTS_EVERY_S
 
     def _take_plan(self, plan: plan_t) -> None:
-        self._tell("/plan", plan)
+        if len(plan.holds) > MOST_HOLDS:
+            raise ValueError(f"{len(plan.holds)} holds")
         self._use(plan)
+        self._tell("/plan", None)
 
     def _use(self, plan: plan_t) -> None:
         """The wall stays that of the first plan; those made on the way are for the same."""
@@ -138,13 +182,19 @@ class Live:
     def _tell(self, topic: str, message: Any) -> None:
         """Keeps what has no cycle of its own, at the time of the newest state."""
         time_ns = 0 if self._state is None else round(float(self._state["time_s"]) * NS)
-        self._told.messages.setdefault(topic, []).append(message)
-        self._told.times_ns[topic] = np.append(self._told.times_ns.get(topic, np.empty(0, np.int64)), time_ns)
+        messages, times_ns = self._told.messages, self._told.times_ns
+        messages[topic] = [*messages.get(topic, []), message][-MOST_TOLD:]
+        times_ns[topic] = np.append(times_ns.get(topic, np.empty(0, np.int64)), time_ns)[-MOST_TOLD:]
+
+    def _take_fault(self, message: fault_t) -> None:
+        if self._faults.count == MOST_TOLD:
+            self._faults = Table(blank("/fault", FIRST_ROWS))
+        self._faults.add(_record("/fault", message))
 
     def _take_signed(self, message: signed_t) -> None:
         """A command is told; a piece of a plan, or the wish for the lease, is none."""
         with suppress(ValueError):
-            self._tell("/command", command_t.decode(bytes(message.data)))
+            self._tell("/command", decoded(command_t, bytes(message.data)))
 
     def _take_limb(self, topic: str, message: Any) -> None:
         if 0 <= message.limb < len(LIMB_NAMES):
@@ -155,7 +205,7 @@ class Live:
         """What came with the state before becomes a row, unless the network lost a part of it."""
         before, complete = self._state, len(self._came) == len(set(self._came)) == 2 * len(LIMB_NAMES)
         self._came.clear()
-        if before is not None and message.cycle < before["cycle"]:
+        if before is not None and (message.cycle < before["cycle"] or self._states.count == MOST_ROWS):
             self._clear()
         elif before is not None and self._robot is not None and complete:
             self._states.add(before)
@@ -171,7 +221,8 @@ class Live:
         axes = rotations_from_quaternions(limbs["gripper_quaternion_w"])[:, :, 0]
         for limb, axis in enumerate(axes):
             yaw_rad = float(np.arctan2(axis[1], axis[0]))
-            solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], yaw_rad, near=True)
+            # Where nothing reaches, the search ends soon: anybody may have said that a gripper is there.
+            solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], yaw_rad, near=True, starts=1)
         row = blank("/control_input", 1)
         row["cycle"], row["dt_s"] = state["cycle"], robot.robot.can.dt_s
         row["joint_position_rad"] = data.qpos[robot.joint_qpos]
@@ -186,7 +237,7 @@ class Live:
 
     def recording(self, _from_s: float = 0.0, _to_s: float = 0.0) -> Recording:
         """Up to now; the same object while nothing new came."""
-        with self._lock:
+        with self._lock, np.errstate(all="ignore"):  # of numbers that nobody has measured
             count = self._states.count
             if self._known is not None and count in {0, self._shown}:
                 return self._known
