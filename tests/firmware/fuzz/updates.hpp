@@ -25,7 +25,9 @@ struct UpdatesTally {
 };
 inline UpdatesTally updates_tally;
 
-inline bool is_at_rest(std::uint8_t state) { return state == CRUX_STATE_BOOT || state == CRUX_STATE_HOLD; }
+inline bool is_at_rest(std::uint8_t state) {
+  return state == CRUX_STATE_BOOT || state == CRUX_STATE_HOLD || state == CRUX_STATE_FAULT;
+}
 
 struct Services {
   static constexpr std::uint32_t kSlot = 4 * CRUX_FLASH_PAGE;
