@@ -97,6 +97,7 @@ class _Improvement:
         self.problem, self.reach, self.swings = costs.problem, costs.reach, costs.swings
         self.ends = [set(ends) for ends in goal_contacts(self.problem, self.reach)]
         self.tried: set[tuple[Steps, bytes]] = set()
+        self.known: dict[tuple[Stance, tuple[tuple[int, ...], tuple[int, ...]]], Move | None] = {}
         self.least_gain = 0.0
         self.place = 0  # the step at which the last neighbour was found: the next are looked for from there on
 
@@ -221,18 +222,23 @@ class _Improvement:
     def moves(self, steps: Steps) -> list[Move] | None:
         """The steps as moves, None where a way, a reach or the goal is missing."""
         stance: Stance = self.problem.start_contacts
-        moves, nowhere = [], np.zeros(3)
-        for limbs, ends in steps:
-            after = stance_after(stance, limbs, ends)
-            move = Move(stance, after, limbs, nowhere, nowhere)
-            swings = [(stance[limb], after[limb]) for limb in limbs]
-            if any(start == end for start, end in swings):
-                return None
-            if self.reach.of(after) is None or not self.swings.free(swings, move.support):
+        moves = []
+        for step in steps:
+            if (key := (stance, step)) not in self.known:
+                self.known[key] = self._move(stance, *step)
+            if (move := self.known[key]) is None:
                 return None
             moves.append(move)
-            stance = after
+            stance = move.after
         return moves if all(c in ends for c, ends in zip(stance, self.ends, strict=True)) else None
+
+    def _move(self, stance: Stance, limbs: tuple[int, ...], ends: tuple[int, ...]) -> Move | None:
+        after, nowhere = stance_after(stance, limbs, ends), np.zeros(3)
+        move = Move(stance, after, limbs, nowhere, nowhere)
+        swings = [(stance[limb], after[limb]) for limb in limbs]
+        if any(start == end for start, end in swings) or self.reach.of(after) is None:
+            return None
+        return move if self.swings.free(swings, move.support) else None
 
     def _least(self, moves: list[Move]) -> tuple[Array, Array, int]:
         """Least knots of stances and swings, and the knots to spare."""

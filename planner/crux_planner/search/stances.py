@@ -23,6 +23,7 @@ UNREACHABLE = 1e6
 ANY = (np.inf, 0.0)  # stances, see `search`
 STANCE_KNOTS = 1.0  # between two moves
 MOVE_COST = 0.2  # of a move, in knots: fewer moves where time is equal
+_TIES = 6  # digits of knots to which ways are as quick
 
 
 @dataclass
@@ -123,7 +124,7 @@ class _Tree:
         self._counter = itertools.count()
         self._parent: dict[Stance, Move] = {}
         self.best = {problem.start_contacts: 0.0}
-        self.open: list[tuple[float, int, float, Stance, Array]] = []
+        self.open: list[tuple[float, float, int, float, Stance, Array]] = []
         self._add(0.0, problem.start_contacts, problem.start.position_m, 1.0)
 
     def estimate(self, stance: Stance) -> float:
@@ -132,7 +133,7 @@ class _Tree:
 
     def next(self) -> tuple[float, Stance, Array]:
         """The most promising stance, the cost of getting there, and where the body is then."""
-        _, _, cost, stance, body = heapq.heappop(self.open)
+        *_, cost, stance, body = heapq.heappop(self.open)
         return cost, stance, body
 
     def moves_to(self, stance: Stance) -> list[Move]:
@@ -181,8 +182,12 @@ class _Tree:
             self._add(new_cost, after, touch_down, self._greed)
 
     def _add(self, cost: float, stance: Stance, body: Array, greed: float) -> None:
-        ahead = cost + greed * self.estimate(stance)
-        heapq.heappush(self.open, (ahead, next(self._counter), cost, stance, body))
+        """Of ways that promise to be as quick, the one nearest the goal comes first: most orders of the same moves are
+        as quick, and a long route has too many of them to look at all.
+        """
+        ahead = self.estimate(stance)
+        promises = round(cost + greed * ahead, _TIES)
+        heapq.heappush(self.open, (promises, ahead, next(self._counter), cost, stance, body))
 
 
 def _move_cost(swings: SwingCache, moves: list[tuple[int, int]]) -> float:
