@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from crux_contracts.robot import Robot, load_robot
+from crux_contracts.scenario import parse_scenario
 from crux_planner.errors import InfeasibleError
 from crux_planner.model.build import build_problem
 from crux_planner.model.mass import centres_of_mass, linear_centre
@@ -19,6 +20,7 @@ from crux_planner.search.schedule import least_durations, scheduled
 from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
 from crux_planner.swing.swing_cache import SwingCache
+from crux_simulation.benchmarks.random_walls import random_ladder
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -41,6 +43,17 @@ def problem_of(slope_deg: float = 45.0, max_normal_N: float = 60.0, hanging: int
 def moves_of(problem: Problem, at_once: int = 1) -> list[Move] | None:
     found, _ = search(Oracles.of(problem), at_once=at_once, greed=1.0, deadline=clock.now() + 60)
     return found
+
+
+@pytest.mark.parametrize(
+    "rungs", [8, 20, pytest.param(38, marks=pytest.mark.sweep), pytest.param(50, marks=pytest.mark.sweep)]
+)
+def test_a_route_is_found_by_looking_at_few_more_stances_than_it_has(rungs: int) -> None:
+    """Walls of two holds a rung: most orders of the same moves are as quick, and not all of them are looked at."""
+    problem = build_problem(parse_scenario(random_ladder(1, rungs, steps=18 * rungs)), load_robot("scaler"))
+    moves, seen = search(Oracles.of(problem), at_once=1, greed=1.0, deadline=clock.now() + 600)
+    assert moves is not None
+    assert seen.expanded < 1.2 * len(moves) + 10
 
 
 def balanced(problem: Problem, support: tuple[int, ...], position: np.ndarray, margin: float) -> bool:
