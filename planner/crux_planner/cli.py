@@ -35,7 +35,7 @@ def add_plan_parser(subparsers: Any) -> None:
     from crux_contracts.scenario import METHODS
 
     from crux_planner.method_report import METHODS_HERE
-    from crux_planner.pipeline.session import TIME_LIMIT_S
+    from crux_planner.pipeline.session import LONGER_S, TIME_LIMIT_S
 
     parser = subparsers.add_parser(
         "plan",
@@ -50,6 +50,7 @@ def add_plan_parser(subparsers: Any) -> None:
     add("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)}; default: the scenario's, else auto")
     limit = "seconds of computing (CPU time of the planner and its workers) that it may take"
     usual = f"default: the scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}"
+    usual += "".join(f"; {method}: {limit_s:g}" for method, limit_s in LONGER_S.items())
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
     prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)

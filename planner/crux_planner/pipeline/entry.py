@@ -7,7 +7,7 @@ from crux_contracts.scenario import METHODS, Scenario, parse_scenario
 
 from crux_planner.errors import wrong
 from crux_planner.pipeline.message import PlanResult
-from crux_planner.pipeline.session import CHECK_S, CHECK_SHARE, TIME_LIMIT_S, Progress, Session, Work
+from crux_planner.pipeline.session import CHECK_S, CHECK_SHARE, LONGER_S, TIME_LIMIT_S, Progress, Session, Work
 from crux_planner.solvers import clock
 from crux_planner.solvers.worker import Worker
 
@@ -38,7 +38,7 @@ def plan(
         scenario = parse_scenario(scenario)
     if method not in METHODS:
         raise wrong(scenario, "planner.method", method, f"expected {', '.join(METHODS)}: the methods this planner has")
-    limit_s = time_limit_s or scenario.planner.time_limit_s or TIME_LIMIT_S
+    limit_s = time_limit_s or scenario.planner.time_limit_s or LONGER_S.get(method, TIME_LIMIT_S)
     work = Work(progress or (lambda _what, _share: None), log or (lambda _line: None))
     deadline = clock.now() + limit_s - min(CHECK_S, CHECK_SHARE * limit_s)
     session = Session(scenario, robot, work, deadline, limit_s, method)

@@ -14,6 +14,7 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.solvers import clock
 
 TIME_LIMIT_S = 60.0
+LONGER_S = {"multi_block": 180.0}  # of methods that compute for longer: a program a limb in every round
 CHECK_S, CHECK_SHARE = 1.0, 0.2  # of the time limit, the less of both is left to the check
 
 Progress = Callable[[str, float], None]

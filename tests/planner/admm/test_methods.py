@@ -18,11 +18,20 @@ from crux_planner.errors import InfeasibleError
 from crux_planner.method_report import climb_report
 from crux_planner.physics.limit_surface import finger_forces
 from crux_planner.pipeline.entry import plan
+from crux_planner.pipeline.session import LONGER_S
 from crux_planner.solvers.worker import Team
 from crux_planner.trajectory.consensus import Scales
 from scenes import scene, wall
 
 SCENES = Path(__file__).resolve().parents[3] / "msgs" / "scenarios"
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", ["climb-four-holds", "walk-flat"])
+def test_multi_block_ends_within_its_usual_time(name: str) -> None:
+    result = plan(load_scenario(SCENES / f"{name}.yaml"), load_robot("scaler"), method="multi_block")
+    assert result.ok
+    assert result.computed_s < LONGER_S["multi_block"]
 
 
 @pytest.mark.parametrize("method", ["two_block", "multi_block"])
