@@ -22,6 +22,7 @@ RobotDescription test_robot(double kp = 100.0, double kd = 4.0) {
     robot.servo.velocity_gain_Nms_rad[joint] = kd;
   }
   robot.can.gripper_node = 7;
+  robot.supervisor.silent_cycles = 10;
   return robot;
 }
 
