@@ -39,6 +39,7 @@ def problem() -> WalkProblem:
     return build_walk(parse_scenario(SLOPE), ROBOT)
 
 
+@pytest.mark.sweep
 def test_a_walk_converges_and_passes_the_check() -> None:
     lines: list[str] = []
     method, flat = "two_block", load_scenario(SCENES / "walk-flat.yaml")

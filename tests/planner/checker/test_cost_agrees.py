@@ -40,6 +40,7 @@ def test_a_weight_means_the_same_to_planner_and_checker(weights: dict[str, float
     assert cost(arrays, read) == pytest.approx(result.cost, rel=2e-3)  # the NLP adds a little for spines
 
 
+@pytest.mark.sweep  # test_certificates_hold.py has it in short
 def test_a_certified_bound_is_below_a_plan_under_drawn_weights() -> None:
     """Small scenes with weights drawn: the bound of plans of so many steps is never above the plan at hand."""
     random = np.random.default_rng(11)

@@ -62,7 +62,10 @@ def ladder(gap_m: float, slope_deg: float, *, staggered_m: float = 0.0, without:
     return yaml.safe_dump(document, sort_keys=False)
 
 
-@pytest.mark.parametrize(("gap_m", "slope_deg", "staggered_m"), [(0.35, 45.0, 0.0), (0.38, 30.0, 0.04)])
+@pytest.mark.parametrize(
+    ("gap_m", "slope_deg", "staggered_m"),
+    [(0.35, 45.0, 0.0), pytest.param(0.38, 30.0, 0.04, marks=pytest.mark.sweep)],
+)
 def test_rungs_farther_apart_than_a_box_is_long_are_climbed(
     robot: Robot, gap_m: float, slope_deg: float, staggered_m: float
 ) -> None:
@@ -93,6 +96,7 @@ def test_the_body_alone_moves_where_all_of_the_reach_lets_it(robot: Robot, monke
     assert chosen.gap < 0.18  # 0.22 where the centre of mass at start and goal is as anywhere, 0.28 where the body is
 
 
+@pytest.mark.sweep
 def test_of_the_reach_and_the_boxes_the_cheaper_plan_counts(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the field it is that of all of the reach; where spines carry the robot, a sequence of it takes more steps."""
     near, chosen = near_and_chosen((SCENES / "climb-field.yaml").read_text(), robot, monkeypatch)
@@ -134,7 +138,7 @@ def test_the_robot_climbs_from_and_to_a_tilt(
     assert (said["reached_goal"], said["fell"], said["slips"]) == (True, False, 0)
 
 
-@pytest.mark.parametrize("seed", [401, 402, 408])
+@pytest.mark.parametrize("seed", [402, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (401, 408))])
 def test_a_level_stance_at_the_goal_is_what_the_checkers_kinematics_finds(robot: Robot, seed: int) -> None:
     """Limb by limb, by numeric inverse kinematics within the joint limits, for the body in the middle of the goal."""
     problem = build_problem(parse_scenario(random_field(seed)), robot)

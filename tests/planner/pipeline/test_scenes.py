@@ -43,7 +43,7 @@ def test_a_scene_that_other_tests_climb_costs_no_more_than_the_quick_plan(name: 
     of_scene(name, robot, unproven)
 
 
-@pytest.mark.parametrize("seed", [103, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(1, 51))])
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.sweep) for seed in range(1, 51)])
 def test_a_random_wall_costs_no_more_than_the_quick_plan(seed: int, robot: Robot) -> None:
     """With two rungs to climb or three, as the seed is even or odd, on slopes from 45 to 90 degrees."""
     text = random_ladder(seed, rungs=5 + seed % 2, slope_deg=(45.0, 60.0, 75.0, 90.0)[seed // 2 % 4])
