@@ -18,48 +18,39 @@ STATES = ("idle", "ready", "climbing", "holding", "fault")
 
 
 class Watch:
-    """What the runtime said last."""
-
     def __init__(self, url: str) -> None:
         self.connection = LcmSocket(url)
-        self.on = {
-            channels.CRUX_ROBOT_STATE: self.on_state,
-            channels.CRUX_LIMB_TELEMETRY: self.on_limb,
-            channels.CRUX_FAULT: self.on_fault,
-        }
         self.used = [0.0] * len(LIMB_NAMES)  # share of the limit surface
-        self.told_s = float("-inf")
-        self.complete = False
+        self.told_s, self.complete = float("-inf"), False
 
     def listen(self) -> None:
-        """Takes the next message; what is no such message is ignored."""
-        heard = self.connection.receive(1.0, lambda channel, _data: channel in self.on)
-        if heard is not None:
-            with suppress(ValueError, LookupError):
-                self.on[heard[0]](heard[1])
+        if (message := self.connection.receive(1.0)) is not None:
+            with suppress(ValueError, LookupError):  # no such message
+                self.take(message[0], message[1])
 
-    def on_state(self, data: bytes) -> None:
-        state = decoded(robot_state_t, data)
+    def take(self, channel: str, data: bytes) -> None:
+        if channel == channels.CRUX_ROBOT_STATE:
+            self.on_state(decoded(robot_state_t, data))
+        elif channel == channels.CRUX_LIMB_TELEMETRY:
+            limb = decoded(limb_telemetry_t, data)
+            self.used[limb.limb] = limb.utilisation
+        elif channel == channels.CRUX_FAULT:
+            code = decoded(fault_t, data).code
+            print(f"fault {code}: {FAULT_BY_CODE[code].name}", flush=True)
+
+    def on_state(self, state: robot_state_t) -> None:
         self.complete = bool(state.plan_complete)
         if state.time_s >= self.told_s + 1 or self.complete:
             self.told_s = state.time_s
             used = "  ".join(f"{name} {share:4.0%}" for name, share in zip(LIMB_NAMES, self.used, strict=True))
-            where = f"{state.plan_time_s:6.1f} of {state.plan_end_s:.1f} s"
-            print(f"{STATES[state.supervisor_state]:8s}  plan {where}  limit surface used: {used}", flush=True)
-
-    def on_limb(self, data: bytes) -> None:
-        limb = decoded(limb_telemetry_t, data)
-        self.used[limb.limb] = limb.utilisation
-
-    def on_fault(self, data: bytes) -> None:
-        fault = decoded(fault_t, data)
-        print(f"fault {fault.code}: {FAULT_BY_CODE[fault.code].name}", flush=True)
+            where = f"plan {state.plan_time_s:6.1f} of {state.plan_end_s:.1f} s"
+            print(f"{STATES[state.supervisor_state]:8s}  {where}  limit surface used: {used}", flush=True)
 
 
-def main(words: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--lcm", default=DEFAULT_URL)
-    watch = Watch(parser.parse_args(words).lcm)
+    watch = Watch(parser.parse_args().lcm)
     while not watch.complete:
         watch.listen()
 

@@ -89,7 +89,7 @@ READERS = (
     Reader("climb {plan} -o OUT --faults FILE", "faults", CLIMB),
     Reader("climb {plan} -o OUT --drawn-world OUT.yaml --world FILE", "world", CLIMB),
     Reader("sim FILE -o OUT", "plan", {"crux_simulation.sim.practice:_practise": _stopped}),
-    Reader("campaign FILE --out OUT", "spec", {"crux_simulation.campaign.engine:cluster": _stopped}),
+    Reader("campaign FILE --out OUT", "spec", {"crux_simulation.campaign.cluster:cluster": _stopped}),
     Reader("upload FILE", "plan", {"crux_tools.operator_commands:_link": _stopped}),
     Reader("guide FILE", "plan", {"crux_tools.operator_link:OperatorLink": _stopped}),
     Reader("view FILE", "plan", SERVE),

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from crux_contracts import channels
-from crux_msgs import acknowledgement_t, answer_t, command_t, fault_t, plan_piece_t, plan_t, status_t
+from crux_msgs import acknowledgement_t, answer_t, command_t, fault_t, plan_piece_t, plan_t, signed_t, status_t
 from crux_tools.lcm_socket import LcmSocket
 from crux_tools.signing_key import new_key, read_key
 
@@ -64,7 +64,11 @@ class FakeRuntime:
         self._thread.join()
 
     def _listen(self) -> None:
-        take = {channels.CRUX_PLAN_PIECE: self._on_piece, channels.CRUX_COMMAND: self._on_command}
+        take = {
+            channels.CRUX_PLAN_PIECE: self._on_piece,
+            channels.CRUX_COMMAND: lambda data: self._on_command(data, data),
+            channels.CRUX_SIGNED: lambda data: self._on_command(bytes(signed_t.decode(data).data), data),
+        }
         self._key = own_runtime_key()
         with LcmSocket(self._url) as self._lcm:
             self._ready.set()
@@ -103,7 +107,7 @@ class FakeRuntime:
             self.plan = plan_t.decode(whole)
         self._answer(data, acknowledgement_t.PLAN, piece.transfer_id, reason=self._refuse_plan)
 
-    def _on_command(self, data: bytes) -> None:
+    def _on_command(self, data: bytes, request: bytes) -> None:
         if self._loses():
             return
         command = command_t.decode(data)
@@ -113,4 +117,4 @@ class FakeRuntime:
             status = status_t()
             status.fault, status.insecure = fault_t(), 1
             told = [status]
-        self._answer(data, acknowledgement_t.COMMAND, command.request_id, -1, self._refuse_commands, *told)
+        self._answer(request, acknowledgement_t.COMMAND, command.request_id, -1, self._refuse_commands, *told)

@@ -231,7 +231,8 @@ def test_a_package_that_is_not_installed_is_named(
 ) -> None:
     """As after `make climb`, which installs none of what campaigns alone need."""
     monkeypatch.setitem(sys.modules, "dask", None)
-    monkeypatch.delitem(sys.modules, "crux_simulation.campaign.engine", raising=False)
+    for module in ("cluster", "engine"):
+        monkeypatch.delitem(sys.modules, f"crux_simulation.campaign.{module}", raising=False)
     spec = ROOT / "examples" / "four-hold-walls.yaml"
     assert main(["campaign", str(spec), "--out", str(tmp_path / "out")]) == 2
     assert "crux campaign: needs dask, which is not installed: make extras\n" in capsys.readouterr().err
