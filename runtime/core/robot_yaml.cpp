@@ -3,12 +3,13 @@
 #include <yaml-cpp/eventhandler.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <map>
-#include <regex>
 #include <set>
 #include <sstream>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -74,20 +75,52 @@ class PlainYaml : public YAML::EventHandler {
 
 enum class Kind { kNothing, kText, kInteger, kFloat, kOther };
 
+template <std::size_t N>
+bool is_one_of(std::string_view text, const std::array<std::string_view, N>& words) {
+  return std::ranges::find(words, text) != words.end();
+}
+
+std::string_view without_sign(std::string_view text) {
+  return text.starts_with('+') || text.starts_with('-') ? text.substr(1) : text;
+}
+
+/// How many digits it begins with.
+std::size_t digits(std::string_view text) { return std::min(text.find_first_not_of("0123456789"), text.size()); }
+
+/// Whether 64 bits hold it for sure.
+bool is_integer(std::string_view text) {
+  const std::string_view rest = without_sign(text);
+  const std::size_t most = rest.size() == text.size() ? 18 : 17;
+  return !rest.empty() && rest.size() <= most && digits(rest) == rest.size();
+}
+
+bool is_finite_number(std::string_view text) {
+  std::string_view rest = without_sign(text);
+  std::size_t count = digits(rest);
+  rest.remove_prefix(count);
+  if (rest.starts_with('.')) {
+    const std::size_t behind = digits(rest.substr(1));
+    rest.remove_prefix(1 + behind);
+    count += behind;
+  }
+  if (count == 0 || rest.empty()) return count > 0;
+  const std::string_view exponent = without_sign(rest.substr(1));
+  return (rest[0] == 'e' || rest[0] == 'E') && !exponent.empty() && digits(exponent) == exponent.size();
+}
+
 /// Of a scalar by YAML 1.2's core schema; quoted scalars are texts.
 Kind kind_of(const YAML::Node& node) {
-  static const std::regex nothing("|~|null|Null|NULL"), truth("true|True|TRUE|false|False|FALSE");
-  static const std::regex integer("[-+]?[0-9]{1,17}|[0-9]{18}");
-  static const std::regex number(
-      "[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\\.(inf|Inf|INF)|\\.(nan|NaN|NAN)");
-  const std::string& text = node.Scalar();
+  using namespace std::string_view_literals;
+  const std::string_view text = node.Scalar();
   if (node.IsNull()) return Kind::kNothing;
   if (!node.IsScalar()) return Kind::kOther;
   if (node.Tag() == "!" || text.size() > kShownText) return Kind::kText;
-  if (std::regex_match(text, nothing)) return Kind::kNothing;
-  if (std::regex_match(text, truth)) return Kind::kOther;
-  if (std::regex_match(text, integer)) return Kind::kInteger;
-  return std::regex_match(text, number) ? Kind::kFloat : Kind::kText;
+  if (is_one_of(text, std::array{""sv, "~"sv, "null"sv, "Null"sv, "NULL"sv})) return Kind::kNothing;
+  if (is_one_of(text, std::array{"true"sv, "True"sv, "TRUE"sv, "false"sv, "False"sv, "FALSE"sv})) return Kind::kOther;
+  if (is_integer(text)) return Kind::kInteger;
+  const bool float_word = is_one_of(without_sign(text), std::array{".inf"sv, ".Inf"sv, ".INF"sv}) ||
+                          is_one_of(text, std::array{".nan"sv, ".NaN"sv, ".NAN"sv});
+  return float_word || is_finite_number(text) ? Kind::kFloat : Kind::kText;
 }
 
 double value_of(const std::string& text) {
