@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -64,7 +65,7 @@ class FakeRuntime:
         self._thread.join()
 
     def _listen(self) -> None:
-        take = {
+        take: dict[str, Callable[[bytes], None]] = {
             channels.CRUX_PLAN_PIECE: self._on_piece,
             channels.CRUX_COMMAND: lambda data: self._on_command(data, data),
             channels.CRUX_SIGNED: lambda data: self._on_command(bytes(signed_t.decode(data).data), data),
