@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import fcntl
 import json
 import os
-import re
+import select
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
-import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
-
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-from websockets.sync.connection import Connection
 
 from crux_tools.errors import WorkFailed
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _ARGUMENTS = (
     "--headless=new",
-    "--remote-debugging-port=0",
+    "--remote-debugging-pipe",  # no port: what can reach one commands the browser
     "--no-first-run",
     "--disable-extensions",
     "--use-angle=swiftshader",  # OpenGL without a graphics card
@@ -33,32 +30,64 @@ _ARGUMENTS = (
     "--disable-gpu-compositing",  # the page itself is put together by the processor: by such an OpenGL it takes seconds
     "--hide-scrollbars",
 )
-START_S, ANSWER_S = 60.0, 240.0  # software draws slowly, on a busy machine most of all
+ANSWER_S = 240.0  # software draws slowly, on a busy machine most of all
+# Chromium reads commands from descriptor 3 and writes answers to 4.
+_LAUNCHER = "import os, sys; [os.dup2(int(sys.argv[i]), 2 + i) for i in (1, 2)]; os.execv(sys.argv[3], sys.argv[3:])"
+
+
+class _Pipe:
+    """Messages of the DevTools protocol to and from a browser: JSON, each ended by a zero byte."""
+
+    def __init__(self, commands: int, answers: int) -> None:
+        self._commands, self._answers, self._bytes = commands, answers, b""
+
+    def send(self, message: dict[str, Any]) -> None:
+        left = json.dumps(message).encode() + b"\0"
+        while left:
+            left = left[os.write(self._commands, left) :]
+
+    def receive(self) -> dict[str, Any]:
+        """The next message. Raises TimeoutError after ANSWER_S, ConnectionError where the browser has ended."""
+        end, parts = time.monotonic() + ANSWER_S, [self._bytes]
+        while b"\0" not in parts[-1]:
+            if not select.select([self._answers], [], [], max(0.0, end - time.monotonic()))[0]:
+                raise TimeoutError
+            if not (part := os.read(self._answers, 1 << 20)):
+                raise ConnectionError
+            parts.append(part)
+        message, self._bytes = b"".join(parts).split(b"\0", 1)
+        return dict(json.loads(message))
 
 
 class Page:
     """One page in it. `errors`: what was told to the console as an error, and exceptions, as they came."""
 
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
+    def __init__(self, pipe: _Pipe) -> None:
+        self._pipe = pipe
         self._number = 0
+        self._session: dict[str, Any] = {}
         self._contexts: list[int] = []
         self.errors: list[str] = []
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """A command of the DevTools protocol and its answer. Raises WorkFailed where the browser refuses it."""
         self._number += 1
-        self._connection.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
-        while True:
-            try:
-                message = json.loads(self._connection.recv(timeout=ANSWER_S))
-            except (TimeoutError, ConnectionClosed) as error:
-                raise WorkFailed(f"the browser does not answer {method} ({type(error).__name__})") from error
-            if message.get("id") == self._number:
-                if "error" in message:
-                    raise WorkFailed(f"the browser refuses {method}: {message['error'].get('message')}")
-                return dict(message["result"])
-            self._listen(message)
+        try:
+            self._pipe.send({"id": self._number, "method": method, "params": parameters, **self._session})
+            while (message := self._pipe.receive()).get("id") != self._number:
+                self._listen(message)
+        except OSError as error:  # the time is over, or the browser has ended
+            raise WorkFailed(f"the browser does not answer {method} ({type(error).__name__})") from error
+        if "error" in message:
+            raise WorkFailed(f"the browser refuses {method}: {message['error'].get('message')}")
+        return dict(message["result"])
+
+    def attach(self) -> None:
+        """To the page that the browser opened."""
+        while not (pages := [each for each in self.call("Target.getTargets")["targetInfos"] if each["type"] == "page"]):
+            time.sleep(0.05)
+        answer = self.call("Target.attachToTarget", targetId=pages[0]["targetId"], flatten=True)
+        self._session = {"sessionId": answer["sessionId"]}
 
     def _listen(self, message: dict[str, Any]) -> None:
         told = message.get("params", {})
@@ -112,36 +141,40 @@ def open_page(url: str, size_px: tuple[int, int]) -> Iterator[Page]:
     if program is None:
         raise WorkFailed("no picture: it needs Chromium (on Debian: apt-get install chromium)")
     sandbox = ["--no-sandbox"] if os.getuid() == 0 else []  # Chromium has none for root
-    with tempfile.TemporaryDirectory(prefix="crux-browser-", ignore_cleanup_errors=True) as folder:
-        size = f"--window-size={size_px[0]},{size_px[1]}"
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="crux-browser-", ignore_cleanup_errors=True))
+        width, height = size_px
+        size = f"--window-size={width},{height}"
         words = [program, *_ARGUMENTS, *sandbox, size, f"--user-data-dir={folder}", "about:blank"]
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        page = Page(stack.enter_context(_browser(words)))
+        page.attach()
+        for domain in ("Runtime", "Log", "Page"):
+            page.call(f"{domain}.enable")
+        page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        page.call("Emulation.setFocusEmulationEnabled", enabled=True)
+        page.call("Page.navigate", url=url)
+        yield page
+
+
+@contextmanager
+def _browser(words: list[str]) -> Iterator[_Pipe]:
+    """A browser that runs while the context lasts."""
+    ends = []
+    for end in (*os.pipe(), *os.pipe()):
+        ends.append(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10))  # clear of 3 and 4
+        os.close(end)
+    its_commands, commands, answers, its_answers = ends
+    launcher = [sys.executable, "-IS", "-c", _LAUNCHER, str(its_commands), str(its_answers), *words]
+    try:
+        with subprocess.Popen(
+            launcher, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, pass_fds=(its_commands, its_answers)
+        ) as process:
+            os.close(its_commands)
+            os.close(its_answers)
             try:
-                assert process.stderr is not None
-                with connect(_target(process.stderr.readline), max_size=None, compression=None) as connection:
-                    page = Page(connection)
-                    for domain in ("Runtime", "Log", "Page"):
-                        page.call(f"{domain}.enable")
-                    width, height = size_px
-                    page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
-                              mobile=False)  # fmt: skip
-                    page.call("Emulation.setFocusEmulationEnabled", enabled=True)
-                    page.call("Page.navigate", url=url)
-                    yield page
+                yield _Pipe(commands, answers)
             finally:
                 process.kill()
-
-
-def _target(line_of: Callable[[], str]) -> str:
-    """The address of the first page, from what Chromium says when it starts."""
-    end, said = time.monotonic() + START_S, ""
-    while time.monotonic() < end and (line := line_of()):
-        said = line
-        if found := re.search(r"DevTools listening on ws://([^/]+)/", line):
-            while time.monotonic() < end:
-                with urllib.request.urlopen(f"http://{found[1]}/json/list", timeout=START_S) as answer:
-                    pages = [each for each in json.load(answer) if each["type"] == "page"]
-                if pages:
-                    return str(pages[0]["webSocketDebuggerUrl"])
-                time.sleep(0.05)
-    raise WorkFailed(f"Chromium does not start: {said.strip()}")
+    finally:
+        os.close(commands)
+        os.close(answers)
