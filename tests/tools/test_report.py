@@ -23,6 +23,7 @@ from crux_tools import cli
 from crux_tools.report import figures
 from crux_tools.report.command import write_report
 from crux_tools.report.joints import heat_share
+from crux_tools.report.page import STYLE
 from crux_tools.telemetry.append import Series, append
 from crux_tools.telemetry.margins import planned_margin_n
 from made_up_climb import (
@@ -334,3 +335,9 @@ def test_two_logs_with_what_is_not_of_two_logs_are_refused(
     words = ["report", str(log_path), str(log_path), "-o", str(tmp_path / "page.html")]
     assert cli.main([*words, "--picture", str(tmp_path / "p.png")]) == 2
     assert "--picture: not with two logs" in capsys.readouterr().err
+
+
+def test_every_colour_of_the_page_has_a_light_and_a_dark_value() -> None:
+    light, dark = re.findall(r":root \{([^}]*--[^}]*)\}", STYLE)
+    used = set(re.findall(r"var\((--\w+)\)", STYLE))
+    assert used == set(re.findall(r"(--\w+):", light)) == set(re.findall(r"(--\w+):", dark))

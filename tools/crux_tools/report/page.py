@@ -10,30 +10,37 @@ from html import escape
 from crux_tools.report.pictures import Picture
 
 STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, sans-serif; color: #22303c; background: #f6f7f8; margin: 0; }
+:root {
+  color-scheme: light dark;
+  --text: #22303c; --quiet: #566573; --page: #f6f7f8; --sheet: white; --line: #dde2e6; --note: #fff4d6;
+}
+@media screen and (prefers-color-scheme: dark) {
+  :root { --text: #dbe2e8; --quiet: #9aa7b3; --page: #14191e; --sheet: #1c2329; --line: #36414a; --note: #3d3320; }
+  .plot img { filter: invert(0.89) hue-rotate(180deg); } /* white paper becomes the sheet; hues stay */
+}
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--text); background: var(--page); margin: 0; }
 main { max-width: 1060px; margin: 0 auto; padding: 24px; }
 h1 { font-size: 26px; margin: 8px 0 0; } h2 { font-size: 18px; margin: 34px 0 8px; }
-.lead { color: #566573; margin: 0 0 18px; }
-figure, pre { background: white; border: 1px solid #dde2e6; border-radius: 6px; }
+.lead { color: var(--quiet); margin: 0 0 18px; }
+figure, pre { background: var(--sheet); border: 1px solid var(--line); border-radius: 6px; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(310px, 100%), 1fr)); gap: 12px; }
 figure { margin: 0; overflow: hidden; }
-.plot { overflow-x: auto; background: white; border: 1px solid #dde2e6; border-radius: 6px; margin: 8px 0; }
+.plot { overflow-x: auto; background: var(--sheet); border: 1px solid var(--line); border-radius: 6px; margin: 8px 0; }
 .plot img { width: 100%; display: block; }
 figure img { width: 100%; display: block; } figcaption { padding: 6px 10px; font-size: 13px; }
-table { border-collapse: collapse; background: white; width: 100%; }
-th, td { text-align: left; padding: 5px 12px; border: 1px solid #dde2e6; vertical-align: top; }
+table { border-collapse: collapse; background: var(--sheet); width: 100%; }
+th, td { text-align: left; padding: 5px 12px; border: 1px solid var(--line); vertical-align: top; }
 th { font-weight: 600; width: 34%; } table.wide { margin: 8px 0; font-size: 13.5px; } .wide th { width: auto; }
 .wide td:first-child { min-width: 9em; overflow-wrap: normal; }
-p.note { background: #fff4d6; border-left: 4px solid #e8a33d; padding: 8px 12px; }
-p.explain { color: #566573; font-size: 13.5px; margin: 4px 0; }
+p.note { background: var(--note); border-left: 4px solid #e8a33d; padding: 8px 12px; }
+p.explain { color: var(--quiet); font-size: 13.5px; margin: 4px 0; }
 p.verdict { font-size: 19px; line-height: 1.4; margin: 8px 0 14px; }
 th, td { overflow-wrap: anywhere; }
 pre { padding: 12px; overflow-x: auto; font-size: 13px; }
 @media (max-width: 640px) {
   main { padding: 12px; } h1 { font-size: 22px; } p.verdict { font-size: 17px; }
   th, td { display: block; width: auto; border: 0; padding: 0 10px; } tr { display: block; padding: 5px 0; }
-  tr + tr { border-top: 1px solid #dde2e6; }
+  tr + tr { border-top: 1px solid var(--line); }
   .plot { margin: 8px -12px; border-radius: 0; border-width: 1px 0; }
 }
 @media print { pre { white-space: pre-wrap; overflow-wrap: anywhere; } figure, .plot, tr { break-inside: avoid; } }
