@@ -76,7 +76,6 @@ ELSEWHERE = {
 # Not run.
 NOT_RUN = {
     r"crux bench .*": "minutes to hours of computing; tests/tools tries what each is made of",
-    r"crux plan (SCENARIO|msgs/scenarios/(NAME|climb-field).yaml) -o (plan|PLAN).mcap.*": "tests/planner plans scenes",
     r"apt-get .*": "changes the machine",
     r"systemctl .*|journalctl .*": "needs a booted systemd; tests/cross/test_service.py reads the unit",
     r"install -D .* /etc/crux/keys": "writes to /etc",
