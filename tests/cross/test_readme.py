@@ -10,7 +10,27 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from crux_contracts.scenario import Scenario, parse_scenario
+from crux_contracts.scenario import (
+    FACE_NAMES,
+    IDLE,
+    LIMIT_SURFACES,
+    MARGINS,
+    METHODS,
+    WEIGHTS,
+    BodyPose,
+    Contact,
+    Goal,
+    Grasp,
+    Gripper,
+    Hold,
+    Horizon,
+    PlannerOptions,
+    Scenario,
+    Start,
+    Uncertainty,
+    Wall,
+    parse_scenario,
+)
 from crux_tools import cli
 from crux_tools.paths import ROOT, SCENARIOS
 
@@ -30,11 +50,19 @@ def example_wall() -> str:
     return str(example)
 
 
-def test_every_key_of_a_scenario_is_explained() -> None:
-    table = README.split("| key | means |")[1].split("\n\n")[0]
-    sections = {name for name in Scenario.__dataclass_fields__ if name not in {"yaml_text", "path"}} | {"version"}
-    assert {name for name in sections if f"`{name}" not in table} == set()
+def test_the_wall_of_the_readme_is_a_scenario() -> None:
     parse_scenario(example_wall())
+
+
+def test_the_example_of_a_scenario_has_every_key() -> None:
+    text = (ROOT / "examples" / "scenario.yaml").read_text(encoding="utf-8")
+    assert parse_scenario(text).name == "every-key"
+    kinds = (Scenario, Wall, Contact, Hold, Grasp, BodyPose, Gripper, Start, Goal, Horizon, Uncertainty, PlannerOptions)
+    fields = {re.sub("_rad$", "_deg", name) for kind in kinds for name in kind.__dataclass_fields__}
+    keys = (fields | {*WEIGHTS, *MARGINS, *FACE_NAMES, "version", "sigmas", "finger1"}) - {"yaml_text", "path"}
+    named = {*re.findall(r"([+\w-]+)(?=: |:\n)", text), *re.findall(r"(?<=# )body(?= sets)", text)}
+    assert keys - named == set()
+    assert {*METHODS, *LIMIT_SURFACES, *IDLE} - set(re.findall(r"\w+", text)) == set()
 
 
 def _code(page: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -21,7 +22,7 @@ from crux_contracts.scenario import parse_scenario
 from crux_simulation.benchmarks.random_walls import random_wall
 from crux_simulation.campaign.engine import run_jobs
 from crux_simulation.campaign.job import ClimbJob, Outcome
-from crux_simulation.campaign.spec import read_spec
+from crux_simulation.campaign.spec import SETTINGS, read_spec
 from crux_simulation.campaign.store import Store
 from crux_simulation.campaign.walls import Wall
 from crux_simulation.sim.judge import Verdict, judge
@@ -271,6 +272,16 @@ def test_a_wrong_spec_is_refused_with_place_value_and_what_would_be_right(
     assert message.startswith(f"crux campaign: {spec}:")
     assert said in message
     assert not (tmp_path / "out").exists()
+
+
+def test_the_example_has_every_key_and_is_read() -> None:
+    path = ROOT / "examples" / "campaign.yaml"
+    assert read_spec(path).jobs
+    named = set(re.findall(r"([a-z_]+): ", path.read_text(encoding="utf-8")))
+    settings = {key for keys in SETTINGS.values() for key in keys}
+    assert {"name", "worlds", "seeds", "methods", "climb", "time_limit_s", "draw", "count", "first_seed"} <= named
+    assert settings | {"scenario"} <= named
+    assert {*SETTINGS} == set(re.findall(r"draw: ([a-z]+)", path.read_text(encoding="utf-8")))
 
 
 def test_a_spec_is_walls_by_worlds_by_methods_by_seeds_each_once() -> None:

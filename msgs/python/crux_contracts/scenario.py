@@ -3,23 +3,7 @@
 `load_scenario` and `parse_scenario` read YAML, the latter dicts as well, and raise ScenarioError for anything that is
 not right. Reach, equilibrium and finger widths need the robot's kinematics: the planner judges them.
 
-Defaults of optional keys
-| key | default |
-| --- | --- |
-| wall.friction | 0.6 |
-| contact.patch_radius_m, max_normal_N | 0.02, 60 |
-| contact.spine_shear_N, spine_twist_Nm | 0, 0 |
-| contact.spines_only | none: every finger may press |
-| holds, obstacles | none |
-| yaw_deg of a hold or obstacle | 0 |
-| spines of a hold | true on every face |
-| rpy_deg of start and goal | [0, 0, 0] |
-| goal.body.tolerance_m, tolerance_deg | 0.01, 3 |
-| goal.grasps | none |
-| uncertainty | nothing is uncertain; of its keys 0, sigmas 1 |
-| planner.method | auto |
-| planner.limit_surface | cone: (2) exactly; inner: a polytope within it; paper: (11), partly outside (2) |
-| planner.rho, iterations, time_limit_s, seed, weights, margins | the planner's own |
+examples/scenario.yaml has every key with its meaning and default.
 """
 
 from __future__ import annotations

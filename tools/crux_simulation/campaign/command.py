@@ -18,7 +18,7 @@ DIR; a campaign that ended in whatever way goes on where it was when the same co
 at any time by the command that is printed. Nobody else can use a cluster of this machine's own; one at --dask without
 TLS runs programs for anyone who reaches it. DIR/results.parquet has a row a job,
 DIR/failures/KEY all about a job that did not succeed, with the commands to run it again. Exit status 0: every job has
-its result, good or bad. tools/README.md has the keys of the spec."""
+its result, good or bad. examples/campaign.yaml has every key of the spec."""
 _EXAMPLES = (
     "crux campaign examples/four-hold-walls.yaml --out out/walls",
     "crux campaign SPEC.yaml --out out/walls --dask tls://192.168.1.20:8786 --dask-keys cluster.pem",

@@ -8,7 +8,7 @@ worlds: [nominal, ../tools/worlds/ordinary.yaml]
 seeds: [1, 2, 3]
 methods: [auto]
 
-README.md of the tools has all keys. Places of files count from the spec's own folder.
+examples/campaign.yaml has every key. File names are relative to the spec's own folder.
 """
 
 from __future__ import annotations

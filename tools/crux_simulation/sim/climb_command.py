@@ -39,7 +39,7 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="WORLD.yaml",
         help="how the simulated world differs from the plan: holds, robot, sensors, pushes; neither plan nor "
-        "runtime know of it (docs/worlds.md has the keys, tools/worlds examples)",
+        "runtime know of it (examples/world.yaml has every key, tools/worlds has examples)",
     )
     parser.add_argument(
         "--world-seed",

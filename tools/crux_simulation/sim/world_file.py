@@ -1,8 +1,8 @@
 """World files: what differs in truth from what the plan says, as `crux climb --world FILE` reads it.
 
 Only the physics of a climb knows of it. Any number may be drawn: {uniform: [least, most]} or {normal: [mean,
-deviation]}; in place of a list of numbers, one such draw for each. docs/worlds.md has the table of keys, units and
-frames.
+deviation]}; in place of a list of numbers, one such draw for each. examples/world.yaml has every key with its unit,
+frame and default.
 """
 
 from __future__ import annotations
