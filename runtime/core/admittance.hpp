@@ -12,7 +12,7 @@ class Admittance {
  public:
   explicit Admittance(const AdmittanceParameters& parameters) : parameters_(parameters) {}
 
-  /// From the next step on. Offset and speed go on from where they are: no bump.
+  /// Takes effect at the next step. Bumpless: offset and velocity are kept.
   void set_parameters(const AdmittanceParameters& parameters) noexcept { parameters_ = parameters; }
 
   /// Yields to `error_W` (measured minus wanted, on the robot) for one period. `may_grow` false keeps the offset from

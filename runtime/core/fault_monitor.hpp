@@ -71,7 +71,7 @@ class FaultMonitor {
   /// that holds does so by itself.
   FaultEvent node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept;
 
-  /// What of it re-arming the nodes cannot mend: silence, buses, heat, sensors that do not speak.
+  /// The part of the fault that re-arming the nodes cannot clear: silence, buses, heat, silent sensors.
   FaultEvent standing_cause(const crux_msgs::control_input_t& in) const noexcept;
 
   /// Faults of the loop. Errors count when they last for persistence_s.

@@ -86,7 +86,7 @@ class LimbController {
 
   /// Presses with `force_N` on a hold, opens in the air.
   void grasp(const LimbReference& reference, double force_N, double dt_s) noexcept;
-  /// Its fingers close as fast as they can from now on, or no longer.
+  /// Enables or disables closing at full speed.
   void hurry(bool hurries) noexcept { grasp_.hurry(hurries); }
 
   /// Joint positions by inverse kinematics, and feed-forward torque from gravity and the wrench to bear. `engagement`

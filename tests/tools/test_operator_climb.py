@@ -228,7 +228,7 @@ def test_with_a_hold_gone_another_plan_is_taken_with_all_joints_controlled_all_t
         state = run.until_holding()
         assert state.fault_code == GRIP_LOST
         run.runtime.idle = lambda: run.cycles(1)
-        with pytest.raises(UsageError, match="LF: the plan begins with this gripper on a hold, here it is in the air"):
+        with pytest.raises(UsageError, match="LF: the plan starts with this gripper on a hold, but it is in the air"):
             run.link.upload(rest_from(plan, K0 - 1))
         rest = rest_from(plan, K0)
         run.link.upload(rest)

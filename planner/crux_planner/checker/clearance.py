@@ -77,7 +77,7 @@ class _Look:
     clear_m: float
 
     def settled_need(self) -> float:
-        """The most that clearance lacks where bounds settle it."""
+        """Largest clearance violation among the parts that bounds decide [m]; negative: slack."""
         return float(self.may_lack[~self.close].max(initial=-np.inf))
 
     def closest(self) -> tuple[Indices, Indices]:

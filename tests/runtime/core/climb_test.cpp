@@ -80,7 +80,7 @@ TEST(Climb, StaysIdleWhenTheRobotStandsElsewhere) {
   run.steps(50);
   EXPECT_EQ(run.core.state(), SupervisorState::kIdle);
   EXPECT_EQ(run.step(command_t::START).command_verdict, CommandVerdict::kRefused);
-  EXPECT_NE(in_words(run.result.command_refusal).find("from where the plan begins (limit: "), std::string::npos);
+  EXPECT_NE(in_words(run.result.command_refusal).find("from the plan's start pose (limit: "), std::string::npos);
   for (const std::int8_t mode : run.result.output.joint_mode)
     EXPECT_EQ(mode, static_cast<std::int8_t>(NodeMode::kHold));
 }

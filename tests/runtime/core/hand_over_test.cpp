@@ -125,7 +125,7 @@ TEST_F(HandOver, AnotherHoldThatGoesBeforeTheStartIsTold) {
 
 TEST_F(HandOver, APlanThatCountsOnTheLostHoldIsRefused) {
   const std::string reason = run_.core.load_plan(sample_plan());
-  EXPECT_NE(reason.find("LF: the plan begins with this gripper on a hold, here it is in the air"), std::string::npos)
+  EXPECT_NE(reason.find("LF: the plan starts with this gripper on a hold, but it is in the air"), std::string::npos)
       << reason;
   loose_step();
   EXPECT_EQ(run_.core.state(), SupervisorState::kHolding);
@@ -172,7 +172,7 @@ TEST(FromAir, ALimbThatBearsIsNotTakenForOneInTheAir) {
   ASSERT_TRUE(run.until(SupervisorState::kReady, 20));
   run.steps(1000);
   const std::string reason = run.core.load_plan(plan_from_air());
-  EXPECT_NE(reason.find("LF: the plan begins with this gripper in the air, here it is on its hold"), std::string::npos)
+  EXPECT_NE(reason.find("LF: the plan starts with this gripper in the air, but it is on its hold"), std::string::npos)
       << reason;
 }
 

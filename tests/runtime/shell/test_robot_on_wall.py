@@ -87,7 +87,7 @@ def test_a_plan_that_begins_elsewhere_is_refused_with_numbers(start: Starter, pl
         ):
             with pytest.raises(UsageError, match=where) as refused:
                 runtime.link.upload(other)
-            numbers = re.search(r"is (\S+) m from where the plan begins \(limit: (\S+)\)", str(refused.value))
+            numbers = re.search(r"is (\S+) m from the plan's start pose \(limit: (\S+) m\)", str(refused.value))
             assert numbers is not None
             assert float(numbers[1]) == pytest.approx(ASIDE_M, abs=SAG_M)
             assert float(numbers[2]) == limit_m
