@@ -48,18 +48,18 @@ def add_plan_parser(subparsers: Any) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PLAN.mcap", help="where the plan goes")
     add = parser.add_argument
     add("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)}; default: the scenario's, else auto")
-    limit = "seconds of computing (CPU time of the planner and its workers) that it may take"
+    limit = "limit on CPU time [s], worker processes included"
     usual = f"default: the scenario's planner.time_limit_s, else {TIME_LIMIT_S:g}"
     usual += "".join(f"; {method}: {limit_s:g}" for method, limit_s in LONGER_S.items())
     add("--time-limit", type=_positive, metavar="S", help=f"{limit}; {usual}")
-    prove = "on climbs: seconds of computing to go on for a tighter gap (default: a fixed amount of work)"
+    prove = "on climbs: spend up to S more seconds of CPU time on a tighter gap (default: a fixed amount of work)"
     add("--prove", type=_positive, metavar="S", help=prove)
     proofs = (
-        "on climbs: write what shows that crux check accepts no plan, or none of as many steps that costs less than a "
+        "on climbs: write a proof that no plan exists, or that none with the same number of steps costs less than a "
     )
-    proofs += "bound, to a file that crux check verifies; not every proof has one"
+    proofs += "bound; crux check verifies it. Not every proof can be written"
     add("--certificate", type=Path, metavar="FILE", help=proofs)
-    add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this")
+    add("--from", dest="running", type=Path, metavar="PLAN.mcap", help="plan again from a stance of this plan")
     add("--at", type=_seconds, metavar="S", help="with --from: the first stance from then on (default: 0)")
     lost = "with --from: a hold that is lost (repeatable)"
     add("--without", action="append", default=[], metavar="HOLD", help=lost)

@@ -33,13 +33,13 @@ __all__ = [
 ]
 
 LIMIT_S = 300.0
-METHODS_HERE = """what the paper's methods are here:
-  two_block    equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start; HiGHS takes no
-               quadratic MIP, so squares are tangents; contacts change between windows of some knots only
-  multi_block  P3: such a MIP a limb, without the body, an NLP, projection, duals; who is in the air is in the
-               consensus, and in its copy limbs take turns
-  benchmark    P1 as one NLP whose binaries are pressed towards 0 and 1, as in the paper
-  all of them end with auto's exact NLP and check: their times do not compare with the paper's"""
+METHODS_HERE = """how the paper's methods are implemented:
+  two_block    equation (19): a MIP without (8b) for contacts and an NLP with it, from a cold start; squares are
+               tangents, since HiGHS solves no quadratic MIP; contacts change only between windows of some knots
+  multi_block  P3: one such MIP for each limb, without the body, an NLP, projection and duals; the consensus includes
+               who is in the air, and limbs take turns
+  benchmark    P1 as one NLP whose binaries are driven towards 0 and 1, as in the paper
+  all of them end with auto's exact NLP and check, so their times do not compare with the paper's"""
 
 
 def limits() -> dict[str, float]:

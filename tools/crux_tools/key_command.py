@@ -24,9 +24,9 @@ def add_key_option(parser: argparse.ArgumentParser) -> None:
 def add_parser(subparsers: Any) -> None:
     """Adds `crux key new` and `crux key show`."""
     text = (
-        "A runtime takes commands only from those whose keys stand in the file of its --keys, a line a key: the public "
-        "half, operate or watch, a name. The private half (Ed25519) stays with you, in a file that nobody else may "
-        "read; crux upload, start, hold and the others sign with it."
+        "A runtime accepts commands only from keys in its --keys file. Each line of that file has the public half, "
+        "operate or watch, and a name. The private half (Ed25519) stays in a file that only you can read; crux upload, "
+        "start, hold and the other commands sign with it."
     )
     parser = subparsers.add_parser(
         "key",

@@ -90,7 +90,7 @@ def run_upload(options: argparse.Namespace) -> int:
 
 def add_start_parser(subparsers: Any) -> None:
     """crux start."""
-    _add_plan_id(_add(subparsers, "start", "Let the runtime climb the plan it holds", "crux start", run_start))
+    _add_plan_id(_add(subparsers, "start", "Climb the uploaded plan", "crux start", run_start))
 
 
 def run_start(options: argparse.Namespace) -> int:
@@ -110,7 +110,7 @@ def run_hold(options: argparse.Namespace) -> int:
 
 def add_resume_parser(subparsers: Any) -> None:
     """crux resume."""
-    _add(subparsers, "resume", "Go on with the climb after a hold", "crux resume", run_resume)
+    _add(subparsers, "resume", "Resume the climb after a hold", "crux resume", run_resume)
 
 
 def run_resume(options: argparse.Namespace) -> int:
@@ -121,8 +121,8 @@ def run_resume(options: argparse.Namespace) -> int:
 def add_step_parser(subparsers: Any) -> None:
     """crux step."""
     text = (
-        "Climb to the next stance of the plan, all limbs on holds and bearing, and hold there; from ready it begins "
-        "the plan, while climbing it says where to stop"
+        "Climb to the next stance, with all limbs on holds and bearing load, and hold there. When ready it starts the "
+        "plan; while climbing it says where to stop"
     )
     _add_plan_id(_add(subparsers, "step", text, "crux step", run_step))
 
@@ -135,9 +135,9 @@ def run_step(options: argparse.Namespace) -> int:
 def add_reverse_parser(subparsers: Any) -> None:
     """crux reverse."""
     text = (
-        "Climb backward along the plan to the last stance in which all limbs were felt to grip, and hold there; a limb "
-        "in the air goes back to the hold it came from; again, and it goes on to the stance before; crux resume climbs "
-        "forward. Refused unless the robot holds; of a walk always"
+        "Climb backward along the plan to the last stance in which all limbs gripped, and hold there; a limb in the "
+        "air returns to the hold it came from. Run it again for the stance before; crux resume climbs forward. Refused "
+        "unless the robot holds, and for walks"
     )
     _add(subparsers, "reverse", text, "crux reverse", run_reverse)
 
@@ -150,8 +150,8 @@ def run_reverse(options: argparse.Namespace) -> int:
 def add_speed_parser(subparsers: Any) -> None:
     """crux speed."""
     text = (
-        "Set how fast the plan is played, forward and backward: 1 as planned, 0 stands still; it stays until it is set "
-        "again. A walk goes at 1 alone"
+        "Set how fast the plan is played, forward and backward: 1 as planned, 0 stands still. It lasts until it is set "
+        "again. Walks only run at 1"
     )
     parser = _add(subparsers, "speed", text, "crux speed 0.5", run_speed)
     parser.add_argument("scale", type=float, metavar="SCALE", help="from 0 to 1; the runtime refuses any other")
@@ -186,13 +186,13 @@ def run_clear(options: argparse.Namespace) -> int:
 
 def add_shutdown_parser(subparsers: Any) -> None:
     """crux shutdown."""
-    text = "End the runtime; refused unless it is idle"
+    text = "Stop the runtime; refused unless it is idle"
     parser = _add(subparsers, "shutdown", text, "crux shutdown", run_shutdown)
     parser.add_argument(
         "--force",
         action="store_true",
-        help="end it while the robot is on the wall, too: nodes then hold by their own watchdogs, with the torque and "
-        "squeeze they have, and nobody controls the stance",
+        help="stop it even while the robot is on the wall: the nodes then hold by their own watchdogs, with the torque "
+        "and squeeze they have, and nothing controls the stance",
     )
 
 
@@ -204,8 +204,8 @@ def run_shutdown(options: argparse.Namespace) -> int:
 def add_lease_parser(subparsers: Any) -> None:
     """crux lease."""
     text = (
-        "Be the only one who commands, until Ctrl-C. Every command takes the lease by itself, for ten seconds; whoever "
-        "wants it for longer than that runs this beside. The others' hold is taken all the same"
+        "Take exclusive control until Ctrl-C. Every other command takes the lease by itself for ten seconds; run this "
+        "beside them to keep it. A hold from another operator is accepted all the same"
     )
     _add(subparsers, "lease", text, "crux lease", run_lease)
 
@@ -219,7 +219,7 @@ def run_lease(options: argparse.Namespace) -> int:
     with _link(options) as link:
         link.send(command_t.STATUS)
         if link.status is not None and link.status.insecure:
-            raise WorkFailed("the runtime is insecure: everybody commands it, and nobody has a lease")
+            raise WorkFailed("the runtime is insecure: anyone may command it, so there is no lease")
         said = False
         while True:
             answer = link.take_lease()
@@ -234,7 +234,7 @@ def run_lease(options: argparse.Namespace) -> int:
 
 def add_status_parser(subparsers: Any) -> None:
     """crux status."""
-    _add(subparsers, "status", "Ask the runtime how it and each limb is", "crux status --json", run_status)
+    _add(subparsers, "status", "Show the status of the runtime and of each limb", "crux status --json", run_status)
 
 
 def run_status(options: argparse.Namespace) -> int:

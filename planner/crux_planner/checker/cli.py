@@ -21,14 +21,13 @@ EPILOG = """examples:
 
 what is checked: the limit surface with spines (1)-(4), bounds (7), dynamics (8), real inverse kinematics, joint speeds
 and torques (9), contacts (10), clearances (14), start and goal; at the knots and between them. Friction is judged by
-(2a) of docs/mathematics.md: shear and twist together are at most what a disc under even pressure bears, which is up
-to 7 % less than (2) allows
+(2a) of docs/mathematics.md, which allows up to 7 % less than (2) where shear and twist come together
 
-of a certificate (crux plan --certificate): that what it has shows its claim, by rows built anew from scenario and
-robot. The claim is about what crux check accepts for that scenario: no plan, or none of so many steps that costs less
-than a bound; planner.margins, and all else that only the planner keeps to, is no part of it
+certificates (crux plan --certificate): whether the file proves its claim, with everything else computed anew from
+scenario and robot. The claim is that crux check accepts no plan for that scenario, or none with the same number of
+steps that costs less than a bound; planner.margins and other settings of the planner play no part
 
-exit status: 0 the plan passes, the claim is shown; 1 not; 2 the file cannot be read"""
+exit status: 0 the plan passes, or the claim is proven; 1 it does not; 2 the file cannot be read"""
 
 
 def add_check_parser(subparsers: Any) -> None:

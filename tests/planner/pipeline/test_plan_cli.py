@@ -122,9 +122,9 @@ def test_help_says_what_the_papers_methods_are_here(capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit):
         crux_plan("--help")
     said = " ".join(capsys.readouterr().out.split())
-    assert "two_block equation (19): a MIP without (8b) for contacts, an NLP with it, from a cold start" in said
-    assert "multi_block P3: such a MIP a limb" in said
-    assert "who is in the air is in the consensus" in said
+    assert "two_block equation (19): a MIP without (8b) for contacts and an NLP with it, from a cold start" in said
+    assert "multi_block P3: one such MIP for each limb" in said
+    assert "the consensus includes who is in the air" in said
 
 
 def test_a_missing_scenario_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,13 +12,13 @@ from typing import Any
 from crux_tools.arguments import taught, whole
 from crux_tools.output import add_json_option, alone_with, note, print_json
 
-_DESCRIPTION = """Draws walls x worlds x seeds x methods as SPEC.yaml says, and plans, checks, climbs and judges each of
-them on a Dask cluster: one of this machine's own, a process a core, or the one at --dask. What is finished stands in
-DIR; a campaign that ended in whatever way goes on where it was when the same command is given again. Workers may join
-at any time by the command that is printed. Nobody else can use a cluster of this machine's own; one at --dask without
-TLS runs programs for anyone who reaches it. DIR/results.parquet has a row a job,
-DIR/failures/KEY all about a job that did not succeed, with the commands to run it again. Exit status 0: every job has
-its result, good or bad. examples/campaign.yaml has every key of the spec."""
+_DESCRIPTION = """Plans, checks, climbs and judges walls x worlds x seeds x methods as SPEC.yaml says, on a Dask
+cluster: on this machine, one process a core, or on the cluster at --dask. Results are kept in DIR; after an
+interruption the same command continues. More workers may join with the command that is printed. Other users cannot
+use this machine's cluster; a cluster at --dask without TLS runs programs for anyone who reaches it.
+DIR/results.parquet has one row for each job, DIR/failures/KEY all files of a job that failed, with the commands to
+run it again. Exit status 0: every job has its result, good or bad. examples/campaign.yaml has every key of the
+spec."""
 _EXAMPLES = (
     "crux campaign examples/four-hold-walls.yaml --out out/walls",
     "crux campaign SPEC.yaml --out out/walls --dask tls://192.168.1.20:8786 --dask-keys cluster.pem",
@@ -29,7 +29,7 @@ _EXAMPLES = (
 def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux campaign`."""
     parser = subparsers.add_parser(
-        "campaign", help="plan and climb by the thousand, on a cluster", **taught(_DESCRIPTION, *_EXAMPLES)
+        "campaign", help="plan and climb thousands of walls, on a cluster", **taught(_DESCRIPTION, *_EXAMPLES)
     )
     parser.add_argument("spec", type=Path, metavar="SPEC.yaml", help="what to run")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results go, and are found")
@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
 def add_cluster_options(parser: argparse.ArgumentParser) -> None:
     """Where jobs run."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler that runs already, as tls://HOST:8786")
+    where.add_argument("--dask", metavar="ADDRESS", help="a running Dask scheduler, such as tls://HOST:8786")
     where.add_argument(
         "--workers",
         type=whole(0),

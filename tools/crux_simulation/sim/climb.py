@@ -69,7 +69,7 @@ class ClimbOptions:
     world: World | None = None
     """how the simulated world differs from the plan and the robot description"""
     guide: bool = False
-    """plans again where the robot holds for a cause that planning can mend"""
+    """plans again where the robot holds for a reason that another plan may avoid"""
     calibrate: bool = False
     """tunes the admittance's gains while it climbs"""
     note: str = ""

@@ -11,11 +11,11 @@ from crux_tools.errors import UsageError
 from crux_tools.output import add_json_option, note, print_json, progress
 
 _DESCRIPTION = """Runs a plan in simulation: the runtime's own code, 24 joint and 4 gripper nodes (the real firmware
-cores) on four CAN buses, and a MuJoCo robot on the wall of the plan; uploads the plan, climbs, and judges the climb on
-what happened in physics. By default all of it runs in one process with buses in memory, as fast as it can; with --bus
-udp or socketcan the runtime is a process of its own, as on the robot. In lockstep the log is the same on all of them
-but for /cycle_timing. Runs side by side do not disturb each other. Exit status 0: the goal is reached without slip or
-fall, and the log is complete; tools/README.md says what these mean."""
+cores) on four CAN buses, and a MuJoCo robot on the plan's wall. It uploads the plan, climbs, and judges the climb by
+what happened in physics. By default everything runs in one process with buses in memory, as fast as possible; with
+--bus udp or socketcan the runtime is a separate process, as on the robot. In lockstep the log is the same on all of
+them, except /cycle_timing. Simulations can run side by side. Exit status 0: the goal is reached without slip or fall,
+and the log is complete; tools/README.md defines these."""
 _EXAMPLES = (
     "crux climb out/plan.mcap -o out/climb.mcap",
     "crux climb out/plan.mcap -o out/climb.mcap --pace realtime --json",
@@ -38,15 +38,15 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
         "--world",
         type=Path,
         metavar="WORLD.yaml",
-        help="how the simulated world differs from the plan: holds, robot, sensors, pushes; neither plan nor "
-        "runtime know of it (examples/world.yaml has every key, tools/worlds has examples)",
+        help="how the simulated world differs from the plan: holds, robot, sensors, pushes; neither planner nor "
+        "runtime sees it (examples/world.yaml has every key, tools/worlds has examples)",
     )
     parser.add_argument(
         "--world-seed",
         type=whole(0),
         default=0,
         metavar="N",
-        help="of the numbers that the world draws from distributions (default: %(default)s)",
+        help="seed for the numbers that the world draws (default: %(default)s)",
     )
     parser.add_argument(
         "--drawn-world", type=Path, metavar="FILE.yaml", help="also write the world with all its numbers drawn"
@@ -66,7 +66,7 @@ def add_parser(subparsers: Any) -> None:
         "--pace",
         choices=["lockstep", "realtime"],
         default="lockstep",
-        help="lockstep: as fast as possible, the same bytes for the same seed; realtime: by the clock",
+        help="lockstep: as fast as possible, the same bytes for the same seed; realtime: in real time",
     )
     parser.add_argument(
         "--bus",
@@ -93,7 +93,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--guide",
         action="store_true",
-        help="where the robot holds for a cause that planning can mend, plan again from there and go on, as crux guide "
+        help="when the robot holds for a reason that another plan may avoid, plan again and go on, as crux guide "
         "does on the robot (--bus memory)",
     )
     parser.add_argument(
@@ -104,8 +104,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--emulate",
         metavar="NODES",
-        help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, as LF,RF.7, or all "
-        "(a tool for tests; needs make build)",
+        help="run the real image of these nodes on emulated microcontrollers: limbs and nodes, such as LF,RF.7, or all "
+        "(for tests; needs make build)",
     )
     _add_log_options(parser)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="also write a report of the climb")
@@ -118,7 +118,7 @@ def _add_log_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log-frames",
         action="store_true",
-        help="the CAN frames of every cycle into the log, not of the seconds around a fault alone",
+        help="log the CAN frames of every cycle, not only of the seconds around a fault",
     )
 
 

@@ -13,8 +13,8 @@ from crux_tools.output import add_json_option, note, print_json
 from crux_tools.paths import SCENARIOS
 
 SCENARIO = "climb-four-holds.yaml"
-_DESCRIPTION = """Plans the climb over a 45 degree wall with four holds a side, runs the plan in simulation and writes a
-report, by the commands crux plan and crux climb, which it shows. Into the folder go plan.mcap, climb.mcap and
+_DESCRIPTION = """Plans a climb on a 45 degree wall with four holds on each side, runs it in simulation and writes a
+report, with the commands crux plan and crux climb, which it prints. FOLDER then holds plan.mcap, climb.mcap and
 report.html. Exit status 0: the robot is at the goal, without slip or fall."""
 
 

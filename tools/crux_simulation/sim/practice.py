@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """Simulates a robot to practise with: crux-runtime, 28 firmware nodes on CAN over UDP, and the robot of
 PLAN.mcap on that plan's wall in real-time physics. The robot is supported externally until the runtime takes control.
-Operator commands find it as they find a robot: in another terminal run crux status, upload, start, hold, reverse or
-guide. It ends with crux shutdown --force or Ctrl-C. The log is the one that the runtime writes on a robot."""
+In another terminal run crux status, upload, start, hold, reverse or guide, as for a real robot. Ctrl-C or crux
+shutdown --force ends it. The log is the runtime's own."""
 _EXAMPLES = (
     "crux sim out/plan.mcap -o out/practice.mcap &",
     "crux status",

@@ -1,1 +1,1 @@
-"""Plans again where a robot holds for a cause that planning can mend."""
+"""Plans again where a robot holds for a reason that another plan may avoid."""

@@ -13,12 +13,12 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import add_json_option, note, print_json
 
 LOOKS_EVERY_S = 0.1
-_DESCRIPTION = """Listens to a runtime that climbs PLAN.mcap. Where the robot holds because a hold was lost, moved or is
-slippery, the body is elsewhere or a limb is weak, it puts what was measured on its map, plans again from where the
-robot stands, with limbs in the air if need be, says what it will do, uploads the plan and starts it; where no way leads
-to the goal, one back to the last safe stance. For any other fault it says what to do, waits until an operator has
-cleared it, and goes on when the climb does. The runtime does not need it: without it the robot holds, or climbs its
-plan to the end. Exit status 0: the robot is at the goal; 1: the guide gave up, and said why."""
+_DESCRIPTION = """Listens to a runtime that climbs PLAN.mcap. When the robot holds because a hold was lost, moved or is
+slippery, the body is displaced or a limb is weak, it updates its map with what was measured, plans again from the
+present stance, with limbs in the air if necessary, says what it will do, uploads the plan and starts it. If no way
+leads to the goal, it plans a way back to the last safe stance. After any other fault it says what to do and waits for
+the operator. The runtime does not need the guide: without it the robot holds, or finishes its plan. Exit status 0: the
+robot is at the goal; 1: the guide gave up, and said why."""
 _EXAMPLES = (
     "crux guide out/plan.mcap",
     "crux guide out/plan.mcap --ask",

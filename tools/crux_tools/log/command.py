@@ -19,7 +19,7 @@ def add_parser(subparsers: Any) -> None:
         "log",
         help="logs: for other tools, listed, annotated, cut, merged, recovered, played",
         **taught(
-            "Logs of climbs, of the robot or of crux climb: listed, looked into, annotated, cut, merged, recovered, "
+            "Logs from the robot or from crux climb: listed, inspected, annotated, cut, merged, recovered, "
             "played on LCM, and written for other tools.",
             "crux log ls out",
             "crux log export out/climb.mcap -o out/seen.mcap --foxglove",

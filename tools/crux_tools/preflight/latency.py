@@ -55,7 +55,7 @@ def lateness(late_us: np.ndarray, is_real_time: bool, period_s: float) -> Findin
         found += ", without real-time priority"
     if late_us.max() <= limit_us:
         return Finding("lateness", GOOD, found)
-    remedy = f"stop other programs, mend what stands above; wanted is {limit_us:.0f} µs, a quarter of a cycle"
+    remedy = f"stop other programs, fix the points above; required: {limit_us:.0f} µs, a quarter of a cycle"
     return Finding("lateness", BAD if p999_us > limit_us else DOUBTFUL, found, remedy)
 
 

@@ -17,11 +17,10 @@ if TYPE_CHECKING:
     from crux_tools.replay.bus_check import BusCheck
 
 _DESCRIPTION = """Prints what happened in a logged climb - states, faults, waits, tracking, wrench errors, timing - and
-shows it in the browser as crux view does. Logs of a runtime that was killed open too, as far as they go. With --check
-it instead computes every cycle again, by the runtime's own control core from the logged inputs, and compares all it
-gave out bit by bit; in a log of --log-frames it also does the end-to-end checks of all CAN frames again, and compares
-with what the runtime counted. With --robot the core computes by another description of the robot, with a gain changed
-for instance: the first number that comes out otherwise is named."""
+shows it in the browser as crux view does. Logs of a killed runtime open as far as they go. With --check it recomputes
+every cycle from the logged inputs with the runtime's own control core, and compares all outputs bit by bit; if the log
+has CAN frames (--log-frames), their end-to-end checks are repeated too. With --robot the core uses another robot
+description, for example with a changed gain: the first number that differs is reported."""
 _EXAMPLES = (
     "crux replay out/climb.mcap",
     "crux replay out/climb.mcap --no-view --json",
@@ -38,19 +37,19 @@ def add_parser(subparsers: Any) -> None:
         **taught(_DESCRIPTION, *_EXAMPLES),
     )
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="telemetry of a climb")
-    parser.add_argument("--no-view", action="store_true", help="print the summary and end")
+    parser.add_argument("--no-view", action="store_true", help="only print the summary")
     parser.add_argument("--check", action="store_true", help="compute every cycle again and compare bit by bit")
     parser.add_argument(
         "--within",
         type=positive,
         default=0.0,
         metavar="X",
-        help="with --check: numbers may differ by so much, SI units, states not at all; for logs of another processor",
+        help="with --check: tolerance for numbers [SI units], not for states; for logs from another processor",
     )
     parser.add_argument(
         "--robot",
         metavar="NAME|FOLDER",
-        help="with --check: by this robot's description (default: the one in the log)",
+        help="with --check: robot description to use (default: the one in the log)",
     )
     add_address(parser)
     add_json_option(parser)

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 FILMS = (".mp4", ".webp", ".gif")
 _VIEW = """Shows a log or a plan in the browser: the robot on its wall in 3-D, and below it one time line with states,
-waits, gait and events, and plots of any signal that share its cursor. Of two logs each has a 3-D view; they are laid
-over each other by the begin of the climb, and every plot has both, or the difference. Needs no network."""
-_WATCH = """Shows a running climb in the browser, live from LCM at 50 Hz, with what has been since it began to listen:
-the robot in 3-D, time line and plots as crux view has them. The robot's joints are not on LCM: they are computed from
-body and grippers. The wall is that of PLAN.mcap, or of the next plan that the runtime takes. Sends nothing."""
+waits, gait and events, and plots of any signal with a common cursor. Two logs have a 3-D view each; they are aligned at
+the start of the climb, and plots show both, or the difference. Needs no network."""
+_WATCH = """Shows a running climb in the browser, live from LCM at 50 Hz, with its history since the command started:
+the robot in 3-D, time line and plots as in crux view. Joints are not on LCM: they are computed from body and grippers.
+The wall is that of PLAN.mcap, or of the next plan that the runtime accepts. Sends nothing."""
 _VIEW_EXAMPLES = (
     "crux view out/climb.mcap --at 12.5",
     "crux view out/plan.mcap",
@@ -46,13 +46,13 @@ def add_parser(subparsers: Any) -> None:
     """Adds the parser of `crux view`."""
     parser = subparsers.add_parser("view", help="show a log or a plan in the browser", **taught(_VIEW, *_VIEW_EXAMPLES))
     parser.add_argument("source", type=Path, metavar="LOG|PLAN.mcap", help="telemetry of a climb, or a plan")
-    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="another one beside it")
-    parser.add_argument("--at", type=float, default=math.nan, metavar="S", help="the moment to begin with [s]")
+    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="another one to compare with")
+    parser.add_argument("--at", type=float, default=math.nan, metavar="S", help="the moment to start at [s]")
     parser.add_argument("--screenshot", type=Path, metavar="FILE.png", help="write a picture of the page (by Chromium)")
-    parser.add_argument("--video", type=_film, metavar="FILE.mp4", help="write a film of it (or .webp, .gif)")
-    parser.add_argument("--from", type=float, default=-math.inf, dest="from_s", metavar="S", help="its begin [s]")
+    parser.add_argument("--video", type=_film, metavar="FILE.mp4", help="write a video (or .webp, .gif)")
+    parser.add_argument("--from", type=float, default=-math.inf, dest="from_s", metavar="S", help="its start [s]")
     parser.add_argument("--to", type=float, default=math.inf, dest="to_s", metavar="S", help="its end [s]")
-    parser.add_argument("--speed", type=positive, default=4.0, metavar="X", help="of the film (default: %(default)g)")
+    parser.add_argument("--speed", type=positive, default=4.0, metavar="X", help="its speed (default: %(default)g)")
     add_address(parser)
     parser.set_defaults(func=run)
 
