@@ -136,38 +136,37 @@ const char* usage() {
 
 usage: crux-runtime [options]
   --robot DIR       folder with robot.yaml and the URDF it names       (msgs/robots/scaler)
-  --check           says what is wrong with that description, or that
-                    nothing is, and exits; needs no keys
+  --check           check that description and exit; needs no keys
   --bus LIMB=NAME   the bus of LF, RF, LR or RR; four times            NAME: socketcan:can0 or udp:GROUP:PORT
   --bus-base NAME   four UDP buses on consecutive ports                (udp:239.74.163.2:43113)
-  --commands HOW    each: a frame a node and a Sync; broadcast: one
-                    frame for all nodes of a bus, which 1 kHz needs    (each)
+  --commands HOW    each: one frame for each node and a Sync;
+                    broadcast: one for a whole bus, for 1 kHz          (each)
   --pace PACE       clock: real time; bus: lockstep, a cycle follows
                     when all nodes have answered the one before        (clock)
   --guard-time S    pace bus: how long to wait for an answer           (1)
-  --calibrate       tune the admittance's gains while climbing         (they stay as robot.yaml has them)
-  --lcm URL         where operators talk to it                         (udpm://239.255.76.67:7667?ttl=0)
-  --keys FILE       who may command it: a line a key, KEY ROLE NAME;
-                    commands have to be signed (crux key)              (this or --insecure)
+  --calibrate       tune the admittance gains while climbing           (fixed, as in robot.yaml)
+  --lcm URL         where operators reach it                           (udpm://239.255.76.67:7667?ttl=0)
+  --keys FILE       who may command it, one key a line: KEY ROLE NAME;
+                    commands must be signed (crux key)                 (this or --insecure)
   --identity FILE   its own private key, which signs its answers;      (runtime.pem in $STATE_DIRECTORY or
-                    made where there is none                            ~/.local/state/crux)
-  --insecure        whoever reaches LCM commands it: for tests
-                    and the simulation
-  --log FILE        every cycle as MCAP; where FILE is there already,
-                    it stays and the log is FILE with a number behind  (none)
-  --idle-logs GB    bounds the logs in which nothing climbs: they are
-                    called .idle, the oldest are deleted beyond GB     (one log, however long)
-  --overwrite       replace the log that is there already
-  --log-frames      the CAN frames of every cycle into the log as well, not
-                    of the seconds around a fault alone
+                    created if missing                                  ~/.local/state/crux)
+  --insecure        accept commands from anyone who reaches LCM:
+                    for tests and the simulation
+  --log FILE        log every cycle as MCAP; an existing FILE is kept,
+                    and the new log gets a number                      (none)
+  --idle-logs GB    limit the logs in which nothing climbs: they are
+                    called .idle, the oldest are deleted beyond GB     (one log)
+  --overwrite       replace an existing log
+  --log-frames      log the CAN frames of every cycle, not only around
+                    faults
   --note TEXT       note to store in the log; crux log ls and crux report
-                    show them
-  --tag KEY=VALUE   something the log is to say of itself; may be repeated
-  --version         prints version and commit
-  --help            prints this
+                    show it
+  --tag KEY=VALUE   metadata to store in the log; may be repeated
+  --version         print version and commit
+  --help            print this
 
-SIGINT and SIGTERM: the robot is told to hold, the log is finished, exit 0.
-exit status: 0 ended when asked to; 1 the log could not be written; 2 wrong usage, robot description, bus or LCM
+SIGINT and SIGTERM: the nodes are told to hold, the log is finished, exit 0.
+exit status: 0 ended on request; 1 the log is incomplete; 2 wrong usage, robot description, keys, bus or LCM
 )";
 }
 
