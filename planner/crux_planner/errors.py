@@ -88,7 +88,7 @@ class LevelGoalError(InfeasibleError):
 
 
 def wrong(scenario: Scenario, key: str, value: str, expected: str) -> ScenarioError:
-    """The error for a scenario whose author must mend `key`."""
+    """The error for a scenario whose author must correct `key`."""
     from crux_contracts.scenario import ScenarioError
     from crux_contracts.yaml_document import Problem
 

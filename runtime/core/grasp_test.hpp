@@ -1,4 +1,4 @@
-// A pull on each grasp just made, towards the load to come, before another limb lets go.
+// A pull on each grasp just made, towards the load to come, before another limb releases.
 #pragma once
 
 #include "core/grasp_force.hpp"

@@ -19,7 +19,7 @@ constexpr double kStop_m = 0.001;      // from the fingers' closed stop: they pr
 constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
 constexpr double kFoundLoad = 0.95;       // share of its load from which on a foot's place is known
 
-/// The gripper has not let go: it aims from the commanded body pose, and where it grips is remembered. A foot has found
+/// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
 bool on_hold(const LimbReference& reference) {
   if (reference.point_foot && reference.phase == LimbPhase::kLoad) return reference.load > kFoundLoad;

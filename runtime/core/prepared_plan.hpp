@@ -37,11 +37,11 @@ struct PreparedPlan {
   std::vector<Vector6> body_slope;  ///< their PCHIP derivatives [1/s]
   std::vector<PerLimb<LimbKnot>> limbs;
   std::vector<PerLimb<FootPose>> foot_slope;  ///< PCHIP derivatives of the gripper poses [1/s]; point feet only
-  std::vector<char> release;                  ///< 1: some limb lets go at this knot (k0 of PLAN.md)
+  std::vector<char> release;                  ///< 1: a limb releases its hold at this knot (k0 of PLAN.md)
 
   int intervals() const { return static_cast<int>(limbs.size()) - 1; }
   double end_s() const { return intervals() * dt_s; }
-  /// Limb l lets go at knot k, or is in the air where the plan begins: the first knot of a swing.
+  /// Limb l releases at knot k, or is in the air where the plan begins: the first knot of a swing.
   bool lets_go(int k, int l) const { return k <= intervals() && limbs[k][l].air && (k == 0 || !limbs[k - 1][l].air); }
   /// Limb l takes hold at knot k: the first knot after a swing.
   bool takes_hold(int k, int l) const { return k > 0 && k <= intervals() && !limbs[k][l].air && limbs[k - 1][l].air; }

@@ -104,7 +104,7 @@ void play_foot(const PreparedPlan& plan, int k, double u, int l, LimbReference& 
 template <class Value>
 Value blended(const PreparedPlan& plan, int k, double u, int l, Value LimbKnot::* value) {
   const Value& here = plan.limbs[k][l].*value;
-  // Where a limb has just let go the shift was made before.
+  // Where a limb has just released, the shift was made before.
   const Value& before = k == 0 || plan.release[k] ? here : plan.limbs[k - 1][l].*value;
   Value now = before + (here - before) * load_ramp(u);
   if (plan.release[k + 1]) now = now + (plan.limbs[k + 1][l].*value - now) * unload_ramp(u);

@@ -27,8 +27,8 @@ inline constexpr double kLoadBegin = 0.02, kLoadSpan = 0.4;      ///< blend from
 inline constexpr double kUnloadBegin = 0.5, kUnloadSpan = 0.45;  ///< blend towards the next one's
 
 /// A point of plan time: the interval [k, k + 1) and the time in it. An interval's end and the next one's beginning are
-/// two different points: at the end a limb about to let go is unloaded but still gripped. `back`: the plan is played in
-/// reverse, so fingers close where a swing begins and open where it ends.
+/// two different points: at the end a limb about to release is unloaded but still gripped. `back`: the plan is played
+/// in reverse, so fingers close where a swing begins and open where it ends.
 struct PlanTime {
   int interval = 0;
   double elapsed_s = 0.0;

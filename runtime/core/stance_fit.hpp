@@ -72,7 +72,7 @@ class StanceFit {
     int cycles = 0;                      ///< since contact
     Pose anchor_S;                       ///< of the gripper at contact
     Row off = Row::Zero();               ///< from the anchor, with the body where all limbs fit best
-    Row path = Row::Zero();              ///< the same without the jumps of other limbs that take hold or let go
+    Row path = Row::Zero();              ///< the same without the jumps of other limbs that grip or release
     std::array<Row, kPast> past{};       ///< of `path`
     Matrix6 map = Matrix6::Identity();   ///< motion of the body to motion of the gripper
     Matrix6 joints_G = Matrix6::Zero();  ///< motion of joints to motion of the gripper, its own axes

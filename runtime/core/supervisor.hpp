@@ -42,7 +42,7 @@ class Supervisor {
     bool link_restored = false;  ///< buses and nodes have been well for long enough
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
     FaultEvent fault;            ///< seen in this cycle
-    FaultEvent cause;            ///< the same, where re-arming the nodes cannot mend it
+    FaultEvent cause;            ///< the same, where re-arming the nodes cannot clear it
     Reason not_ready_reason;
   };
 

@@ -46,7 +46,7 @@ std::string PlanAssembly::take(const plan_piece_t& piece) {
     n_pieces_ = piece.n_pieces;
     pieces_.resize(static_cast<std::size_t>(n_pieces_));
   }
-  // The newest bytes of a piece count: a damaged one is mended by sending it again.
+  // The newest bytes of a piece count: a damaged one is replaced by sending it again.
   std::vector<std::uint8_t>& place = pieces_[static_cast<std::size_t>(piece.piece)];
   if (place.empty()) ++n_received_;
   n_bytes_ += piece.n_bytes - static_cast<std::int32_t>(place.size());

@@ -7,7 +7,7 @@
 ///   and no friction: T = efficiency c F makes F, and more would make the loop above stiffer than its parameters say.
 ///   Between them friction is compensated as far as the squeeze is known; fingers that stand make it known;
 /// - a squeeze that is reached needs no current: the motor rests and the screw holds;
-/// - one that is greater than wanted stays: only a force that opens is given the torque to let go.
+/// - one that is greater than wanted stays: only a force that opens is given the torque to release.
 ///
 /// How hard the fingers squeeze is told by what the load takes from the rotor, T less acceleration and drag, seen by a
 /// momentum observer (first order, OBSERVER_RAD_S): c F while the fingers close, -release_torque c F while they open.

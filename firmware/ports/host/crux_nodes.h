@@ -79,11 +79,11 @@ CRUX_API int crux_nodes_drop_sent(crux_nodes *nodes, int limb, int node, uint32_
 /// While on, no frame passes between the node and its bus, and its controller goes off; it comes back by itself after.
 CRUX_API int crux_nodes_disturb(crux_nodes *nodes, int limb, int node, int on);
 /// From now on this share of the frames between the bus and each of the limb's nodes gets lost, both ways, at random;
-/// the same seed loses the same frames. A share of 1 cuts the bus, 0 mends it.
+/// the same seed loses the same frames. A share of 1 cuts the bus, 0 repairs it.
 CRUX_API int crux_nodes_lose(crux_nodes *nodes, int limb, double share, uint32_t seed);
 /// Whether the limb's bus exists for the nodes: without it no Sync is waited for there and nothing is sent.
 CRUX_API int crux_nodes_connect(crux_nodes *nodes, int limb, int connected);
-/// A stranger's frame of at most CRUX_FRAME_CAPACITY bytes: goes out on the limb's bus, and its nodes hear it.
+/// A rogue host's frame of at most CRUX_FRAME_CAPACITY bytes: goes out on the limb's bus, and its nodes receive it.
 CRUX_API int crux_nodes_intrude(crux_nodes *nodes, int limb, uint16_t id, const uint8_t *data, int length);
 /// From now on all nodes trust images signed with the key whose public half this is; before, they take none.
 CRUX_API void crux_nodes_trust(crux_nodes *nodes, const uint8_t key[CRUX_IMAGE_KEY]);

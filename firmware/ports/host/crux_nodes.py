@@ -300,7 +300,7 @@ class Nodes:
         self._check(self._library.crux_nodes_connect(self._handle, limb, int(connected)))
 
     def intrude(self, limb: int, identifier: int, data: bytes) -> None:
-        """A stranger's frame goes out on the limb's bus, and its nodes hear it."""
+        """A rogue host's frame goes out on the limb's bus, and its nodes receive it."""
         self._check(self._library.crux_nodes_intrude(self._handle, limb, identifier, data, len(data)))
 
     def trust(self, public_key: bytes) -> None:

@@ -1,4 +1,5 @@
-/// What the bench does to the nodes and their buses: lost and damaged frames, cut buses, strangers, restarts, heat.
+/// What the simulation does to the nodes and their buses: lost and damaged frames, cut buses, rogue hosts, restarts,
+/// heat.
 #include <math.h>
 #include <string.h>
 

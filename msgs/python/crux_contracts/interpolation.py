@@ -1,7 +1,7 @@
 """How a plan is read between its knots: msgs/PLAN.md in Python.
 
 A point of plan time is an interval k and the share u in [0, 1] of it that has passed. The end of one interval and the
-beginning of the next are two points: at the end a limb about to let go is unloaded but still grips.
+beginning of the next are two points: at the end a limb about to release is unloaded but still grips.
 Every `u` may be a number or an array; results then have u's shape in front.
 """
 
@@ -51,7 +51,7 @@ def load_ramp(u: ArrayLike) -> Array:
 
 
 def unload_ramp(u: ArrayLike) -> Array:
-    """0 to 1 over the interval before a limb lets go."""
+    """0 to 1 over the interval before a limb releases its hold."""
     return smoothstep((np.asarray(u, dtype=float) - UNLOAD_BEGIN) / UNLOAD_SPAN)
 
 

@@ -1,7 +1,7 @@
 """From a scenario and a robot description to the numbers of P1.
 
 Everything is expressed in the heading frame: W turned about its z so that the body starts with yaw 0;
-`pipeline/message.py` turns the plan back. What the scenario's author must mend is a ScenarioError; what the wall does
+`pipeline/message.py` turns the plan back. What the scenario's author must fix is a ScenarioError; what the wall does
 not allow, an InfeasibleError.
 """
 

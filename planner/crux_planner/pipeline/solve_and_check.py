@@ -29,7 +29,7 @@ from crux_planner.trajectory.solution import Solution, Start, start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.waiting import PACES, without_waiting
 
-FAR_CUTS = 1  # times that a plan which uses all of the reach is mended before limbs keep to their boxes instead
+FAR_CUTS = 1  # times that a plan which uses all of the reach is repaired before limbs keep to their boxes instead
 SPARE_KNOTS = (0, 6)  # beyond those that moves need: a body less hurried where the check refuses the first
 SLOWINGS = 6  # times that a sequence is scheduled anew with a slower body on the supports that the check names
 

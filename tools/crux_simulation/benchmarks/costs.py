@@ -16,7 +16,7 @@ from crux_simulation.benchmarks.cold_process import crux_json
 from crux_simulation.benchmarks.pairs import TASKS, pairs
 
 METHODS = ("auto", "two_block")
-WORSE = 1e-3  # share of J by which `auto` may be worse: what the exact programmes' tolerances leave open
+WORSE = 1e-3  # share of J by which `auto` may be worse: what the exact programs' tolerances leave open
 
 
 @dataclass(frozen=True)

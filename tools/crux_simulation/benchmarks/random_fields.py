@@ -1,7 +1,7 @@
 """Random hold fields: any slope, holds of any yaw and size with slippery faces, a start that stands, any goal.
 
 Only the start is chosen so that it is right (in reach and in equilibrium, else it is the scenario's author who has to
-mend it); goals are drawn blindly, so that many of them cannot be reached.
+fix it); goals are drawn blindly, so that many of them cannot be reached.
 """
 
 from __future__ import annotations

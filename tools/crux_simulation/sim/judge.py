@@ -68,8 +68,8 @@ class Tracking:
 def pad_travel(truth: Truth, face_hold: Ints, contact_force_n: float, point_feet: bool = False) -> list[float]:
     """Largest tangential travel [m] of every loaded episode of every pad.
 
-    An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when it all
-    but lets go.
+    An episode begins when a pad on a hold (point feet: on the wall) presses with `contact_force_n` and ends when its
+    force is nearly gone.
     """
     travels: list[float] = []
     for pad in range(truth.pad_force_n.shape[1]):

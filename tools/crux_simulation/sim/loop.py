@@ -17,7 +17,7 @@ import numpy as np
 from crux_simulation.sim.disturbance import STATE_MASK, Disturbance
 from crux_simulation.sim.plant import Plant
 
-START_CYCLE = 1000  # the hand has let go at 1.5 s, then half a second to settle
+START_CYCLE = 1000  # the external support has released at 1.5 s, then half a second to settle
 REST_CYCLES = 250  # physics after the end, so that "at rest" means something
 START_GRACE_CYCLES = 100
 SYNC_TIMEOUT_S = 0.2

@@ -1,7 +1,7 @@
 """What the plan asked for at each moment of a run, told from what happened in physics (msgs/PLAN.md, the plan's clock).
 
 The clock runs while the runtime climbs, which the simulation hears on the bus. It waits before a knot at which a limb
-lets go until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
+releases until the fingers have left, and before one at which a limb takes hold until they touch; fingers that leave
 within the interval before their knot set it there. So it follows the runtime's clock to within the time that fingers
 need to open and to close, and no error adds up. An operator's speed it does not know: it leads a slower climb until the
 next contact. Where a grasp just made is opened again, to be made anew, it goes back to before it. In reverse it runs

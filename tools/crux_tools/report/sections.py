@@ -35,8 +35,8 @@ _MARGIN = (
     "surface, after the micro-spines' share. Below zero it slips."
 )
 _PLANNED = (
-    f" Here {PLANNED}, which J counts too; the robot presses so, or harder where its own rule asks for more, "
-    "and the page of a climb has the margins with that."
+    f" Here {PLANNED}, which J counts too; the controller squeezes at least this hard, and the page of a climb "
+    "has the margins with that squeeze."
 )
 _APPLIED = (
     f" Here {APPLIED}: from the measured wrench and squeeze of every cycle in full stance, drawn as the least and "
