@@ -10,7 +10,7 @@ SHELL_FILES = '*'
 CPP_FILES = '*.c' '*.h' '*.cpp' '*.hpp'
 TIDY_FILES = 'msgs/*.c' 'runtime/*.cpp' 'tools/sim/*.cpp' 'firmware/core/*.c' 'firmware/safety/*.c' 'firmware/service/*.c' 'firmware/update/*.c' 'firmware/ports/emulated/*.c' 'firmware/ports/host/*.c'
 
-.PHONY: help setup setup-programs setup-packages extras configure-programs configure-development configure-sanitized build programs packages try-machines can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom bench firmware fuzz lock clean anew
+.PHONY: help setup setup-programs setup-packages extras configure-programs configure-development configure-sanitized build programs packages try-machines can-kernel climb test test-native test-sanitized test-python test-sweeps lint format docs sbom benchmarks bench firmware fuzz lock clean anew
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -108,6 +108,9 @@ docs: programs ## the docs site: build/docs/index.html
 
 sbom: setup ## the software bill of materials: build/crux.cdx.json
 	@$(BIN)/python tools/setup/sbom.py build/crux.cdx.json
+
+benchmarks: programs ## plan the scenes that ship, for the figures of docs/benchmarks.md that README.md quotes
+	$(BIN)/python docs/site/benchmarks.py
 
 bench: build ## reproduce the figures of merit
 	$(BIN)/crux bench all

@@ -76,6 +76,7 @@ ELSEWHERE = {
 # Not run.
 NOT_RUN = {
     r"crux bench .*": "minutes to hours of computing; tests/tools tries what each is made of",
+    r"crux plan msgs/scenarios/NAME.yaml -o PLAN.mcap --json": "tests/planner plans scenes",
     r"apt-get .*": "changes the machine",
     r"systemctl .*|journalctl .*": "needs a booted systemd; tests/cross/test_service.py reads the unit",
     r"install -D .* /etc/crux/keys": "writes to /etc",
