@@ -112,6 +112,21 @@ def test_rogue_hosts_frames_are_whole_but_for_damaged_ones(kind: str) -> None:
         assert verdicts == {can_codec.Verdict.CORRUPT if kind == "crc" else can_codec.Verdict.OK}
 
 
+@pytest.mark.parametrize(("node", "broadcast"), [(2, False), (7, False), (7, True)])
+def test_a_second_board_answers_in_the_name_of_one_node(node: int, broadcast: bool) -> None:
+    nodes = Recorded()
+    fault = Fault("node_twice", 1, at_s=0.02, for_s=0.1, node=node)
+    disturbance = Disturbance([fault], nodes, DT_S, None, 0, None, broadcast)  # type: ignore[arg-type]
+    for cycle in range(100):
+        disturbance.begin_cycle(cycle)
+    answers = {2: ["JointStatus"], 7: ["GripperAnswer"] if broadcast else ["GripperStatus", "ForceTorque"]}[node]
+    assert len(nodes.calls) == 50 * len(answers)
+    for name, limb, identifier, data in nodes.calls:
+        assert (name, limb) == ("intrude", 1)
+        decoded = can_codec.decode(can_codec.Frame(identifier, data))  # type: ignore[arg-type]
+        assert (decoded.name in answers, decoded.node) == (True, node)
+
+
 class MadeUpRuntime:
     """A process that there is not."""
 

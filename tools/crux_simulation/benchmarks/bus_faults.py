@@ -24,7 +24,7 @@ from crux_simulation.benchmarks import world_faults
 from crux_simulation.benchmarks.cold_process import CRUX, GUEST, crux_json
 from crux_simulation.campaign.command import add_cluster_options
 from crux_simulation.campaign.job import NOMINAL, PLAN_FILE, Outcome
-from crux_simulation.sim.fault_file import ON_ANY_BUS, ON_SOCKETCAN
+from crux_simulation.sim.fault_file import NODE_TWICE, ON_ANY_BUS, ON_SOCKETCAN
 
 SCENARIO = SCENARIOS / "climb-one-step.yaml"
 AT_S, FOR_S = 8.0, 1.0  # LF is in the air
@@ -32,7 +32,7 @@ LONGEST_HOLD_S = 0.1
 ON_BUSES = ON_ANY_BUS + ON_SOCKETCAN
 IN_THE_AIR, BEARING = "LF", "RF"
 ALSO_IN_THE_AIR = ("cut", "reset", "controller_off", "interface_down")
-OF_ONE_NODE = ("reset", "controller_off")
+OF_ONE_NODE = ("reset", "controller_off", NODE_TWICE)
 JOINT, GRIPPER = 2, 7  # the shoulder's pitch bears most
 
 

@@ -320,7 +320,9 @@ def _disturbance(
 ) -> Disturbance:
     interfaces = INTERFACES if options.bus == "socketcan" else None
     process = stack.enter_context(ProcessFaults(runtime, log)) if isinstance(runtime, RuntimeProcess) else None
-    return Disturbance(options.faults, nodes.injector, plant.dt_s, interfaces, options.seed, process)
+    return Disturbance(
+        options.faults, nodes.injector, plant.dt_s, interfaces, options.seed, process, options.commands == "broadcast"
+    )
 
 
 def _start(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, plan: plan_t) -> None:

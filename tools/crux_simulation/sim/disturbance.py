@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
+from crux_contracts.can_codec import Frame
 from crux_tools.errors import UsageError
 from crux_tools.telemetry.summary import FaultNote
 
 from crux_simulation.sim import can_interface
-from crux_simulation.sim.fault_file import NODES, OF_THE_RUNTIME, ON_SOCKETCAN, Fault
+from crux_simulation.sim.fault_file import NODE_TWICE, NODES, OF_THE_RUNTIME, ON_SOCKETCAN, Fault
 from crux_simulation.sim.process_faults import ProcessFaults
 from crux_simulation.sim.recorder import Truth
-from crux_simulation.sim.rogue_hosts import SENDERS
+from crux_simulation.sim.rogue_hosts import SENDERS, second_node
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
 CLIMBING, HOLDING, FAULT = 2, 3, 4  # robot_state_t
@@ -95,9 +96,10 @@ class Disturbance:
         interfaces: Sequence[str] | None,
         seed: int,
         process: ProcessFaults | None = None,
+        broadcast: bool = False,
     ) -> None:
-        """`interfaces`: of LF, RF, LR, RR; None on UDP buses. `process`: where the runtime is one of its own. Raises
-        UsageError for faults that need interfaces."""
+        """`interfaces`: of LF, RF, LR, RR; None on UDP buses. `process`: where the runtime is one of its own.
+        `broadcast`: one frame commands all nodes of a bus. Raises UsageError for faults that need interfaces."""
         for fault in faults:
             if fault.kind in ON_SOCKETCAN and interfaces is None:
                 raise UsageError(f"fault '{fault.kind}' needs a CAN interface: --bus socketcan")
@@ -107,6 +109,7 @@ class Disturbance:
         self._interfaces = interfaces
         self._seed = seed
         self._process = process
+        self._broadcast = broadcast
         self._begun: set[int] = set()
         self._ended: set[int] = set()
 
@@ -123,9 +126,17 @@ class Disturbance:
                     self._switch(fault, False)
                 elif self._process is not None and fault.kind in OF_THE_RUNTIME:
                     self._process.go_on(fault, (cycle - self._cycle(fault.at_s)) * self._dt_s)
-                elif fault.kind in SENDERS:
-                    for frame in SENDERS[fault.kind](cycle):
-                        self._nodes.intrude(fault.limb, frame.identifier, frame.data)
+                else:
+                    self._intrude(fault, cycle)
+
+    def _intrude(self, fault: Fault, cycle: int) -> None:
+        frames: Iterable[Frame] = ()
+        if fault.kind == NODE_TWICE:
+            frames = second_node(cycle, fault.node, self._broadcast)
+        elif fault.kind in SENDERS:
+            frames = SENDERS[fault.kind](cycle)
+        for frame in frames:
+            self._nodes.intrude(fault.limb, frame.identifier, frame.data)
 
     def end_cycle(self, cycle: int, heard: bool = True) -> None:
         """Watches; after the nodes have controlled. `heard`: the runtime has sent this cycle's Sync."""

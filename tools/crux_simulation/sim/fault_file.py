@@ -24,7 +24,8 @@ MAX_FAULTS = 100
 MAX_TIME_S = 3600.0
 SHARE = 0.3  # of `loss` and `cpu_starved`, unless told
 
-ON_ANY_BUS = ("cut", "loss", "crc", "stale", "forged", "ahead", "second_master", "reset", "controller_off")
+NODE_TWICE = "node_twice"
+ON_ANY_BUS = ("cut", "loss", "crc", "stale", "forged", "ahead", "second_master", "reset", "controller_off", NODE_TWICE)
 ON_SOCKETCAN = ("bus_off", "error_passive", "unacknowledged", "queue_full", "interface_down")
 FOR_GOOD = ("runtime_killed", "disk_full")
 BY_THE_CLOCK = ("runtime_stopped", "cpu_starved")  # in lockstep physics waits for the runtime

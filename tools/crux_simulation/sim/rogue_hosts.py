@@ -18,7 +18,8 @@ TRACK = 1
 OPEN_M = 0.06
 STALE_CYCLES = 20  # how old a replayed command is
 OTHER_COUNTER = 128  # between the counters of the two masters: as far apart as they can be
-COUNTERS = 256
+COUNTERS, CYCLES = 256, 65536
+TRACKS = 2  # DBC: JointStatus.State
 
 _TO_ZERO: Values = {"Mode": TRACK, "Position_rad": 0.0, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 1.0}
 _OPEN: Values = {"Mode": TRACK, "Opening_m": OPEN_M, "SpeedLimit_m_s": 0.02, "ForceLimit_N": 60.0}
@@ -33,7 +34,7 @@ def _commands(counter: int) -> Iterator[Frame]:
 def damaged(cycle: int) -> Iterator[Frame]:
     """Statuses with a wrong CRC: every joint at zero."""
     for node in JOINT_NODES:
-        frame = can_codec.encode("JointStatus", {"State": TRACK, "CycleEcho": cycle % 65536}, cycle % COUNTERS, node)
+        frame = can_codec.encode("JointStatus", {"State": TRACK, "CycleEcho": cycle % CYCLES}, cycle % COUNTERS, node)
         yield Frame(frame.identifier, bytes([frame.data[0] ^ 0xFF]) + frame.data[1:])
 
 
@@ -56,6 +57,20 @@ def second_master(cycle: int) -> Iterator[Frame]:
     """A second runtime that has started by itself: all its commands, and its own Sync."""
     yield from _commands(cycle + OTHER_COUNTER)
     yield can_codec.encode("Sync", {"Cycle": cycle}, (cycle + OTHER_COUNTER) % COUNTERS)
+
+
+def second_node(cycle: int, node: int, broadcast: bool) -> Iterator[Frame]:
+    """Statuses of a second board with the straps of `node`: a joint at zero, or a gripper half open that feels nothing.
+    `broadcast`: the host commands all nodes in one frame, which a gripper answers in one."""
+    counter = (cycle + OTHER_COUNTER) % COUNTERS
+    status: Values = {"State": TRACKS, "CycleEcho": cycle % CYCLES}
+    if node != GRIPPER:
+        yield can_codec.encode("JointStatus", status, counter, node)
+    elif broadcast:
+        yield can_codec.encode("GripperAnswer", {**status, "Opening_m": OPEN_M / 2}, counter)
+    else:
+        yield can_codec.encode("GripperStatus", {**status, "Opening_m": OPEN_M / 2}, counter)
+        yield can_codec.encode("ForceTorque", {"CycleEcho": cycle % CYCLES}, counter)
 
 
 SENDERS = {"crc": damaged, "stale": stale, "forged": forged, "ahead": ahead, "second_master": second_master}
