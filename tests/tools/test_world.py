@@ -142,6 +142,23 @@ def test_a_hold_that_gives_moves_by_its_load_over_its_stiffness() -> None:
     assert not plant.model.body("hold1").jntnum
 
 
+def test_a_hold_in_a_viscous_mount_creeps_at_its_load_over_its_viscosity() -> None:
+    viscosity = 40000.0
+    plant = in_world(f"holds: {{h0: {{viscosity_Ns_m: {viscosity}}}}}\n")
+    controller = HoldingController(plant)
+    controller.run(SETTLED_S)
+    hold = plant.model.body("hold0")
+    rotation = plant.data.site_xmat[plant.robot.gripper_sites].reshape(4, 3, 3)
+    hand_N = plant.model.body_subtreemass[plant.robot.gripper_bodies[0]] * plant.model.opt.gravity
+    load_N = hand_N - rotation[0] @ plant.ft_true[:3]
+    before_m, begun_s = plant.data.xpos[hold.id].copy(), plant.time_s
+    controller.run(0.2)
+    crept_m_s = (plant.data.xpos[hold.id] - before_m) / (plant.time_s - begun_s)
+    assert np.linalg.norm(crept_m_s) > 1e-4
+    np.testing.assert_allclose(crept_m_s, load_N / viscosity, atol=float(0.05 * np.linalg.norm(crept_m_s)))
+    assert not plant.model.body("hold1").jntnum
+
+
 def test_a_hold_bears_the_net_force_of_its_contacts_and_not_the_squeeze() -> None:
     """20 N a finger and 3 N of load: a hold that breaks at 40 N stays, though its contacts have 40 N and more."""
     plant = in_world("holds: {all: {breaks_at_N: 39}}\n")

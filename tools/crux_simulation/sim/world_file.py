@@ -66,6 +66,8 @@ class HoldChange:
     """by face: whether they grip"""
     stiffness_N_m: float = _number(math.inf, 1e3, 2e5, "N/m")
     """along each axis, of what fixes it to the wall"""
+    viscosity_Ns_m: float = _number(math.inf, 1e3, 1e9, "Ns/m")
+    """along each axis, of what fixes it to the wall: it creeps at force over viscosity"""
     present: bool = True
     breaks_at_N: float = _number(math.inf, 0.0, 1e4, "N")
     breaks_at_s: float = _time(math.inf)

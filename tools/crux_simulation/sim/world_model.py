@@ -132,15 +132,19 @@ def _beyond_cut(middle: Any, half: Any, corner: Any, cut: Any) -> list[Any]:
 
 
 def loosen_holds(spec: mujoco.MjSpec, plan: plan_t, world: World) -> None:
-    """Puts the holds that give on springs, along each axis of their own frames; without weight."""
+    """Puts the holds that give on springs or in viscous mountings, along each axis of their own frames; without
+    weight."""
     for index, hold in enumerate(plan.holds):
-        stiffness = world.holds.get(hold.name, HoldChange()).stiffness_N_m
-        if math.isinf(stiffness):
+        change = world.holds.get(hold.name, HoldChange())
+        creeps = math.isfinite(change.viscosity_Ns_m)
+        if math.isinf(change.stiffness_N_m) and not creeps:
             continue
+        stiffness = 0.0 if math.isinf(change.stiffness_N_m) else change.stiffness_N_m
         body = spec.body(f"hold{index}")
         body.mass, body.inertia, body.explicitinertial = HOLD_MASS_KG, [1e-3] * 3, True
         body.gravcomp = 1.0
-        damping = 2 * HOLD_DAMPING_RATIO * math.sqrt(stiffness * HOLD_MASS_KG)
+        spring_damping = 2 * HOLD_DAMPING_RATIO * math.sqrt(stiffness * HOLD_MASS_KG)
+        damping = change.viscosity_Ns_m if creeps else spring_damping
         for axis in np.eye(3):
             body.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=[stiffness, 0, 0], damping=[damping, 0, 0]
