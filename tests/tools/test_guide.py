@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -138,6 +139,20 @@ def test_a_goal_that_asks_for_a_lost_hold_is_named(plan: plan_t, monkeypatch: py
     situation = Situation(plan, status_t(), load_robot("scaler"))
     monkeypatch.setattr(Situation, "useless", lambda _: {"right-rear-high": RR, "right-rear-low": RR})
     assert situation.wanted_in_vain() == ["RR on right-rear-high"]
+
+
+def test_a_hold_is_struck_off_only_when_a_limb_has_missed_it_twice(plan: plan_t) -> None:
+    status = status_t()
+    for reference, telemetry in zip(status.reference, status.telemetry, strict=True):
+        reference.load, telemetry.force_reference_w_n = 1.0, [1.0, 0.0, 0.0]
+    status.fault.code, status.fault.limb = 29, RF  # hold_missing
+    status.reference[RF].phase = CLOSE
+    once = Situation(plan, status, load_robot("scaler"))
+    missed = once.missed()
+    assert missed is not None
+    assert once.useless() == {}
+    assert replace(once, missed_before=frozenset({missed})).useless() == {missed: RF}
+    assert replace(once, missed_before=frozenset({"left-front-high"})).useless() == {}
 
 
 def test_a_body_turned_to_where_a_gripper_may_just_turn_under_it_is_a_start_of_a_plan(plan: plan_t) -> None:

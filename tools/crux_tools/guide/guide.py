@@ -69,6 +69,7 @@ class Guide:
     _still: tuple[float, float] | None = field(default=None, init=False)  # plan time at which it stands, and since when
     _reason: str = field(default="", init=False)  # why the last plan was made
     _gave_up: bool = field(default=False, init=False)
+    _missed: set[str] = field(default_factory=set, init=False)  # holds that a limb did not grip
     _awaited: str = field(default="", init=False)  # the fault that an operator has to clear
 
     def __post_init__(self) -> None:
@@ -99,7 +100,10 @@ class Guide:
             self._awaited = fault["name"]
             self.say(f"another plan does not help; waiting until an operator clears it: {fault['do']}")
             return Attended.OPERATOR
-        return self._lead_on(Situation(self.plan, status, self.robot))
+        situation = Situation(self.plan, status, self.robot, frozenset(self._missed))
+        if (missed := situation.missed()) is not None:
+            self._missed.add(missed)
+        return self._lead_on(situation)
 
     def _stands(self, status: status_t) -> bool:
         """It has stood for a while; a limb may first go back to its hold, or on to the next, by itself."""

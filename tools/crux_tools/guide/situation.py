@@ -30,6 +30,8 @@ class Situation:
     plan: plan_t
     status: status_t
     robot: Robot
+    missed_before: frozenset[str] = frozenset()
+    """holds that a limb on its way to them did not grip under an earlier plan"""
 
     @property
     def interval(self) -> int:
@@ -63,12 +65,19 @@ class Situation:
         return self.fault if limb < 0 else f"{self.fault} of {LIMB_NAMES[limb]}"
 
     def useless(self) -> dict[str, int]:
-        """Holds that are none, and whose: those that were lost, and one that the limb on its way to it cannot grip."""
+        """Holds that are none, and whose: those that were lost, and one that the limb on its way to it has failed to
+        grip twice: once it may be the body that is elsewhere."""
         limbs = [limb for limb in range(len(LIMB_NAMES)) if self._phase(limb) in GRIPPING and not self.grips(limb)]
-        limb = self.status.fault.limb
-        if self.fault in NOT_GRIPPED and limb >= 0 and self._phase(limb) in COMING:
-            limbs.append(limb)
+        missed = self.missed()
+        if missed in self.missed_before:
+            limbs.append(self.status.fault.limb)
         return {self.hold(limb): limb for limb in limbs}
+
+    def missed(self) -> str | None:
+        """The hold that the limb on its way to it has not gripped."""
+        limb = self.status.fault.limb
+        comes = self.fault in NOT_GRIPPED and limb >= 0 and self._phase(limb) in COMING
+        return self.hold(limb) if comes else None
 
     def wanted_in_vain(self) -> list[str]:
         """What the goal asks for that is no hold any more."""
