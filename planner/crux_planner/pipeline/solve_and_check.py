@@ -248,7 +248,7 @@ def _finish_as_it_is(
             break
         refused = refused or _refused(report)
         work.log(f"{refused}; once more with less of those joints or of their reach")
-        problem, start = easier, Start(solution.body, solution.wrenches, near=True)
+        problem, start = easier, solution.start
     if not report.ok:
         speed = np.abs(solution.body[:, 6:9]).max(axis=1)
         slow = slowed(problem.speed_limits, report, schedule.contacts, speed, problem.dt_s)
@@ -267,8 +267,7 @@ def _cost_without(nominal: Problem, climb: Climb, schedule: Schedule, solution: 
         nominal = nominal.farther()
     problem = replace(nominal, steps=climb.problem.steps, goal=climb.problem.goal)
     with climb.work.part("price", 0.9):
-        start = Start(solution.body, solution.wrenches, near=True)
-        found = solve_within_torques(problem, schedule, start, climb.deadline)
+        found = solve_within_torques(problem, schedule, solution.start, climb.deadline)
     return found.cost if found.solved else None
 
 

@@ -18,6 +18,7 @@ from crux_planner.trajectory.interior_point import first_point, minimise
 from crux_planner.trajectory.solution import Place, Solution, Start
 from crux_planner.trajectory.stage_functions import COLUMN, StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
+from crux_planner.trajectory.windows import minimise_within, windows
 
 _TORQUE_WATCH, _TORQUE_TOLERANCE = 0.8, 1e-3  # shares of a limit from which a place is watched, and violated
 _TORQUE_ROUNDS = 5
@@ -44,7 +45,7 @@ def solve_within_torques(
         if max(found.torque_shares.values()) <= 1.0 + _TORQUE_TOLERANCE:
             return found
         limited |= _watched(found.torque_shares)
-        start = replace(start, body=found.body, wrenches=found.wrenches)
+        start = found.start
     assert found is not None
     return replace(found, solved=False, status="joint torques")
 
@@ -61,12 +62,23 @@ def _solve_once(
     limited: frozenset[Place],
     until: float,
 ) -> Solution | None:
-    """The solution stage by stage; None where that does not converge."""
+    """The solution stage by stage, only about the knots that rows are violated at if it starts from a solution
+    elsewhere; None where that does not converge.
+    """
     stages = StageProblem(functions, problem, schedule, limited)
-    outcome = minimise(stages, first_point(stages, start.body, columns_of(stages, start)), until)
-    if not outcome.solved:
-        return None
-    body, columns = outcome.point.body, np.where(stages.fixed, stages.fixed_value, outcome.point.columns)
+    body, columns = start.body, np.where(stages.fixed, stages.fixed_value, columns_of(stages, start))
+    parts = windows(stages, body, columns) if start.near else None
+    within = None if parts is None else minimise_within(stages, parts, body, columns, until)
+    if within is None and parts is not None and np.any(problem.torque_limits_Nm < problem.last_torques_Nm):
+        return None  # what joints may give at last is likelier to help than all knots at once
+    if within is not None:
+        body, columns, iterations = within
+    else:
+        outcome = minimise(stages, first_point(stages, body, columns), until)
+        if not outcome.solved:
+            return None
+        body, iterations = outcome.point.body, outcome.iterations
+        columns = np.where(stages.fixed, stages.fixed_value, outcome.point.columns)
     defects = np.abs(stages.next_states(body, columns) - body[1:])
     wrenches: list[dict[int, Array]] = [
         {int(limb): columns[k, limb, :WRENCH_INPUTS] * functions.scale for limb in np.flatnonzero(stages.stance[k])}
@@ -75,19 +87,22 @@ def _solve_once(
     return Solution(
         body=body,
         wrenches=wrenches,
-        cost=outcome.cost + schedule_cost(schedule, problem),
-        iterations=outcome.iterations,
+        cost=stages.cost(body, columns) + schedule_cost(schedule, problem),
+        iterations=iterations,
         status="solved",
         solved=True,
         position_residual_m=float(defects[:, :3].max()),
         force_residual_N=float(defects[:, 6:9].max()) * problem.mass_kg / problem.dt_s,
         torque_shares=stages.torque_shares(body, columns),
         torque_limits_Nm=problem.torque_limits_Nm,
+        columns=columns,
     )
 
 
 def columns_of(stages: StageProblem, start: Start) -> Array:
-    """Scaled columns (N, 4, 8) of where the solver starts; the spines' shares are 0."""
+    """Scaled columns (N, 4, 8) of where the solver starts; the spines' shares are 0 where only wrenches are known."""
+    if start.columns is not None:
+        return start.columns
     columns = np.zeros((stages.knots, 4, COLUMN))
     for k, knot in enumerate(start.wrenches):
         for limb, wrench in knot.items():

@@ -2,13 +2,17 @@
 
 Each column (a limb at a knot) meets the rest of the problem only through the body's state at its knot, and each knot
 only its neighbours. So columns are eliminated all at once by small inverses, and what is left, states and multipliers
-of the dynamics, by a Riccati recursion: time grows linearly with the knots and by a small factor.
+of the dynamics, by a Riccati recursion: time grows linearly with the knots and by a small factor. Every step is
+Mehrotra's: one without a barrier says how low the next may be and where products of slack and dual would leave it, and
+a second solve with the same factors corrects that (Nocedal and Wright, Numerical Optimization, 19.3).
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv, dgetrs
 
 from crux_planner.model.arrays import Array, Flags
 from crux_planner.solvers import clock
@@ -16,12 +20,16 @@ from crux_planner.trajectory.stage_problem import PINNED, Derivatives, StageProb
 
 FIRST_BARRIER, LAST_BARRIER = 1e-2, 1e-7
 _TOLERANCE, _DUAL_TOLERANCE = 1e-8, 1e-5  # the latter of the largest multiplier: rounding grows with it
+_ROUNDING = 1e-6  # what (1)-(9) may lack where whole steps change nothing: a tenth of what the check forgives
 _MOST_ITERATIONS = 80
 _STILL, _SAME = 3, 1e-7  # so many whole steps in a row, each of which changes the cost by less than this share of it
 _STALLED, _SHORT = 8, 0.1  # so many steps in a row, each of less of a Newton step: the rows contradict each other
 _NEAR, _NEAR_GAP = 1e-2, 1e-4  # largest defect, and mean product of slack and dual, of a point near a solution
 _TO_BOUNDARY = 0.995
 _LEAST_SLACK = 1e-2  # with which an inequality starts
+_LEAST_CENTRING = 1e-4  # of the mean product of slack and dual, what the next barrier is at least
+_MOST_CORRECTED = 10.0  # of the barrier: a product is corrected by no more
+_OFF_CENTRE = 100.0  # factor by which a product may differ from the mean: rows far off it make the next steps short
 
 
 @dataclass
@@ -61,104 +69,155 @@ def first_point(stages: StageProblem, body: Array, columns: Array) -> Point:
 def minimise(stages: StageProblem, point: Point, deadline: float) -> Outcome:
     """Newton steps on the barrier problem, the barrier lowered as they succeed.
 
-    It ends where (1)-(9) hold and the slope is nothing, or no more than rounding: at large multipliers that alone is
-    more than the tolerance, and whole steps change the cost no longer.
+    It ends where (1)-(9) hold and the slope is nothing, or both no more than rounding: at large multipliers that alone
+    is more than the tolerance, and whole steps change the cost no longer.
     """
     bounded = stages.bounded
-    count = max(int(bounded.sum()), 1)
-    iteration, short, still, near, barrier, cost = 0, 0, 0, False, FIRST_BARRIER, np.inf
+    iteration, short, still, near, cost = 0, 0, 0, False, np.inf
     while True:
         at = stages.derivatives(point.body, point.columns, point.multipliers, _net(point.duals), near=near)
-        slack = stages.slack(at.rows)
-        lacking = np.where(bounded, slack - point.slacks, 0.0)
+        lacking = np.where(bounded, stages.slack(at.rows) - point.slacks, 0.0)
         defects = at.next_states - point.body[1:]
-        gap = float((point.slacks * point.duals)[bounded].sum()) / count
+        gap = _gap(point.slacks, point.duals, bounded)
         off_end = float((stages.pinned * np.abs(point.body[-1] - stages.last)).max())
         primal = max(float(np.abs(defects).max()), float(np.abs(lacking).max()), off_end)
         scale = max(1.0, float(np.abs(point.multipliers).max()), float(point.duals.max()))
         dual = stages.dual_residual(at, point.multipliers, _net(point.duals)) / scale
         near = primal < _NEAR and gap < _NEAR_GAP
         still, cost = still + 1 if abs(at.cost - cost) < _SAME * abs(cost) else 0, at.cost
-        if primal < _TOLERANCE and gap < 2 * LAST_BARRIER and (dual < _DUAL_TOLERANCE or still >= _STILL):
+        exact = primal < _TOLERANCE and dual < _DUAL_TOLERANCE
+        if gap < 2 * LAST_BARRIER and (exact or (still >= _STILL and primal < _ROUNDING)):
             return Outcome(point, iteration, True, at.cost)
         spent = iteration >= _MOST_ITERATIONS or short >= _STALLED or clock.now() > deadline
         if spent or not np.isfinite(primal + dual):
             return Outcome(point, iteration, False, at.cost)
-        slacks = np.where(bounded, point.slacks, 1.0)
-        stiffness = point.duals / slacks
-        pull = np.where(bounded, barrier / slacks, 0.0) - stiffness * lacking
         try:
-            step = newton_step(stages, at, point, defects, stiffness.sum(axis=0), pull[0] - pull[1])
+            step = _corrected_step(NewtonSystem(stages, at, point), defects, lacking, gap)
         except np.linalg.LinAlgError:  # the Hessian of a limb's column is singular: no step leads on
             return Outcome(point, iteration, False, at.cost)
-        body, columns, multipliers, change = step
-        slack_step = np.where(bounded, np.stack([change, -change]) + lacking, 0.0)
-        dual_step = np.where(bounded, pull - point.duals - stiffness * np.stack([change, -change]), 0.0)
-        primal_share = _share(point.slacks, slack_step, bounded)
-        short = short + 1 if primal_share < _SHORT else 0
-        dual_share = _share(point.duals, dual_step, bounded)
-        point = Point(
-            point.body + primal_share * body,
-            point.columns + primal_share * columns,
-            point.multipliers + primal_share * (multipliers - point.multipliers),
-            point.slacks + primal_share * slack_step,
-            point.duals + dual_share * dual_step,
-        )
-        reached = float((point.slacks * point.duals)[bounded].sum()) / count
-        shorter = min(primal_share, dual_share)
-        still = still if shorter == 1.0 else 0
-        barrier = max(LAST_BARRIER, min(1.0, (1.0 - shorter) ** 2 + 0.1) * reached)
+        shares = _shares(point, step, bounded)
+        short = short + 1 if shares[0] < _SHORT else 0
+        still = still if min(shares) == 1.0 else 0
+        point = _centred(_stepped(point, step, shares), bounded)
         iteration += 1
 
 
-def newton_step(
-    stages: StageProblem, at: Derivatives, point: Point, defects: Array, stiffness: Array, pull: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Steps of body and columns, the new multipliers, and the rows' change."""
-    body_hessian, column_hessian, cross, body_slope, column_slope = stages.condensed(at, stiffness, pull)
-    inverse = np.linalg.inv(column_hessian)  # (N, 4, 8, 8)
-    into = at.into_state  # (N, 4, 12, 8): of a column on the next state
-    cross_inverse, into_inverse = cross @ inverse, into @ inverse
-    hessian = body_hessian.copy()
-    hessian[:-1] -= (cross_inverse @ cross.swapaxes(-1, -2)).sum(axis=1)
-    slope = body_slope.copy()
-    slope[:-1] -= (cross_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
-    free = at.state_map - (into_inverse @ cross.swapaxes(-1, -2)).sum(axis=1)
-    supply = (into_inverse @ into.swapaxes(-1, -2)).sum(axis=1)
-    offset = defects - (into_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
-    pinned = stages.pinned
-    hessian[-1] += np.diag(PINNED * pinned)
-    slope[-1] -= PINNED * pinned * (stages.last - point.body[-1])
-    body, multipliers = _riccati(hessian, slope, free, supply, offset)
-    columns = -np.einsum(
-        "klij,klj->kli",
-        inverse,
-        column_slope + np.einsum("klij,ki->klj", cross, body[:-1]) + np.einsum("klij,ki->klj", into, multipliers),
+def _corrected_step(system: NewtonSystem, defects: Array, lacking: Array, gap: float) -> Point:
+    """Changes of all variables: to the barrier that a step to none at all promises, what that step does to the products
+    of slack and dual by second order taken back."""
+    point, bounded = system.point, system.stages.bounded
+    plain = system.step(defects, lacking, np.zeros_like(lacking))
+    primal_share, dual_share = _shares(point, plain, bounded)
+    promised = _gap(point.slacks + primal_share * plain.slacks, point.duals + dual_share * plain.duals, bounded)
+    barrier = max(LAST_BARRIER, min(1.0, max((promised / gap) ** 3, _LEAST_CENTRING)) * gap)
+    most = _MOST_CORRECTED * barrier
+    return system.step(defects, lacking, barrier - np.clip(plain.slacks * plain.duals, -most, most))
+
+
+class NewtonSystem:
+    """The Newton system at a point, factorised: steps for any right side."""
+
+    def __init__(self, stages: StageProblem, at: Derivatives, point: Point) -> None:
+        self.stages, self.at, self.point = stages, at, point
+        self._slacks = np.where(stages.bounded, point.slacks, 1.0)
+        self._stiffness = point.duals / self._slacks
+        body_hessian, column_hessian, self._cross = stages.condensed(at, self._stiffness.sum(axis=0))
+        self._inverse = np.linalg.inv(column_hessian)  # (N, 4, 8, 8)
+        self._into = at.into_state  # (N, 4, 12, 8): of a column on the next state
+        self._cross_inverse, self._into_inverse = self._cross @ self._inverse, self._into @ self._inverse
+        body_hessian[:-1] -= (self._cross_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
+        body_hessian[-1] += np.diag(PINNED * stages.pinned)
+        free = at.state_map - (self._into_inverse @ self._cross.swapaxes(-1, -2)).sum(axis=1)
+        supply = (self._into_inverse @ self._into.swapaxes(-1, -2)).sum(axis=1)
+        self._chain = Riccati(body_hessian, free, supply)
+
+    def step(self, defects: Array, lacking: Array, products: Array) -> Point:
+        """Changes of all variables, towards these products of slack and dual (2, R) or one for all; `defects` (N, 12)
+        of the dynamics and what slacks lack (2, R)."""
+        stages, point, bounded = self.stages, self.point, self.stages.bounded
+        pull = np.where(bounded, products / self._slacks, 0.0) - self._stiffness * lacking
+        body_slope, column_slope = stages.slopes(self.at, pull[0] - pull[1])
+        body_slope[:-1] -= (self._cross_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
+        body_slope[-1] -= PINNED * stages.pinned * (stages.last - point.body[-1])
+        offset = defects - (self._into_inverse @ column_slope[..., None]).sum(axis=1)[..., 0]
+        body, multipliers = self._chain.solve(body_slope, offset)
+        column_slope += (body[:-1, None, None] @ self._cross)[..., 0, :]
+        column_slope += (multipliers[:, None, None] @ self._into)[..., 0, :]
+        columns = -(self._inverse @ column_slope[..., None])[..., 0]
+        change = stages.change(self.at, body, columns)
+        inwards = np.stack([change, -change])
+        return Point(
+            body,
+            columns,
+            multipliers - point.multipliers,
+            np.where(bounded, inwards + lacking, 0.0),
+            np.where(bounded, pull - point.duals - self._stiffness * inwards, 0.0),
+        )
+
+
+class Riccati:
+    """x[0] = 0, x[k + 1] = free x[k] - supply m[k] + offset, m[k] the slope of all that comes after, for costs of any
+    slope: Hessians (N + 1, n, n), `free` and `supply` (N, n, n)."""
+
+    def __init__(self, hessian: Array, free: Array, supply: Array) -> None:
+        n, size = len(free), free.shape[-1]
+        identity = np.eye(size)
+        # LAPACK itself: numpy's solve takes six times as long for one small matrix
+        self._factors: list[tuple[Array, Array]] = []
+        self._values, self._gains = np.empty((n, size, size)), np.empty((n, size, size))
+        value = hessian[n]
+        for k in range(n - 1, -1, -1):
+            self._values[k] = value  # of the state that k leads to
+            *factors, gain, _ = dgesv(identity + value @ supply[k], value @ free[k])
+            self._factors.append((factors[0], factors[1]))
+            self._gains[k] = gain
+            value = hessian[k] + free[k].T @ gain
+            value = (value + value.T) / 2
+        self._factors.reverse()
+        self._free, self._supply = free, supply
+        self._closed = free - supply @ self._gains
+
+    def solve(self, slope: Array, offset: Array) -> tuple[Array, Array]:
+        """Steps (N + 1, n) and multipliers (N, n) for slopes (N + 1, n) and offsets (N, n)."""
+        n, size = offset.shape
+        push, pushed = slope[n], (self._values @ offset[..., None])[..., 0]
+        shift = np.empty((n, size))
+        for k in range(n - 1, -1, -1):
+            shift[k] = dgetrs(*self._factors[k], pushed[k] + push)[0]
+            push = slope[k] + shift[k] @ self._free[k]
+        offset = offset - (self._supply @ shift[..., None])[..., 0]
+        steps = np.zeros((n + 1, size))
+        for k in range(n):
+            steps[k + 1] = self._closed[k] @ steps[k] + offset[k]
+        return steps, (self._gains @ steps[:-1, :, None])[..., 0] + shift
+
+
+def _gap(slacks: Array, duals: Array, bounded: Flags) -> float:
+    """The mean product of slack and dual."""
+    return float((slacks * duals)[bounded].sum()) / max(int(bounded.sum()), 1)
+
+
+def _shares(point: Point, step: Point, bounded: Flags) -> tuple[float, float]:
+    """Of a step that keep slacks and duals positive."""
+    return _share(point.slacks, step.slacks, bounded), _share(point.duals, step.duals, bounded)
+
+
+def _stepped(point: Point, step: Point, shares: tuple[float, float]) -> Point:
+    primal, dual = shares
+    return Point(
+        point.body + primal * step.body,
+        point.columns + primal * step.columns,
+        point.multipliers + primal * step.multipliers,
+        point.slacks + primal * step.slacks,
+        point.duals + dual * step.duals,
     )
-    return body, columns, multipliers, stages.change(at, body, columns)
 
 
-def _riccati(hessian: Array, slope: Array, free: Array, supply: Array, offset: Array) -> tuple[Array, Array]:
-    """x[0] = 0, x[k + 1] = free x[k] - supply m[k] + offset, m[k] the slope of all that comes after; steps and m."""
-    n, size = offset.shape
-    identity = np.eye(size)
-    # LAPACK itself: numpy's solve takes six times as long for one small matrix
-    gains = np.empty((n, size, size + 1))
-    value, push = hessian[n], slope[n]
-    right = np.empty((size, size + 1))
-    for k in range(n - 1, -1, -1):
-        right[:, :size] = value @ free[k]
-        right[:, size] = value @ offset[k] + push
-        gains[k] = dgesv(identity + value @ supply[k], right)[2]
-        back = free[k].T @ gains[k]
-        value = hessian[k] + back[:, :size]
-        value = (value + value.T) / 2
-        push = slope[k] + back[:, size]
-    steps, multipliers = np.zeros((n + 1, size)), np.empty((n, size))
-    for k in range(n):
-        multipliers[k] = gains[k, :, :size] @ steps[k] + gains[k, :, size]
-        steps[k + 1] = free[k] @ steps[k] - supply[k] @ multipliers[k] + offset[k]
-    return steps, multipliers
+def _centred(point: Point, bounded: Flags) -> Point:
+    """The point with duals that leave no product far from the mean."""
+    on_path = _gap(point.slacks, point.duals, bounded) / np.where(bounded, point.slacks, 1.0)
+    duals = np.clip(point.duals, on_path / _OFF_CENTRE, on_path * _OFF_CENTRE)
+    return replace(point, duals=np.where(bounded, duals, 0.0))
 
 
 def _net(duals: Array) -> Array:

@@ -32,6 +32,12 @@ class Solution:
     force_residual_N: float
     torque_shares: dict[Place, float]  # largest joint torque in a knot's interval over its limit, by limb in stance
     torque_limits_Nm: Array  # (4, 6) those limits: the problem's usual or its last
+    columns: Array | None = None  # (N, 4, 8) of the exact P1: scaled wrenches and the spines' shares
+
+    @property
+    def start(self) -> Start:
+        """Where a problem much like this one starts."""
+        return Start(self.body, self.wrenches, near=True, columns=self.columns)
 
 
 @dataclass(frozen=True)
@@ -48,11 +54,12 @@ class WalkSolution(WalkMotion):
 
 @dataclass(frozen=True)
 class Start:
-    """Where the solver starts: body states and wrenches as in `Solution`; `near`: of a problem much like this one."""
+    """Where the solver starts: body, wrenches and columns as in `Solution`; `near`: of a problem much like this one."""
 
     body: Array
     wrenches: list[dict[int, Array]]
     near: bool = False
+    columns: Array | None = None
 
 
 def start_from_path(problem: Problem, path: BodyPath, yaw_rad: Array | None = None) -> Start:

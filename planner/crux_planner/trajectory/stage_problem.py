@@ -4,6 +4,9 @@ Rows, low <= g <= high: the body's bounds (7), reach (9a), bounds of the columns
 torques where they are asked for; one vector in this order.
 """
 
+from __future__ import annotations
+
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +23,8 @@ from crux_planner.trajectory.stage_functions import COLUMN, FORCE_SCALE_N, POSE,
 PINNED = 1e8  # weight that holds what is fixed
 _RELAXED = 1e-8  # bounds give so much, so that there is an inside
 _AWAY = np.array([1.0, 0.0, 0.0])
+_BY_KNOT = ["stance", "grasps", "fingers", "maps", "rough", "by_spines", "grippers", "hands", "fixed", "fixed_value"]
+"""Arrays of a StageProblem with the knots first."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +89,53 @@ class StageProblem:
         torque = np.tile(problem.torque_limits_Nm[self.limited[1]], 2)
         lows = [body_low, reach_low, column_low, surface_low, -torque]
         highs = [body_high, reach_high, column_high, np.full(surface_low.shape, np.inf), torque]
+        self._set_rows(
+            [low - _RELAXED * np.maximum(1.0, np.abs(low)) for low in lows],
+            [high + _RELAXED * np.maximum(1.0, np.abs(high)) for high in highs],
+        )
+
+    def _set_rows(self, lows: list[Array], highs: list[Array]) -> None:
         self.low, self.high = (np.concatenate([part.ravel() for part in parts]) for parts in (lows, highs))
         self.bounded: Flags = np.isfinite(np.stack([self.low, self.high]))
-        self.low = np.where(self.bounded[0], self.low - _RELAXED * np.maximum(1.0, np.abs(self.low)), -np.inf)
-        self.high = np.where(self.bounded[1], self.high + _RELAXED * np.maximum(1.0, np.abs(self.high)), np.inf)
         self._ends = np.cumsum([part.size for part in lows])[:-1]
+        each = [np.repeat(np.arange(self.knots), part.size // self.knots) for part in lows[:-1]]
+        self._row_knots = np.concatenate([*each, np.repeat(self.limited[0], INTERVAL_TORQUES)])
+
+    def window(self, first: int, last: int, body: Array) -> StageProblem:
+        """The same from one knot to another, at both of which the body is as in `body` (N + 1, 12)."""
+        part = copy(self)
+        part.knots, part.first = last - first, body[first]
+        for name in _BY_KNOT:
+            setattr(part, name, getattr(self, name)[first:last])
+        knots, limbs = self.limited
+        inside = (knots >= first) & (knots < last)
+        part.limited = knots[inside] - first, limbs[inside]
+        lows, highs = (
+            [*(rows[first:last].copy() for rows in parts[:-1]), parts[-1][inside]]
+            for parts in (self.split(self.low), self.split(self.high))
+        )
+        if last < self.knots:
+            part.pinned, part.last = np.ones(BODY_STATES), body[last]
+            for on_state in (0, 1):  # they hold at a state that is given
+                lows[on_state][-1], highs[on_state][-1] = -np.inf, np.inf
+        part._set_rows(lows, highs)
+        return part
+
+    def lacking(self, body: Array, columns: Array) -> Array:
+        """(N,): by how much rows are violated in the interval that begins at each knot, in their units."""
+        most = np.zeros(self.knots)
+        np.maximum.at(most, self._row_knots, -self.slack(self.rows(body, columns)).min(axis=0))
+        return most
+
+    def without_violated(self, kept: slice, body: Array, columns: Array) -> StageProblem:
+        """The same without bounds that are violated outside the `kept` knots."""
+        part = copy(self)
+        values = self.rows(body, columns)
+        outside = (self._row_knots < kept.start) | (self._row_knots >= kept.stop)
+        part.low = np.where(outside & (values < self.low), -np.inf, self.low)
+        part.high = np.where(outside & (values > self.high), np.inf, self.high)
+        part.bounded = np.isfinite(np.stack([part.low, part.high]))
+        return part
 
     def _column_bounds(self, contacts: list[list[Contact | None]]) -> tuple[Array, Array]:
         """Bounds (7) of wrenches and (3) of the spines' shares, (N, 4, 8), scaled."""
@@ -178,9 +225,8 @@ class StageProblem:
                 bent = f.torque_hessian(limbs, poses, state_map[limited, :POSE], *held, -on_torques)
                 self._add_both(bent, body_hessian, column_hessian, cross)
         rows = [body[1:], reach, columns, surface, torques]
-        spines = SPINE_WEIGHT * float((columns[self.by_spines][:, :3] ** 2).sum())
         return Derivatives(
-            cost=float(body_cost.sum() + column_cost.sum()) + spines,
+            cost=float(body_cost.sum() + column_cost.sum()) + self._spines_cost(columns),
             body_slope=body_slope,
             body_hessian=body_hessian,
             column_slope=column_slope,
@@ -195,6 +241,17 @@ class StageProblem:
             torques=torque_slopes,
         )
 
+    def cost(self, body: Array, columns: Array) -> float:
+        """What is minimised."""
+        body_cost, column_cost = (
+            self.functions.body_cost(body)[0],
+            self.functions.column_cost(columns.reshape(-1, COLUMN))[0],
+        )
+        return float(body_cost.sum() + column_cost.sum()) + self._spines_cost(columns)
+
+    def _spines_cost(self, columns: Array) -> float:
+        return SPINE_WEIGHT * float((columns[self.by_spines][:, :3] ** 2).sum())
+
     def dual_residual(self, at: Derivatives, multipliers: Array, duals: Array) -> float:
         """Largest entry of the Lagrangian's slope."""
         body, columns = self._pulled(at, -duals)
@@ -207,8 +264,8 @@ class StageProblem:
         columns[self.fixed] = 0.0
         return max(float(np.abs(body[1:]).max()), float(np.abs(columns).max()))
 
-    def condensed(self, at: Derivatives, stiffness: Array, pull: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Hessians of body and columns, the cross terms, and both slopes, with the rows' barrier in them."""
+    def condensed(self, at: Derivatives, stiffness: Array) -> tuple[Array, Array, Array]:
+        """Hessians of body and columns and the cross terms, with the rows' barrier in them."""
         on_body, on_reach, on_column, on_surface, on_torques = self.split(stiffness)
         body, columns, cross = at.body_hessian.copy(), at.column_hessian.copy(), at.cross.copy()
         index = np.arange(BODY_STATES)
@@ -219,8 +276,12 @@ class StageProblem:
         columns += at.surface.swapaxes(-1, -2) @ (on_surface[..., None] * at.surface)
         both = at.torques.swapaxes(-1, -2) @ (on_torques[..., None] * at.torques)
         self._add_both(both, body, columns, cross)
-        body_slope, column_slope = self._pulled(at, -pull)
-        return body, columns, cross, body_slope + at.body_slope, column_slope + at.column_slope
+        return body, columns, cross
+
+    def slopes(self, at: Derivatives, pull: Array) -> tuple[Array, Array]:
+        """Of the cost by body (N + 1, 12) and columns (N, 4, 8), less what the rows' barrier pulls."""
+        body, columns = self._pulled(at, -pull)
+        return body + at.body_slope, columns + at.column_slope
 
     def _add_both(self, both: Array, body: Array, columns: Array, cross: Array) -> None:
         """Adds second derivatives (P, 17, 17) by body state and wrench at `limited` to the Hessians."""

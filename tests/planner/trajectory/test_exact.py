@@ -19,9 +19,9 @@ from crux_planner.search.body_path import SPEED_SHARE, BodyPath, knot_path, smoo
 from crux_planner.search.schedule import scheduled
 from crux_planner.search.stances import Oracles, search
 from crux_planner.solvers import clock
-from crux_planner.trajectory import exact, stage_functions
+from crux_planner.trajectory import exact, stage_functions, windows
 from crux_planner.trajectory.exact import solve_within_torques
-from crux_planner.trajectory.interior_point import Outcome, Point, first_point
+from crux_planner.trajectory.interior_point import Outcome, Point, first_point, minimise
 from crux_planner.trajectory.solution import start_from_path
 from crux_planner.trajectory.stage_functions import StageFunctions
 from crux_planner.trajectory.stage_problem import StageProblem
@@ -120,7 +120,7 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
     )
 
     def lagrangian_slope(d: Any) -> tuple[np.ndarray, np.ndarray]:
-        body, columns = (part.copy() for part in stages.condensed(d, np.zeros_like(duals), duals)[3:])
+        body, columns = (part.copy() for part in stages.slopes(d, duals))
         body[:-1] += np.einsum("kij,ki->kj", d.state_map, point.multipliers)
         columns += np.einsum("klij,ki->klj", d.into_state, point.multipliers)
         return body, columns
@@ -209,3 +209,35 @@ def test_a_start_from_which_nothing_converges_is_said_not_to_be_solved(monkeypat
         found = solve_within_torques(problem, schedule, start_from_path(problem, path), clock.now() + left_s)
         assert not found.solved
         assert found.status == status
+
+
+def test_torques_asked_for_in_a_solution_are_kept_by_knots_about_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, schedule, path = instance("steep")
+    roomy = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)
+    free = solve_within_torques(roomy, schedule, start_from_path(problem, path), clock.now() + 30)
+    (_, limb), share = max(free.torque_shares.items(), key=lambda place: place[1])
+    limits = roomy.torque_limits_Nm.copy()
+    limits[limb] *= 0.97 * share  # of all joints: the worst of them lacks 3 %
+    tight = replace(roomy, torque_limits_Nm=limits, last_torques_Nm=limits)
+    at_once = solve_within_torques(tight, schedule, free.start, clock.now() + 30)
+
+    solved: list[int] = []
+
+    def noting(stages: StageProblem, point: Point, deadline: float) -> Outcome:
+        solved.append(stages.knots)
+        return minimise(stages, point, deadline)
+
+    monkeypatch.setattr(windows, "_LONGEST", 20)
+    monkeypatch.setattr(windows, "_MARGIN", 6)
+    monkeypatch.setattr(windows, "minimise", noting)
+    monkeypatch.setattr(exact, "minimise", noting)
+    found = solve_within_torques(tight, schedule, free.start, clock.now() + 30)
+    assert found.solved
+    assert 0 < max(solved) < problem.steps
+    assert max(found.torque_shares.values()) <= 1.001
+    assert found.columns is not None
+    stages = StageProblem(StageFunctions(tight), tight, schedule, frozenset(found.torque_shares))
+    assert stages.lacking(found.body, found.columns).max() < 1e-5
+    assert np.abs(stages.next_states(found.body, found.columns) - found.body[1:]).max() < 1e-6
+    assert at_once.cost - 1e-4 < found.cost < 1.002 * at_once.cost
+    assert free.cost < at_once.cost
