@@ -45,6 +45,11 @@ BENCHES = {
         f"{_HERE}.hold_fields",
         "--count 5 --seed 101",
     ),
+    "routes": Bench(
+        "plan routes over 16 to 100 holds, with CPU time and J, beside another checkout's",
+        f"{_HERE}.routes",
+        "--rungs 8 --seed 2",
+    ),
     "scenes": Bench("plan, check and climb every scene that ships", f"{_HERE}.scenes", "climb-vertical walk-flat"),
     "climbs": Bench(
         "plan and climb random walls like the four-hold scene", f"{_HERE}.random_climbs", "--count 5 --slope 70"
