@@ -56,6 +56,13 @@ CycleLoop::CycleLoop(const RobotDescription& robot, PerLimb<std::unique_ptr<Bus>
 
 Reason CycleLoop::take_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept { return core_->exchange_plan(plan); }
 
+void CycleLoop::restore(std::unique_ptr<const PreparedPlan> plan, const crux_msgs::restart_t& left,
+                        std::unique_ptr<LogEntry> entry) {
+  core_->exchange_plan(plan);
+  core_->restore(left);
+  events_.add(std::move(entry), {});
+}
+
 CycleReport CycleLoop::run() {
   if (wake_nodes()) {
     if (options_.pace == Pace::kBus)
@@ -230,6 +237,10 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
 }
 
 void CycleLoop::tell(const crux_msgs::fault_t& fault) noexcept {
+  if (fault.code == static_cast<std::int16_t>(FaultCode::kRestartRefused)) {
+    exchange_.restart_refusal.slot() = core_->restart_refusal();
+    exchange_.restart_refusal.publish();
+  }
   crux_msgs::fault_t* slot = exchange_.faults.back();
   if (slot == nullptr) return;
   *slot = fault;
@@ -399,6 +410,8 @@ void CycleLoop::push_events(std::int64_t log_time_ns) noexcept {
 
 void CycleLoop::publish(const CycleRecord& record) noexcept {
   if (cycle_ % snapshot_cycles_ != 0) return;
+  core_->leave(exchange_.restart.slot().left);
+  exchange_.restart.publish();
   Snapshot& snapshot = exchange_.snapshot.slot();
   snapshot.state = record.result.state;
   std::ranges::copy(record.result.reference, snapshot.reference.begin());

@@ -47,6 +47,10 @@ class CycleLoop : private PlanTaker {
   /// sends the next cycle's frames; before the first cycle, Sync(0). False when it is over.
   bool turn();
 
+  /// Before the first cycle: goes on where `left` says, in the middle of `plan`, once nodes and sensors agree.
+  void restore(std::unique_ptr<const PreparedPlan> plan, const crux_msgs::restart_t& left,
+               std::unique_ptr<LogEntry> entry);
+
   /// Serves operators before the first cycle, which serves them itself; true when there was something to serve.
   bool serve();
 

@@ -16,6 +16,7 @@
 #include "app/open_log.hpp"
 #include "app/options.hpp"
 #include "app/realtime.hpp"
+#include "app/restart_keeper.hpp"
 #include "lcm/operator_server.hpp"
 #include "telemetry/log_writer.hpp"
 
@@ -141,6 +142,8 @@ int run(const Options& options) {
   if (!must_log && !options.log.empty())
     log_writer.take_logs_from(log_files, exchange.new_cores, [&robot] { return std::make_unique<ControlCore>(robot); });
   const auto loop = std::make_unique<CycleLoop>(robot, std::move(buses), exchange, records, options.cycle);
+  RestartKeeper keeper(options.state, robot, exchange);
+  take_up(keeper, *loop, server, exchange);
   handle_signals(exchange.stop);
   if (options.insecure)
     std::fprintf(stderr, "crux-runtime: INSECURE: whoever reaches LCM at %s commands the robot\n",
@@ -150,6 +153,7 @@ int run(const Options& options) {
     auto blocked = std::make_unique<SignalsBlocked>();  // the workers inherit it
     const Worker log_worker(log_writer);
     const Worker server_worker(server);
+    const Worker restart_worker(keeper);
     blocked.reset();
     if (options.cycle.pace == Pace::kClock) {
       if (const std::string refused = become_realtime(); !refused.empty())

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <string_view>
 
+#include "app/restart_keeper.hpp"
 #include "bus/bus.hpp"
 #include "core/reason.hpp"
 
@@ -11,6 +12,7 @@ namespace crux {
 namespace {
 
 constexpr std::string_view kDefaultBusBase = "udp:239.74.163.2:43113";
+constexpr std::string_view kNoState = "none";
 constexpr double kMaxGuardTime_s = 3600.0;
 constexpr double kMaxIdleLogs_GB = 1e5;
 
@@ -70,6 +72,13 @@ void complete_buses(Options& options) {
                     " has no bus; give all four or none");
 }
 
+/// A robot has a state; a simulation in lockstep only where it is asked for.
+void complete_state(Options& options) {
+  if (options.state.empty() && options.cycle.pace == Pace::kClock)
+    options.state = RestartKeeper::default_folder(options.buses);
+  if (options.state == kNoState) options.state.clear();
+}
+
 void check_authority(const Options& options) {
   if (options.keys.empty() == options.insecure) return;
   if (options.insecure) throw OptionError("--insecure: with --keys none but their owners command; give one of the two");
@@ -102,9 +111,9 @@ Options parse_options(std::span<const char* const> arguments) {
       *given->second = true;
       continue;
     }
-    constexpr std::array<std::string_view, 13> kNames = {
-        "--robot", "--bus",        "--bus-base", "--commands", "--pace",      "--keys",    "--lcm",
-        "--log",   "--guard-time", "--tag",      "--note",     "--idle-logs", "--identity"};
+    constexpr std::array<std::string_view, 14> kNames = {
+        "--robot", "--bus",        "--bus-base", "--commands", "--pace",      "--keys",     "--lcm",
+        "--log",   "--guard-time", "--tag",      "--note",     "--idle-logs", "--identity", "--state"};
     if (std::ranges::find(kNames, name) == kNames.end())
       throw OptionError("unknown option '" + name + "'; --help lists them");
     if (++i == arguments.size()) throw OptionError(name + " needs a value; --help says which");
@@ -116,6 +125,7 @@ Options parse_options(std::span<const char* const> arguments) {
     if (name == "--pace") options.cycle.pace = parse_pace(value);
     if (name == "--keys") options.keys = value;
     if (name == "--identity") options.identity = value;
+    if (name == "--state") options.state = value;
     if (name == "--lcm") options.lcm_url = value;
     if (name == "--log") options.log = value;
     if (name == "--tag") add_tag(options, value);
@@ -128,6 +138,7 @@ Options parse_options(std::span<const char* const> arguments) {
     throw OptionError("--idle-logs goes with --log and --pace clock: a simulation has one log");
   complete_buses(options);
   check_authority(options);
+  complete_state(options);
   return options;
 }
 
@@ -150,6 +161,8 @@ usage: crux-runtime [options]
                     commands must be signed (crux key)                 (this or --insecure)
   --identity FILE   its own private key, which signs its answers;      (runtime.pem in $STATE_DIRECTORY or
                     created if missing                                  ~/.local/state/crux)
+  --state DIR       keep where the robot hangs in DIR, for the next    (a folder for these buses beside the
+                    run to go on from there; none: keep nothing         key; none in pace bus)
   --insecure        accept commands from anyone who reaches LCM:
                     for tests and the simulation
   --log FILE        log every cycle as MCAP; an existing FILE is kept,

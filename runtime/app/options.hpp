@@ -27,6 +27,7 @@ struct Options {
   std::string lcm_url = "udpm://239.255.76.67:7667?ttl=0";
   std::string keys;       ///< file of those who may command; empty: whoever reaches LCM, with `insecure` alone
   bool insecure = false;  ///< no keys
+  std::string state;      ///< folder for what the next run needs; empty: none
   std::string identity;   ///< file of the runtime's own key; empty: where it is without being told
   std::string log;        ///< empty: none
   std::uintmax_t idle_log_bytes = 0;  ///< of logs without a climb, which are ended and deleted; 0: one log, never

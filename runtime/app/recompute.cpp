@@ -2,7 +2,8 @@
 // one cycle after the other, from standard input, and writes what the core makes of them to standard output. The core
 // is a function of these alone, so the same code gives the same bits; `crux replay --check` compares them.
 //
-// Standard input: records of one byte kind, four bytes length (little-endian), a CDR message (plan_t, control_input_t).
+// Standard input: records of one byte kind, four bytes length (little-endian), a CDR message (plan_t, control_input_t,
+// restart_t).
 // Standard output, for every control_input_t: a control_output_t and a robot_state_t, length and CDR message.
 
 #include <algorithm>
@@ -25,7 +26,7 @@ namespace {
 using namespace crux;
 
 constexpr int kDone = 0, kFailed = 1, kWrongUsage = 2;
-constexpr std::uint8_t kPlan = 0, kCycle = 1;
+constexpr std::uint8_t kPlan = 0, kCycle = 1, kRestart = 2;
 constexpr std::size_t kMaxRecord_bytes = std::size_t{64} << 20U;
 
 struct Record {
@@ -66,6 +67,12 @@ void take_plan(ControlCore& core, std::span<const std::uint8_t> bytes) {
     throw std::runtime_error("the plan is refused: " + refusal);
 }
 
+void restore(ControlCore& core, std::span<const std::uint8_t> bytes) {
+  crux_msgs::restart_t left;
+  if (!crux_msgs::decode_cdr(bytes, left)) throw std::runtime_error("a restart that is no restart_t");
+  core.restore(left);
+}
+
 void recompute(const RobotDescription& robot) {
   ControlCore core(robot);
   const auto result = std::make_unique<CycleResult>();
@@ -74,6 +81,8 @@ void recompute(const RobotDescription& robot) {
   for (Record record; read_record(record);) {
     if (record.kind == kPlan) {
       take_plan(core, record.message);
+    } else if (record.kind == kRestart) {
+      restore(core, record.message);
     } else if (record.kind == kCycle && crux_msgs::decode_cdr(record.message, *input)) {
       core.step(*input, *result);
       write_message(result->output, buffer);

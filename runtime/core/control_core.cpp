@@ -13,8 +13,6 @@
 namespace crux {
 namespace {
 
-// Cycles in which latched nodes are told to re-arm: frames may be lost.
-constexpr int kRearmCycles = 50;
 // What a limb bears of the rest while its new grasp is pulled.
 constexpr double kTestedLoad = 1e-3;
 
@@ -47,6 +45,7 @@ Reason ControlCore::exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noe
   }
   const bool stands = engaged_ && plan && plan->point_feet == plan_->point_feet;
   plan_.swap(plan);
+  looks_around_ = false;
   supervisor_.plan_exchanged(stands);
   clock_.reset();
   test_.reset();
@@ -96,6 +95,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
     wrenches_W_.fill(Wrench());
   }
   write(in, out);
+  if (!supervisor_.fault_is_new()) notice_ = {};
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
@@ -112,7 +112,9 @@ void ControlCore::sense(const crux_msgs::control_input_t& in) noexcept {
     limbs_[l].sense(in);
     anchors_W_m[l] = limbs_[l].anchor_W_m(reference_.limbs[l]);
     grippers_B_m[l] = limbs_[l].state().gripper_B.position_m;
-    weights[l] = limbs_[l].found() && !limbs_[l].blind() ? load(l, reference_.limbs[l]) : 0.0;
+    // Where nothing has been commanded yet no encoder can have frozen.
+    const bool sees = looks_around_ || !limbs_[l].blind();
+    weights[l] = limbs_[l].found() && sees ? load(l, reference_.limbs[l]) : 0.0;
   }
   if (!plan_) return;
   body_.update(anchors_W_m, grippers_B_m, weights);
@@ -173,12 +175,12 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   FaultEvent fault = faults_.node_fault(in, engaged_);
   for (int l = 0; l < kLimbs && !fault && engaged_; ++l) fault = limbs_[l].encoder_fault();
   if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(in.late_s), in.dt_s);
-  const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle;
+  const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle && !looks_around_;
   const Reason off = idle ? off_start(reference_) : Reason{};
   const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
   supervisor_.update({.command = in.operator_command,
                       .command_value = in.command_value,
-                      .plan_loaded = plan_ != nullptr,
+                      .plan_loaded = plan_ && !looks_around_,
                       .may_take_over = well && idle && !off,
                       .plan_started = started_,
                       .plan_complete = plan_ && clock_.complete(*plan_),
@@ -191,6 +193,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .fault = fault,
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
+  take_up();
   for (int l = 0; l < kLimbs; ++l) {
     limbs_[l].trust_finger_force(!faults_.finger_force_distrusted(l));
     limbs_[l].trust_force_torque(!faults_.distrusted(l));
@@ -223,7 +226,7 @@ void ControlCore::engage(const PlanReference& reference) noexcept {
     for (LimbController& limb : limbs_) limb.set_gains(robot_.admittance);
   }
   correction_.reset(body_.body_W(), reference.body_W);
-  if (!started_) {
+  if (!started_ || !localisation_.begun()) {
     PerLimb<Vector3> arms_W_m;
     PerLimb<bool> on_hold;
     for (int l = 0; l < kLimbs; ++l) {

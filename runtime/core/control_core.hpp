@@ -8,6 +8,7 @@
 #include <crux_msgs/limb_reference_t.hpp>
 #include <crux_msgs/limb_telemetry_t.hpp>
 #include <crux_msgs/plan_t.hpp>
+#include <crux_msgs/restart_t.hpp>
 #include <crux_msgs/robot_state_t.hpp>
 #include <memory>
 
@@ -55,6 +56,18 @@ class ControlCore {
   /// the plan begins elsewhere. A stance that is controlled is controlled on, with the limbs in the air that it has.
   Reason exchange_plan(std::unique_ptr<const PreparedPlan>& plan) noexcept;
 
+  /// Before the first cycle, with the plan loaded that `left` names: the robot hangs on the wall in the middle of that
+  /// plan, as the run before left it. Believed once all nodes have been heard for a while and joints, fingers and
+  /// force/torque sensors agree; HOLDING then, else the plan is dropped. Faults 34 and 35 tell which.
+  void restore(const crux_msgs::restart_t& left);
+
+  /// What the next run needs to know; without a plan_id where there is nothing to go on with. `left`.plan_id has room
+  /// for a plan's; its robot is not filled in.
+  void leave(crux_msgs::restart_t& left) const noexcept;
+
+  /// Why fault 35 was told.
+  const Reason& restart_refusal() const noexcept { return restart_refusal_; }
+
   /// One control cycle.
   void step(const crux_msgs::control_input_t& in, CycleResult& out) noexcept;
 
@@ -64,6 +77,9 @@ class ControlCore {
   bool as_new() const noexcept;
 
  private:
+  /// In which latched nodes are told to re-arm: frames may be lost.
+  static constexpr int kRearmCycles = 50;
+
   /// Of a limb in the air to the hold it left, or comes down on, when another has lost its own.
   enum class Return : std::uint8_t { kNone, kOnItsWay, kOver };
 
@@ -76,6 +92,11 @@ class ControlCore {
   /// The plan in reference_ takes the stance over from `before`.
   void hand_over(const PlanReference& before) noexcept;
   double engagement() const noexcept;
+  /// Decides on what restore() was told, where that is due.
+  void take_up() noexcept;
+  Reason off_restart() noexcept;
+  /// Where fingers and force/torque sensors do not agree with the plan at `at`.
+  Reason off_grips(const PlanTime& at) const noexcept;
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
@@ -140,7 +161,12 @@ class ControlCore {
   PerLimb<Wrench> wrenches_W_;  ///< that the limbs are to bear, of this cycle
   Vector3 com_W_m_ = Vector3::Zero();
   Return return_ = Return::kNone;
-  bool engaged_ = false;  ///< control has taken over from the nodes' own hold
+  crux_msgs::restart_t left_{};  ///< that restore() was told, until it is decided on
+  bool looks_around_ = false;    ///< to decide on it
+  Reason restart_refusal_;
+  FaultEvent notice_;                            ///< to be told
+  std::unique_ptr<const PreparedPlan> dropped_;  ///< not freed in a cycle
+  bool engaged_ = false;                         ///< control has taken over from the nodes' own hold
   double engaged_time_s_ = 0.0;
   bool started_ = false;          ///< the plan's clock has left zero
   double settling_time_s_ = 0.0;  ///< in CLIMBING before that

@@ -42,7 +42,10 @@ void ControlCore::write_reference(CycleResult& out) const noexcept {
     const LimbReference& from = reference_.limbs[l];
     crux_msgs::limb_reference_t& to = out.reference[l];
     to.limb = static_cast<std::int8_t>(l);
-    to.phase = static_cast<std::int8_t>(from.phase);
+    // Before control has taken over the plan's beginning says nothing of a limb; its fingers do.
+    const bool idle = supervisor_.state() == SupervisorState::kIdle && !looks_around_;
+    const LimbPhase felt = limbs_[l].presses() ? LimbPhase::kStance : LimbPhase::kSwing;
+    to.phase = static_cast<std::int8_t>(idle ? felt : from.phase);
     to.load = from.load;
     copy(from.gripper_position_W_m, to.gripper_position_w_m);
     to.gripper_yaw_w_rad = from.gripper_yaw_W_rad;
@@ -97,8 +100,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   copy(balance_.unbalanced_W().force_N, state.unbalanced_force_w_n);
   copy(balance_.unbalanced_W().moment_Nm, state.unbalanced_moment_w_nm);
 
-  const FaultEvent& fault = supervisor_.fault();
-  out.has_fault = supervisor_.fault_is_new();
+  const FaultEvent& fault = notice_ && !supervisor_.fault_is_new() ? notice_ : supervisor_.fault();
+  out.has_fault = notice_ || supervisor_.fault_is_new();
   out.fault = {};
   out.fault.cycle = in.cycle;
   out.fault.code = static_cast<std::int16_t>(fault.code);

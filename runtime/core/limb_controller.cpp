@@ -124,6 +124,15 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   encoders_.restart();
 }
 
+void LimbController::restore(const LimbReference& reference, bool grips, const Vector3& place_W_m, double opening_m,
+                             const Wrench& tare_G) noexcept {
+  wrench_.take_bias(tare_G);
+  found_ = in_contact_ = grips;
+  contact_offset_W_m_ = grips ? Vector3(place_W_m - reference.gripper_position_W_m) : Vector3::Zero();
+  gripped_opening_m_ = opening_m;
+  opened_m_ = gripper_.max_opening_m;
+}
+
 void LimbController::hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept {
   grip_at(anchor_W_m(before), target_W(before), now);
   known_ = {};
@@ -298,6 +307,8 @@ double LimbController::finger_residual_N(const LimbReference& reference, bool be
   if (rest && passes_over(reference) && opened(reference)) return touches ? 0.0 : std::abs(finger_force_N_);
   return rest ? std::max(expected_finger_force_N() - finger_force_N_, 0.0) : 0.0;
 }
+
+bool LimbController::presses() const noexcept { return !closed() && finger_force_N_ >= control_.contact_force_N; }
 
 double LimbController::torque_share() const noexcept {
   double share = 0.0;

@@ -35,6 +35,11 @@ class LimbController {
   /// measured and the first torque the one measured.
   void engage(const LimbReference& reference, const Pose& body_W) noexcept;
 
+  /// What the run before knew of the limb: the bias of its force/torque sensor and, where it grips, where and how far
+  /// its fingers are open there.
+  void restore(const LimbReference& reference, bool grips, const Vector3& place_W_m, double opening_m,
+               const Wrench& tare_G) noexcept;
+
   /// Another plan begins where the limb is: its command goes on from where it was for `before`. `engagement`: as at the
   /// last drive().
   void hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept;
@@ -121,6 +126,7 @@ class LimbController {
   const Wrench& wrench_W() const { return wrench_.wrench_W(); }
   /// Its joints bear what gravity does not explain: in the air it runs against something.
   bool runs_against() const { return borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm; }
+  const Wrench& tare_G() const { return wrench_.bias_G(); }
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }
@@ -138,6 +144,9 @@ class LimbController {
   /// The fingers, on their way to a hold or, before the plan has begun, on one, have come to their closed stop: nothing
   /// is between them.
   bool finds_no_hold(const LimbReference& reference, bool begun) const noexcept;
+  /// By force and opening: there is something between its fingers.
+  bool presses() const noexcept;
+  double gripped_opening_m() const { return gripped_opening_m_; }
   double finger_opening_m() const { return finger_opening_m_; }
   /// From a pad's face to the gripper's centre, of a grip: as found, else as planned.
   double grip_opening_m(const LimbReference& reference) const noexcept;

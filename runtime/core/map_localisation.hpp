@@ -18,6 +18,8 @@ class MapLocalisation {
   /// The body's pose was fitted to grippers at `arm_W_m` from the body, on holds of the map, wherever `on_hold`.
   void begin(const Vector3& body_W_m, const PerLimb<Vector3>& arm_W_m, const PerLimb<bool>& on_hold) noexcept;
 
+  bool begun() const { return !covariance_.isZero(); }
+
   /// Takes in a cycle's contact forces, those of all limbs that touch a hold. `known`: their sensors' biases have been
   /// learnt.
   void feel(const Vector3& force_W_N, const Vector3& weight_W_N, bool known, double dt_s) noexcept;

@@ -29,6 +29,13 @@ class PlanClock {
  public:
   void reset() noexcept { *this = PlanClock(); }
 
+  /// The clock of a run that has ended goes on here; it stands until it departs.
+  void restore(const PlanTime& now, const PlanTime& verified) noexcept {
+    reset();
+    now_ = now;
+    verified_ = verified;
+  }
+
   /// From now on the clock runs as `motion` says; what it waited for is forgotten.
   void depart(const PreparedPlan& plan, Motion motion) noexcept;
 

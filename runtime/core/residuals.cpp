@@ -63,6 +63,7 @@ double ControlCore::relief(int limb) const noexcept {
 double ControlCore::utilisation(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (!plan_ || plan_->point_feet || !reference.gripping()) return 0.0;
+  if (supervisor_.state() == SupervisorState::kIdle && !limbs_[limb].presses()) return 0.0;
   const Wrench& wrench_W = faults_.distrusted(limb) ? wrenches_W_[limb] : limbs_[limb].wrench_W();
   return limit_surface_utilisation(wrench_W, reference.finger_axis_W(), contact(limb, reference),
                                    limbs_[limb].finger_force_N());

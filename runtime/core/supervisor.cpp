@@ -153,6 +153,13 @@ void Supervisor::obey(const Observation& seen) noexcept {
   }
 }
 
+void Supervisor::take_up(const FaultEvent& fault, double speed_scale) noexcept {
+  state_ = SupervisorState::kHolding;
+  fault_ = fault;
+  fault_is_new_ = static_cast<bool>(fault);
+  speed_scale_ = speed_scale;
+}
+
 void Supervisor::plan_exchanged(bool stands) noexcept {
   if (state_ != SupervisorState::kFault) {
     state_ = stands ? SupervisorState::kReady : SupervisorState::kIdle;

@@ -53,6 +53,9 @@ class Supervisor {
   /// matched with the robot's pose first.
   void plan_exchanged(bool stands) noexcept;
 
+  /// The robot is found hanging on the wall in mid-plan, as the run before left it, `fault` included.
+  void take_up(const FaultEvent& fault, double speed_scale) noexcept;
+
   SupervisorState state() const { return state_; }
   /// Joints are to be driven in this state.
   bool controls() const {

@@ -22,6 +22,12 @@ class WrenchEstimator {
   /// Learns the bias from the last sample; only while the gripper touches nothing.
   void tare(const Matrix3& rotation_WG, double dt_s) noexcept;
 
+  /// The bias is known from before.
+  void take_bias(const Wrench& bias_G) noexcept {
+    bias_G_ = bias_G;
+    tared_s_ = kTareTimeConstants * tare_time_constant_s_;
+  }
+
   /// The bias has been learnt.
   bool tared() const { return tared_s_ >= kTareTimeConstants * tare_time_constant_s_; }
 

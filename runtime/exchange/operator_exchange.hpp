@@ -13,12 +13,14 @@
 #include "crux_msgs/acknowledgement_t.hpp"
 #include "crux_msgs/command_t.hpp"
 #include "crux_msgs/plan_t.hpp"
+#include "crux_msgs/restart_t.hpp"
 
 namespace crux {
 
 /// What the log keeps of a request. The outcome is filled into `acknowledgement` by the telemetry thread.
 struct LogEntry {
-  std::optional<crux_msgs::plan_t> plan;  ///< logged only when it was accepted
+  std::optional<crux_msgs::plan_t> plan;        ///< logged only when it was accepted
+  std::optional<crux_msgs::restart_t> restart;  ///< with a plan that a new run goes on with
   std::optional<crux_msgs::command_t> command;
   crux_msgs::acknowledgement_t acknowledgement;
 };

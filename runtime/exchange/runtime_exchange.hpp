@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <iterator>
 #include <memory>
@@ -15,6 +16,7 @@
 #include "crux_msgs/fault_t.hpp"
 #include "crux_msgs/limb_reference_t.hpp"
 #include "crux_msgs/limb_telemetry_t.hpp"
+#include "crux_msgs/restart_t.hpp"
 #include "crux_msgs/robot_state_t.hpp"
 #include "crux_msgs/status_t.hpp"
 #include "exchange/latest_value.hpp"
@@ -32,6 +34,13 @@ struct Snapshot {
   crux_msgs::cycle_timing_t timing;
 };
 
+/// What the run after this one needs to know.
+struct RestartPoint {
+  static constexpr std::size_t kPlanId = 64;  // its length
+  RestartPoint() { left.plan_id.reserve(kPlanId); }
+  crux_msgs::restart_t left{};
+};
+
 /// Of each node, limb-major, as in status_t.
 using NodeStates = std::array<std::int8_t, std::size(decltype(crux_msgs::status_t::node_state){})>;
 
@@ -43,6 +52,8 @@ struct RuntimeExchange {
   SpscRing<NodeNotice> notices{64};
   LatestValue<Snapshot> snapshot;
   LatestValue<NodeStates> nodes;
+  LatestValue<RestartPoint> restart;
+  LatestValue<Reason> restart_refusal;
   std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
   std::atomic<std::int16_t> fault_code{0};  ///< of the fault that stands, as in robot_state_t
   std::atomic<bool> log_broken{false};      ///< the log cannot be written

@@ -63,6 +63,8 @@ void print_fault(const crux_msgs::fault_t& fault) {
   std::fprintf(stderr, "crux-runtime: cycle %" PRId64 ": %s\n", fault.cycle, in_words(event).c_str());
 }
 
+void print_reason(const Reason& reason) { std::fprintf(stderr, "crux-runtime: %s\n", in_words(reason).c_str()); }
+
 void print_notice(const NodeNotice& notice) {
   const std::string where = place(notice);
   switch (notice.kind) {

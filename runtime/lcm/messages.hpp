@@ -6,12 +6,16 @@
 #include <string>
 
 #include "bus/limb_bus.hpp"
+#include "core/reason.hpp"
 #include "crux_msgs/channels.hpp"
 #include "crux_msgs/fault_t.hpp"
 
 namespace crux {
 
 void print_fault(const crux_msgs::fault_t& fault);
+
+/// What a fault's text leaves out.
+void print_reason(const Reason& reason);
 
 /// A node that says it has restarted is no news.
 void print_notice(const NodeNotice& notice);

@@ -81,6 +81,13 @@ OperatorServer::OperatorServer(const std::string& url, const RobotDescription& r
   for (const Channel channel : kChannels) lcm_.subscribeFunction<Self>(channel_info(channel).name, on_message, this);
 }
 
+void OperatorServer::keep_plans(std::function<void(const plan_t&)> taken, std::function<void()> refused,
+                                std::optional<plan_t> left) {
+  plan_taken_ = std::move(taken);
+  restart_refused_ = std::move(refused);
+  plan_left_ = std::move(left);
+}
+
 void OperatorServer::run(const std::atomic<bool>& ended) {
   while (!ended.load(std::memory_order_acquire)) {
     serve(kPollTime);

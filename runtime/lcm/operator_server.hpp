@@ -3,6 +3,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <lcm/lcm-cpp.hpp>
 #include <map>
 #include <memory>
@@ -47,6 +48,11 @@ class OperatorServer {
 
   /// Waits so long for a message at the most, and hands on what there is; false when nothing came in.
   bool serve(std::chrono::milliseconds patience);
+
+  /// Before run(). `taken` hears of every plan that is taken over, `refused` that a restart is. `left`: a plan that the
+  /// control core may go on with.
+  void keep_plans(std::function<void(const crux_msgs::plan_t&)> taken, std::function<void()> refused,
+                  std::optional<crux_msgs::plan_t> left);
 
   /// For operators in the same process, where the URL is memq://.
   [[nodiscard]] lcm::LCM& link() noexcept { return lcm_; }
@@ -111,6 +117,8 @@ class OperatorServer {
   void answer(crux_msgs::acknowledgement_t acknowledgement, const Digest& to, bool with_status = false);
   bool joins_a_hold(const crux_msgs::command_t& command);
 
+  void take_plan(const crux_msgs::plan_t& plan);
+  void end_restart(FaultCode code);
   void drain();
   void drain_answers();
   void drain_faults();
@@ -140,6 +148,9 @@ class OperatorServer {
   PlanVerdict plan_verdict_;
   LastCommand last_command_;
   std::string loaded_plan_id_;
+  std::function<void(const crux_msgs::plan_t&)> plan_taken_;
+  std::function<void()> restart_refused_;
+  std::optional<crux_msgs::plan_t> plan_left_;
   std::map<std::uint32_t, Pending> pending_;
   std::uint32_t next_ticket_ = 1;
   NodeStates nodes_{};

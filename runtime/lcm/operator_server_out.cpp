@@ -41,10 +41,7 @@ void OperatorServer::drain_answers() {
     acknowledgement.supervisor_state = answer->outcome.supervisor_state;
     acknowledgement.reason = in_words(answer->outcome.reason);
     const bool accepted = acknowledgement.verdict == acknowledgement_t::ACCEPTED;
-    if (pending.plan && accepted) {
-      loaded_plan_id_ = pending.plan->plan_id;
-      publish(Channel::kPlan, *pending.plan);
-    }
+    if (pending.plan && accepted) take_plan(*pending.plan);
     // A scheduled command was granted when it came in; only a failure in its cycle is news.
     for (const Asked& asked : pending.asked) {
       if (again && accepted) break;
@@ -53,6 +50,23 @@ void OperatorServer::drain_answers() {
     }
     if (!answer->scheduled) pending_.erase(found);
   }
+}
+
+void OperatorServer::take_plan(const crux_msgs::plan_t& plan) {
+  loaded_plan_id_ = plan.plan_id;
+  publish(Channel::kPlan, plan);
+  if (plan_taken_) plan_taken_(plan);
+}
+
+/// What the run before left behind has been decided on.
+void OperatorServer::end_restart(FaultCode code) {
+  if (code == FaultCode::kRestarted && plan_left_) take_plan(*plan_left_);
+  if (code == FaultCode::kRestartRefused) {
+    const Reason* reason = exchange_.restart_refusal.take();
+    if (prints_ && reason != nullptr) print_reason(*reason);
+    if (restart_refused_) restart_refused_();
+  }
+  plan_left_.reset();
 }
 
 void OperatorServer::drain_faults() {
@@ -64,6 +78,8 @@ void OperatorServer::drain_faults() {
     }
     publish(Channel::kFault, *fault);
     if (prints_) print_fault(*fault);
+    const auto code = static_cast<FaultCode>(fault->code);
+    if (code == FaultCode::kRestarted || code == FaultCode::kRestartRefused) end_restart(code);
   }
 }
 
@@ -122,6 +138,10 @@ void OperatorServer::take_snapshot() {
   if (const Snapshot* newer = exchange_.snapshot.take()) {
     snapshot_ = newer;
     snapshot_is_new_ = true;
+    // A restart is over once the robot climbs.
+    const auto told = static_cast<FaultCode>(fault_.code);
+    const bool of_restart = told == FaultCode::kRestarted || told == FaultCode::kRestartRefused;
+    if (of_restart && newer->state.supervisor_state == robot_state_t::CLIMBING) fault_ = {};
   }
 }
 

@@ -134,6 +134,7 @@ void LogWriter::write_event(LoggedEvent& event, std::int64_t log_time_ns) {
                                        {"scenario_name", entry.plan->scenario_name},
                                        {"scenario_sha256", entry.plan->scenario_sha256}});
     log_->write(Channel::kPlan, log_time_ns, *entry.plan);
+    if (entry.restart) log_->write(Channel::kRestart, log_time_ns, *entry.restart);
   }
   log_->write(Channel::kAcknowledgement, log_time_ns, entry.acknowledgement);
 }

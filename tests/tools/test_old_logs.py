@@ -40,7 +40,8 @@ FORMATS: dict[str, tuple[list[tuple[str, str]], tuple[str, str] | None]] = {
         [("/LF/limb_telemetry", "int8 limb"), ("/can_frames", "uint8[] data")],
         ("/LF/limb_telemetry", "float64[6] admittance_gains"),
     ),
-    "9-gains": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], None),
+    "9-gains": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], ("/restart", "int32 interval")),
+    "10-restarts": ([("/LF/limb_telemetry", "float64[6] admittance_gains")], None),
 }
 
 each = pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)

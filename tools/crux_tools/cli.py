@@ -34,7 +34,7 @@ class Command:
 _OPERATOR = "crux_tools.operator_commands"
 COMMANDS: dict[str, Command] = {
     "demo": Command("plan a wall of four holds and climb it in simulation", "crux_simulation.sim.demo_command"),
-    "plan": Command("plan a climb for a scenario", "crux_planner.cli", "add_plan_parser", "run_plan"),
+    "plan": Command("plan a climb for a scenario", "crux_tools.guide.plan_command"),
     "check": Command(
         "check a plan independently of the planner", "crux_planner.checker.cli", "add_check_parser", "run_check"
     ),

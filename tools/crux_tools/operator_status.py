@@ -8,12 +8,13 @@ from typing import Any
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.terminal import in_a_line
-from crux_msgs import acknowledgement_t, status_t
+from crux_msgs import acknowledgement_t, robot_state_t, status_t
 from crux_msgs.tables import FAULT_HELP
 
-from crux_tools.telemetry.summary import MOTION_NAMES, PHASE_NAMES, WAIT_NAMES, name_of
+from crux_tools.telemetry.summary import MOTION_NAMES, PHASE_NAMES, STANCE, WAIT_NAMES, name_of
 
 NODES_PER_LIMB = 7  # joints from the shoulder, then the gripper
+GRIPPING = (0, 1, 7)  # limb_reference_t.phase: stance, unload, load
 NODE_WORDS = {
     status_t.SILENT: ("silent", "look at power and cables"),
     status_t.UNIDENTIFIED: (
@@ -56,6 +57,23 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
         "cause": cause,
         "do": remedy,
     }
+
+
+def is_only_told(fault: dict[str, Any]) -> bool:
+    """A fault_of() for whose sake no robot stops."""
+    kind = FAULT_BY_CODE.get(fault["code"])
+    return kind is not None and kind.to == "CLIMBING"
+
+
+def hanging(status: status_t) -> str:
+    """Which limbs grip and which are in the air, and where."""
+    grips = [name for name, limb in zip(LIMB_NAMES, status.reference, strict=True) if limb.phase in GRIPPING]
+    told = [f"hanging on {' '.join(grips)}"] if grips else []
+    for name, reference, telemetry in zip(LIMB_NAMES, status.reference, status.telemetry, strict=True):
+        if reference.phase not in GRIPPING:
+            x, y, z = telemetry.gripper_position_w_m
+            told.append(f"{name} in the air at ({x:.3f}, {y:.3f}, {z:.3f}) m")
+    return ", ".join(told)
 
 
 def _nodes(status: status_t) -> dict[int, list[str]]:
@@ -112,6 +130,13 @@ def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str,
     }
 
 
+def _phase(status: status_t, phase: str) -> str:
+    """Before control has taken over the runtime knows only whether fingers press."""
+    if status.state.supervisor_state == robot_state_t.IDLE:
+        return f"{'grips' if phase == PHASE_NAMES[STANCE] else 'in the air':<10}"
+    return f"{phase:<7}"
+
+
 def _climb_lines(status: status_t) -> list[str]:
     """Place in the plan, and a line a limb: nothing before the first cycle."""
     climb = climb_of(status)
@@ -124,8 +149,8 @@ def _climb_lines(status: status_t) -> list[str]:
     if climb["waiting_for"] is not None:
         place += f"; waits for {climb['waiting_limb'] or 'all limbs'} to {climb['waiting_for']}"
     limbs = [
-        f"  {name} {limb['phase']:<7} grip {limb['grasp_force_N']:4.1f} of {limb['grasp_force_reference_N']:4.1f} N, "
-        f"{limb['utilisation']:4.0%} of the limit surface"
+        f"  {name} {_phase(status, limb['phase'])} grip {limb['grasp_force_N']:4.1f} of "
+        f"{limb['grasp_force_reference_N']:4.1f} N, {limb['utilisation']:4.0%} of the limit surface"
         + ("" if limb["slip_friction"] is None else f", slipped at friction {limb['slip_friction']:.2f}")
         for name, limb in climb["limbs"].items()
     ]
@@ -143,6 +168,8 @@ def status_lines(status: status_t | None) -> list[str]:
     if (fault := fault_of(status)) is not None:
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
         lines.append(f"  since {fault['since']}, {fault['age_s']:.0f} s ago")
+        if fault["name"] == "restarted":
+            lines.append(f"  found {hanging(status)}")
         lines.append(f"  cause: {fault['cause']}")
         lines.append(f"  do: {fault['do']}")
     for state, names in _nodes(status).items():

@@ -14,6 +14,7 @@
 #include "app/cycle_loop.hpp"
 #include "app/open_log.hpp"
 #include "app/options.hpp"
+#include "app/restart_keeper.hpp"
 #include "lcm/operator_server.hpp"
 #include "memory_bus.hpp"
 #include "telemetry/log_writer.hpp"
@@ -67,6 +68,7 @@ struct crux_runtime {
   OperatorServer server_;
   LogWriter log_writer_;
   CycleLoop loop_;
+  RestartKeeper keeper_;
   std::deque<std::vector<std::uint8_t>> to_operators_;
   std::vector<std::uint8_t> told_;  ///< the last one that crux_runtime_next gave
 
@@ -80,12 +82,14 @@ crux_runtime::crux_runtime(crux_nodes* nodes, const Options& options)
       server_(kInProcess, robot_, exchange_, CommandGate({}, unpredictable), {}, false),  // nobody else reaches it
       log_writer_(records_, open_log(options, robot_), exchange_.log_broken, options.log_frames),
       loop_(robot_, memory_buses(nodes), exchange_, records_, options.cycle),
+      keeper_(options.state, robot_, exchange_),
       log_thread_([this] { log_writer_.run(ended_); }) {
   using Self = crux_runtime*;
   const auto keep = [](const lcm::ReceiveBuffer* buffer, const std::string&, Self self) {
     const auto* bytes = static_cast<const std::uint8_t*>(buffer->data);
     self->to_operators_.emplace_back(bytes, bytes + buffer->data_size);
   };
+  take_up(keeper_, loop_, server_, exchange_);
   server_.link().subscribeFunction<Self>(crux_msgs::channel_info(crux_msgs::Channel::kAnswer).name, keep, this);
 }
 
@@ -120,7 +124,11 @@ crux_runtime* crux_runtime_open(crux_nodes* nodes, std::int32_t count, const cha
 
 const char* crux_runtime_error() { return last_error.c_str(); }
 
-std::int32_t crux_runtime_turn(crux_runtime* runtime) { return runtime->loop_.turn() ? 1 : 0; }
+std::int32_t crux_runtime_turn(crux_runtime* runtime) {
+  const bool goes_on = runtime->loop_.turn();
+  runtime->keeper_.keep();
+  return goes_on ? 1 : 0;
+}
 
 void crux_runtime_tell(crux_runtime* runtime, const char* channel, const std::uint8_t* data, std::int32_t size) {
   runtime->tell(channel, {data, static_cast<std::size_t>(size)});

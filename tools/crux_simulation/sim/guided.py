@@ -53,6 +53,9 @@ class Guided:
             self._holds_since = 0
             self.legs.append((self._loop.cycle, self._guide.plan))
             return True
+        if attended is Attended.RESUMED:
+            self._holds_since = 0
+            return True
         status = self._guide.link.status
         holds = status is not None and status.state.supervisor_state == robot_state_t.HOLDING
         if attended is Attended.WAITING or (attended is Attended.NOTHING and not holds):

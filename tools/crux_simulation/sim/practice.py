@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import tempfile
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import alone_with, note
 
 from crux_simulation.sim.disturbance import STATE_MASK
-from crux_simulation.sim.loop import UNKNOWN, Ending, Loop, WorldClock
+from crux_simulation.sim.loop import CLIMBING, UNKNOWN, Ending, Loop, WorldClock
 
 if TYPE_CHECKING:
     from crux_contracts.robot import Robot
@@ -23,11 +24,13 @@ if TYPE_CHECKING:
 _DESCRIPTION = """Simulates a robot to practise with: crux-runtime, 28 firmware nodes on CAN over UDP, and the robot of
 PLAN.mcap on that plan's wall in real-time physics. The robot is supported externally until the runtime takes control.
 In another terminal run crux status, upload, start, hold, reverse or guide, as for a real robot. Ctrl-C or crux
-shutdown --force ends it. The log is the runtime's own."""
+shutdown --force ends it. The log is the runtime's own. A runtime that is killed is started again, as on a
+robot, and finds its robot hanging; its log gets a number."""
 _EXAMPLES = (
     "crux sim out/plan.mcap -o out/practice.mcap &",
     "crux status",
     "crux upload out/plan.mcap && crux start",
+    "pkill -9 crux-runtime",
     "crux sim out/plan.mcap -o out/practice.mcap --world tools/worlds/hold-vanishes-four.yaml",
 )
 _IDLE = 0
@@ -63,10 +66,14 @@ def add_parser(subparsers: Any) -> None:
 class Practice(Loop):
     """Goes on until the runtime ends. Nothing is recorded: hours of it need no memory."""
 
+    _climbed: bool = field(default=False, init=False)
+
     def over(self, cycle: int) -> Ending | None:  # noqa: ARG002
-        """Never; until the runtime has taken over, the hand carries the robot."""
+        """Never; until the runtime has taken over, the hand carries the robot. A runtime that starts again while the
+        robot is on the wall is IDLE, too."""
         state = self.nodes.host_state()
-        if state == UNKNOWN or state & STATE_MASK == _IDLE:
+        self._climbed = self._climbed or (state != UNKNOWN and state & STATE_MASK == CLIMBING)
+        if not self._climbed and (state == UNKNOWN or state & STATE_MASK == _IDLE):
             self.plant.carry()
         return None
 
@@ -121,7 +128,10 @@ def _practise(options: argparse.Namespace, plan: Any, robot: Robot, wanted: Any)
     plant = plant_of(plan, robot, wanted)
     with ExitStack() as stack:
         buses = stack.enter_context(run_ports()).bus_urls()
-        arguments = runtime_arguments(robot.folder, options.output, wanted.commands, _tags(options), keys=options.keys)
+        state = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="crux-sim-")))
+        arguments = runtime_arguments(
+            robot.folder, options.output, wanted.commands, _tags(options), None, options.keys, state
+        )
         runtime = stack.enter_context(RuntimeProcess(buses, PACES[wanted.pace], options.lcm, GUARD_TIME_S, arguments))
         with OperatorLink(options.lcm) as link:
             runtime.await_answer(link)
@@ -131,7 +141,7 @@ def _practise(options: argparse.Namespace, plan: Any, robot: Robot, wanted: Any)
             note("crux sim: no permission for SCHED_FIFO; other programs may delay the simulation")
         note(f"crux sim: the robot is there; in another terminal: crux upload {options.plan}, crux start, crux status")
         clock = WorldClock(plant.dt_s)
-        outcome = Practice(nodes, plant, runtime.is_alive, lambda _time_s: None, 0, clock=clock).run()
+        outcome = Practice(nodes, plant, runtime.goes_on, lambda _time_s: None, 0, clock=clock).run()
         runtime.wait()
         if runtime.crashed or outcome.ending is not Ending.RUNTIME_DIED:
             raise WorkFailed(f"crux-runtime {runtime.last_words()}")

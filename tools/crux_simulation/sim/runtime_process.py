@@ -14,6 +14,7 @@ from crux_contracts import LIMB_NAMES
 from crux_msgs import command_t
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.operator_link import OperatorLink
+from crux_tools.output import note
 from crux_tools.paths import built
 
 BINARY = "runtime/app/crux-runtime"
@@ -40,16 +41,19 @@ def runtime_arguments(
     tags: dict[str, str],
     switches: Mapping[str, bool] | None = None,
     keys: Path | None = None,
+    state: Path | None = None,
 ) -> list[str]:
     """What crux-runtime is told wherever it runs. A log that is there already is replaced.
 
     `commands`: each or broadcast; `tags`: what the log is to say of itself; `switches`: its options without a value;
-    `keys`: of those who may command it, None: it is nobody's but this simulation's.
+    `keys`: of those who may command it, None: it is nobody's but this simulation's; `state`: the folder where it keeps
+    what it needs after a restart, None: nothing is kept.
     """
     said = (word for key, value in tags.items() for word in ("--tag", f"{key}={value}"))
     who = ["--insecure"] if keys is None else ["--keys", str(keys)]
     given = [*who, "--overwrite", *(name for name, on in (switches or {}).items() if on)]
-    return ["--robot", str(robot_dir), "--log", str(log), *given, "--commands", commands, *said]
+    place = ["--state", "none" if state is None else str(state)]
+    return ["--robot", str(robot_dir), "--log", str(log), *place, *given, "--commands", commands, *said]
 
 
 def log_reason(said: str) -> str:
@@ -89,6 +93,17 @@ class RuntimeProcess:
     def is_alive(self) -> bool:
         """False once the process has ended."""
         return self._process.poll() is None
+
+    def goes_on(self) -> bool:
+        """As is_alive; a process that was killed is started again, as a robot's computer does it, and writes another
+        log."""
+        ended = self._process.poll()
+        if ended is None or ended >= 0:
+            return ended is None
+        note(f"crux-runtime {self.last_words()}; it is started again")
+        self._arguments = [word for word in self._arguments if word != "--overwrite"]
+        self.__enter__()
+        return True
 
     @property
     def crashed(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,8 +16,8 @@ from crux_planner import InfeasibleError, Planner, PlanResult
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.guide.situation import Situation
-from crux_tools.operator_link import OperatorLink
-from crux_tools.operator_status import fault_of
+from crux_tools.operator_link import START_IT, OperatorLink
+from crux_tools.operator_status import fault_of, hanging, is_only_told
 
 REPLANNED = (
     "event_timeout",
@@ -36,6 +37,8 @@ SETTLED_S = 0.3  # of standing, before what is measured counts
 RETURNED_S = 7.0  # where a limb may be on its way to a hold: longer than the runtime waits for it
 PLANNING_S = 20.0  # of computing, for the way to one goal
 TRIES = 5
+RESTART_S = 60.0  # for a runtime that answered before to answer again
+RESTARTED = "restarted"  # the fault that tells it
 SAFE_STANCES = 3  # behind the robot, to which a way is looked for
 
 
@@ -45,6 +48,7 @@ class Attended(Enum):
     NOTHING = "nothing to do"
     WAITING = "the robot is about to hold"
     STARTED = "another plan is climbed"
+    RESUMED = "the plan is climbed on, after a restart of the runtime"
     DONE = "the robot is at the goal"
     OPERATOR = "an operator has to clear the fault"
     GAVE_UP = "no plan leads on"
@@ -71,6 +75,8 @@ class Guide:
     _gave_up: bool = field(default=False, init=False)
     _missed: set[str] = field(default_factory=set, init=False)  # holds that a limb did not grip
     _awaited: str = field(default="", init=False)  # the fault that an operator has to clear
+    _held: bool = field(default=False, init=False)  # by an operator
+    _heard_s: float | None = field(default=None, init=False)  # when the runtime answered last
 
     def __post_init__(self) -> None:
         # Everything that planning needs is loaded before it is needed.
@@ -78,15 +84,26 @@ class Guide:
 
     def attend(self) -> Attended:
         """Looks at the runtime, and does what there is to do. Raises WorkFailed where nobody answers."""
-        plan_id = self.link.send(command_t.STATUS).plan_id
-        status = self.link.status
+        answer = self.link.command(command_t.STATUS)
+        if answer is None:
+            return self._nobody()
+        plan_id, status = answer.plan_id, self.link.status
+        if self._heard_s is not None and self._heard_s < 0.0:
+            self.say("the runtime answers again")
+        self._heard_s = time.monotonic()
         if status is None or status.state.supervisor_state != robot_state_t.HOLDING:
             self._still, self._awaited = None, ""
+            if status is not None and status.state.supervisor_state == robot_state_t.CLIMBING:
+                self._held = False
             return Attended.NOTHING
         fault = fault_of(status)
-        if fault is None:
-            done = status.state.plan_complete and not self.climbs_down
-            return Attended.DONE if done else Attended.NOTHING
+        if fault is None or is_only_told(fault):
+            if status.state.plan_complete and not self.climbs_down:
+                return Attended.DONE
+            if fault is not None and fault["name"] == RESTARTED and not self._held and plan_id == self.plan.plan_id:
+                return self._resume(status)
+            self._held = self._held or fault is None
+            return Attended.NOTHING
         if self._gave_up:
             return Attended.GAVE_UP
         if self._awaited == fault["name"]:
@@ -104,6 +121,24 @@ class Guide:
         if (missed := situation.missed()) is not None:
             self._missed.add(missed)
         return self._lead_on(situation)
+
+    def _nobody(self) -> Attended:
+        """Nobody answers. Raises WorkFailed where nobody ever has, or not for long."""
+        if self._heard_s is None or time.monotonic() - abs(self._heard_s) > RESTART_S:
+            raise WorkFailed(f"no runtime answers on {self.link.url}; {START_IT}")
+        if self._heard_s > 0.0:
+            self.say("the runtime does not answer any more; waiting until it does")
+            self._heard_s = -self._heard_s
+        return Attended.NOTHING
+
+    def _resume(self, status: status_t) -> Attended:
+        try:
+            self.link.send(command_t.RESUME)
+        except (UsageError, WorkFailed) as refused:
+            self.say(str(refused))
+            return Attended.WAITING
+        self.say(f"the runtime has restarted: {hanging(status)}; goes on with the plan")
+        return Attended.RESUMED
 
     def _stands(self, status: status_t) -> bool:
         """It has stood for a while; a limb may first go back to its hold, or on to the next, by itself."""

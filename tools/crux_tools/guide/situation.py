@@ -14,7 +14,8 @@ from crux_contracts.robot import Robot
 from crux_contracts.scenario import FACE_NAMES, Scenario, parse_scenario
 from crux_msgs import limb_knot_t, limb_reference_t, limb_telemetry_t, plan_t, status_t
 
-GRIPPING = (0, 1, 7)  # limb_reference_t.phase: stance, unload, load
+from crux_tools.operator_status import GRIPPING
+
 COMING = (5, 6)  # descend, close
 NOT_GRIPPED = ("event_timeout", "tracking_error", "ik_failed", "grasp_failed", "hold_missing")
 """Faults after which the hold that the limb came to is elsewhere, slippery or gone."""

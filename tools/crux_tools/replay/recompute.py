@@ -32,10 +32,10 @@ from crux_tools.telemetry.reader import Payloads, read_payloads
 
 T = TypeVar("T")
 BINARY = "runtime/app/crux-recompute"
-PLAN, INPUT = "/plan", "/control_input"
+PLAN, RESTART, INPUT = "/plan", "/restart", "/control_input"
 OUTPUTS = ("/control_output", "/robot_state")  # of a cycle, as crux-recompute writes them
-KIND = {PLAN: 0, INPUT: 1}
-TOPICS = {PLAN, INPUT, *OUTPUTS}
+KIND = {PLAN: 0, INPUT: 1, RESTART: 2}
+TOPICS = {*KIND, *OUTPUTS}
 BLOCK = 500  # messages that are given, cycles that are compared at once
 _MOST_bytes = 1 << 16  # of one message
 _RECORD, _LENGTH, _CYCLE = struct.Struct("<BI"), struct.Struct("<I"), struct.Struct("<4xq")
@@ -150,8 +150,13 @@ def _feed(records: IO[bytes], given: list[tuple[str, bytes]]) -> None:
 
 
 def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | None]:
-    """Plans and inputs in the order in which the core got them, the cycles, and the first one that is missing."""
-    plans = list(zip(log.times_ns.get(PLAN, []), log.payloads.get(PLAN, []), strict=True))
+    """What the core got, in that order, the cycles, and the first one that is missing."""
+    before = [
+        (time_ns, topic, payload)
+        for topic in (PLAN, RESTART)
+        for time_ns, payload in zip(log.times_ns.get(topic, []), log.payloads.get(topic, []), strict=True)
+    ]
+    before.sort(key=lambda message: message[0])  # a restart goes on with the plan of the same time
     given: list[tuple[str, bytes]] = []
     cycles: list[int] = []
     expected = int(log.metadata.get("first_cycle", "1"))
@@ -160,8 +165,8 @@ def _given(log: Payloads) -> tuple[list[tuple[str, bytes]], list[int], int | Non
         if cycle != expected:
             return given, cycles, expected
         expected += 1
-        while plans and plans[0][0] <= time_ns:
-            given.append((PLAN, plans.pop(0)[1]))
+        while before and before[0][0] <= time_ns:
+            given.append(before.pop(0)[1:])
         given.append((INPUT, payload))
         cycles.append(cycle)
     return given, cycles, None
