@@ -410,6 +410,7 @@ void CycleLoop::push_events(std::int64_t log_time_ns) noexcept {
 
 void CycleLoop::publish(const CycleRecord& record) noexcept {
   if (cycle_ % snapshot_cycles_ != 0) return;
+  exchange_.restart.slot().cycle = cycle_;
   core_->leave(exchange_.restart.slot().left);
   exchange_.restart.publish();
   Snapshot& snapshot = exchange_.snapshot.slot();

@@ -27,7 +27,7 @@ using namespace std::chrono_literals;
 namespace fs = std::filesystem;
 
 constexpr auto kLooksEvery = 20ms;
-constexpr auto kSameAgain = 1s;  // a robot that stands
+constexpr double kAgain_s = 0.1, kSameAgain_s = 1.0;  // of a climb, and of a robot that stands
 constexpr const char *kPlanFile = "/plan", *kPointFile = "/point", *kRetired = ".refused";
 constexpr std::string_view kHead = "crux restart 1\n";
 constexpr std::size_t kHashDigits = 64, kNameDigits = 16;
@@ -82,9 +82,9 @@ bool read_message(const std::string& path, Message& message, std::string& troubl
   return true;
 }
 
-bool says_the_same(const crux_msgs::restart_t& a, const crux_msgs::restart_t& b) {
-  return a.plan_id == b.plan_id && a.supervisor_state == b.supervisor_state && a.interval == b.interval &&
-         a.elapsed_s == b.elapsed_s && a.back == b.back && a.fault.code == b.fault.code &&
+/// What must not be kept late; the plan's time may be.
+bool grips_the_same(const crux_msgs::restart_t& a, const crux_msgs::restart_t& b) {
+  return a.plan_id == b.plan_id && a.supervisor_state == b.supervisor_state && a.fault.code == b.fault.code &&
          std::equal(std::begin(a.grips), std::end(a.grips), std::begin(b.grips));
 }
 
@@ -148,9 +148,10 @@ void RestartKeeper::keep() {
   keep_plan();
   const RestartPoint* newest = exchange_.restart.take();
   if (newest == nullptr || newest->left.plan_id.empty() || newest->left.plan_id != plan_id_) return;
-  const Clock::time_point now = Clock::now();
-  if (says_the_same(newest->left, kept_) && now - kept_at_ < kSameAgain) return;
-  kept_at_ = now;
+  const bool stands = newest->left.interval == kept_.interval && newest->left.elapsed_s == kept_.elapsed_s;
+  const double age_s = static_cast<double>(newest->cycle - kept_cycle_) / robot_.can.rate_Hz;
+  if (grips_the_same(newest->left, kept_) && age_s < (stands ? kSameAgain_s : kAgain_s)) return;
+  kept_cycle_ = newest->cycle;
   keep_point(newest->left);
 }
 

@@ -5,7 +5,6 @@
 
 #include <array>
 #include <atomic>
-#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -54,8 +53,6 @@ class RestartKeeper {
   static std::string default_folder(const std::array<std::string, kLimbs>& buses);
 
  private:
-  using Clock = std::chrono::steady_clock;
-
   void keep_plan();
   void keep_point(const crux_msgs::restart_t& point);
   void fail(const std::string& what);
@@ -67,7 +64,7 @@ class RestartKeeper {
   std::optional<crux_msgs::plan_t> new_plan_;
   std::string plan_id_;  ///< of the plan that is on the disk
   crux_msgs::restart_t kept_;
-  Clock::time_point kept_at_{};
+  std::int64_t kept_cycle_ = 0;
   std::string trouble_;
 };
 

@@ -39,6 +39,7 @@ struct RestartPoint {
   static constexpr std::size_t kPlanId = 64;  // its length
   RestartPoint() { left.plan_id.reserve(kPlanId); }
   crux_msgs::restart_t left{};
+  std::int64_t cycle = 0;  ///< of this run
 };
 
 /// Of each node, limb-major, as in status_t.

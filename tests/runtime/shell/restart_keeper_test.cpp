@@ -31,6 +31,7 @@ class KeeperTest : public testing::Test {
     RestartPoint& point = exchange_.restart.slot();
     point.left.plan_id = plan_id;
     point.left.interval = interval;
+    point.cycle = 100 * interval;
     exchange_.restart.publish();
     keeper.keep();
   }
