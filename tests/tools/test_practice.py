@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -53,6 +54,13 @@ def practice(folder: Path, *more: str, key: Path | None = None) -> Iterator[tupl
             process.wait()
 
 
+def runtime_of(process: subprocess.Popen[str]) -> int:
+    """The process id of the runtime that a `crux sim` has started."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    (runtime,) = [int(pid) for pid in children if "crux-runtime" in Path(f"/proc/{pid}/comm").read_text()]
+    return runtime
+
+
 def until(link: OperatorLink, met: Callable[[robot_state_t], bool], led_on: bool = False) -> robot_state_t:
     """The first state that meets; `led_on`: as an operator does where a stalled machine made the robot hold."""
     end_s = time.monotonic() + PATIENCE_S
@@ -79,10 +87,17 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         link.send(command_t.HOLD)
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
         assert held.fault_code == 0
+        os.kill(runtime_of(process), signal.SIGKILL)
+        found = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING and state.cycle < held.cycle)
+        assert found.plan_time_s == pytest.approx(held.plan_time_s, abs=0.2)
+        link.send(command_t.RESUME)
+        until(link, lambda state: state.plan_time_s > held.plan_time_s + 0.5, led_on=True)
         link.send(command_t.FORCE_SHUTDOWN)
         _, said = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0, said
+        assert "was ended by signal 9; it is started again" in said
         assert "was shut down" in said
+    assert read_log(tmp_path / "log-2.mcap").state["plan_time_s"].max() > found.plan_time_s
     log = read_log(tmp_path / "log.mcap")
     assert log.state["plan_time_s"].max() > 1.0
 

@@ -132,6 +132,8 @@ class Guide:
         return Attended.NOTHING
 
     def _resume(self, status: status_t) -> Attended:
+        if not self._stands(status):
+            return Attended.WAITING  # until its nodes have been re-armed
         try:
             self.link.send(command_t.RESUME)
         except (UsageError, WorkFailed) as refused:
