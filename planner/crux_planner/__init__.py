@@ -1,8 +1,8 @@
 """The planner: from a scenario and a robot description to a checked plan.
 
 Public: `plan`, `Planner` (plans again, warm), `stances` and `scenario_at` of a running plan, `PlanResult` and its
-arrays (`PlanSeries`), `InfeasibleError`, and the modules `checker`, `errors` and `method_report` (the paper's methods
-by themselves, for measuring). Names are imported when first used, so that the checker and the command line do not wait
+arrays (`PlanSeries`), `InfeasibleError`, and the modules `checker`, `cli` (of `crux plan`), `errors` and
+`method_report` (the paper's methods by themselves, for measuring). Names are imported when first used, so that the checker and the command line do not wait
 for the optimisation libraries.
 """
 
