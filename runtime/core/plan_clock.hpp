@@ -30,7 +30,7 @@ class PlanClock {
   void reset() noexcept { *this = PlanClock(); }
 
   /// The clock of a run that has ended goes on here; it stands until it departs.
-  void restore(const PlanTime& now, const PlanTime& verified) noexcept {
+  void restore(PlanTime now, PlanTime verified) noexcept {
     reset();
     now_ = now;
     verified_ = verified;
