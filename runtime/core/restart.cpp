@@ -14,7 +14,8 @@ namespace {
 using crux_msgs::restart_t;
 
 // What was left is older than the end of the run: the plan may have gone on for so long.
-constexpr double kGoneOn_s = 1.0, kGoneOnStep_s = 0.02;
+constexpr double kGoneOnStep_s = 0.02;
+constexpr int kGoneOnSteps = 50;
 constexpr double kSameOpening_m = 0.003;  // of fingers that nobody has moved
 // Forces that differ from the weight by more than this share are not the weight alone.
 constexpr double kWeightTolerance = 0.25;
@@ -121,8 +122,8 @@ Reason ControlCore::off_restart() noexcept {
   // Where in the plan limbs in the air are nearest to where they should be, and grips are as they should.
   double nearest_m = std::numeric_limits<double>::infinity();
   PlanTime best = clock_.now();
-  for (double ahead_s = 0.0; ahead_s <= (climbed ? kGoneOn_s : 0.0); ahead_s += kGoneOnStep_s) {
-    const PlanTime at = later(*plan_, clock_.now(), ahead_s);
+  for (int step = 0; step <= (climbed ? kGoneOnSteps : 0); ++step) {
+    const PlanTime at = later(*plan_, clock_.now(), step * kGoneOnStep_s);
     if (off_grips(at)) continue;
     const PlanReference there = play(*plan_, at);
     double distance_m = 0.0;
