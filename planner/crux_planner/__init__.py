@@ -2,8 +2,8 @@
 
 Public: `plan`, `Planner` (plans again, warm), `stances` and `scenario_at` of a running plan, `PlanResult` and its
 arrays (`PlanSeries`), `InfeasibleError`, and the modules `checker`, `cli` (of `crux plan`), `errors` and
-`method_report` (the paper's methods by themselves, for measuring). Names are imported when first used, so that the checker and the command line do not wait
-for the optimisation libraries.
+`method_report` (the paper's methods by themselves, for measuring). Names are imported when first used, so that the
+checker and the command line do not wait for the optimisation libraries.
 """
 
 from __future__ import annotations
