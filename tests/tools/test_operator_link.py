@@ -163,11 +163,21 @@ def test_a_fault_of_a_newer_runtime_is_told() -> None:
     assert "fault 999 unknown: RF node 3 (joint 3): " in status_lines(status)[0]
 
 
+def test_status_of_a_runtime_that_has_just_started_tells_what_fingers_feel() -> None:
+    status = status_t()
+    status.state.cycle, status.state.supervisor_state = 100, robot_state_t.IDLE
+    status.reference[1].phase = 4
+    lines = status_lines(status)
+    assert [line.split()[:2] for line in lines[1:4]] == [["LF", "grips"], ["RF", "in"], ["LR", "grips"]]
+    assert "RF in the air" in lines[2]
+
+
 def test_status_tells_place_limbs_and_which_nodes_are_missing() -> None:
     status = status_t()
     state = status.state
     state.cycle, state.plan_time_s, state.plan_end_s, state.verified_time_s = 5000, 12.5, 64.0, 8.0
     state.speed_scale, state.motion, state.waiting_for, state.waiting_limb = 0.3, robot_state_t.REVERSE, 4, 2
+    state.supervisor_state = robot_state_t.CLIMBING
     for limb in range(4):
         status.reference[limb].phase = 6 if limb == 2 else 0
         status.telemetry[limb].grasp_force_n, status.telemetry[limb].grasp_force_reference_n = 18.25, 20.0

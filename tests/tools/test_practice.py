@@ -90,7 +90,6 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         os.kill(runtime_of(process), signal.SIGKILL)
         found = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING and state.cycle < held.cycle)
         assert found.plan_time_s == pytest.approx(held.plan_time_s, abs=0.2)
-        link.send(command_t.RESUME)
         until(link, lambda state: state.plan_time_s > held.plan_time_s + 0.5, led_on=True)
         link.send(command_t.FORCE_SHUTDOWN)
         _, said = process.communicate(timeout=PATIENCE_S)
