@@ -32,7 +32,6 @@ from crux_simulation.sim.disturbance import Course, Disturbance, look_back
 from crux_simulation.sim.emulated_boards import EmulatedBoards, Place
 from crux_simulation.sim.fault_file import OF_THE_RUNTIME, Fault
 from crux_simulation.sim.firmware_nodes import FirmwareNodes
-from crux_simulation.sim.guided import Guided
 from crux_simulation.sim.judge import Tracking, Verdict, judge, track
 from crux_simulation.sim.loop import START_CYCLE, SYNC_TIMEOUT_S, Ending, Loop, Outcome, WorldClock
 from crux_simulation.sim.plant import Plant
@@ -250,9 +249,11 @@ def climb(
         watched_s = WATCHED_S if options.world is not None else 0.0
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
         loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
-        guided = (
-            Guided(link, runtime, loop, plan, robot) if options.guide and isinstance(runtime, RuntimeHere) else None
-        )
+        guided = None
+        if options.guide and isinstance(runtime, RuntimeHere):
+            from crux_simulation.sim.guided import Guided  # with the whole planner: slow to import
+
+            guided = Guided(link, runtime, loop, plan, robot)
         if guided is not None:
             loop.guided = guided
             loop.max_cycles *= 2

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
 from crux_contracts.robot import Robot
-from scipy.signal import lfilter
 
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.lag import lagged
 from crux_tools.telemetry.summary import CLIMBING
 
 
@@ -68,7 +68,7 @@ def heat_share(torque_Nm: np.ndarray, continuous_Nm: np.ndarray, heating_time_s:
     """Temperature rise of the windings as a share of what they bear, (n, ...) for torques (n, ...): a first-order lag
     of the torque's square, as firmware/core/drive/heat.c counts it, here from cold."""
     share = 1 - np.exp(-dt_s / heating_time_s)
-    return np.asarray(lfilter([share], [1, share - 1], (torque_Nm / continuous_Nm) ** 2, axis=0))
+    return lagged(share, (torque_Nm / continuous_Nm) ** 2, before=0.0)
 
 
 def joint_torques_Nm(log: Telemetry) -> np.ndarray:

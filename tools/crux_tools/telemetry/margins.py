@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from crux_contracts.plan_series import PlanSeries, plan_series
 from crux_planner.checker.limit_surface import cone_excess
-from scipy.signal import lfilter
 
 from crux_tools.telemetry import Telemetry
+from crux_tools.telemetry.lag import lagged
 from crux_tools.telemetry.rotations import rotations_from_quaternions
 from crux_tools.telemetry.summary import in_full_stance
 
@@ -123,7 +123,7 @@ def _gripper_wrenches(log: Telemetry, filter_s: float, rotation: np.ndarray) -> 
     newest = np.maximum.accumulate(np.where(good, rows[:, None], 0), axis=0)
     raw = np.nan_to_num(raw)[newest, np.arange(4)]
     gain = float(log.inputs["dt_s"][0]) / (filter_s + float(log.inputs["dt_s"][0]))
-    smooth, _ = lfilter([gain], [1, gain - 1], raw, axis=0, zi=(1 - gain) * raw[:1])
+    smooth = lagged(gain, raw, before=raw[0])
     logged = np.maximum.accumulate(np.where(log.limbs_fresh, rows, 0))
     change = np.einsum("nlij,nlqj->nlqi", rotation, smooth - smooth[logged])
     return log.limbs["force_w_n"] + change[:, :, 0], log.limbs["moment_w_nm"] + change[:, :, 1]
