@@ -67,6 +67,7 @@ def test_what_pages_include_begins_and_ends_at_words_that_are_there(pages: Path)
 
 
 @pytest.mark.skipif(not GENERATOR.exists(), reason="make docs has not installed its generator")
+@pytest.mark.sweep  # `make docs` stops at a warning, too
 def test_the_site_has_no_warning_and_needs_no_network(pages: Path, tmp_path: Path) -> None:
     words = [GENERATOR, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", ROOT / "docs" / "site", pages, tmp_path]
     environment = {"PYTHONPATH": ":".join(filter(None, sys.path)), "PATH": "/usr/bin:/bin"}

@@ -90,7 +90,7 @@ def electrical(robot: Robot, turns: float) -> float:
 
 @pytest.mark.parametrize("stuck_A", [0.0, -2.0])
 @pytest.mark.parametrize("phase", [0, 1])
-@pytest.mark.parametrize("eighth", [0, 2])
+@pytest.mark.parametrize("eighth", [0, pytest.param(2, marks=pytest.mark.sweep)])
 def test_an_amplifier_that_is_stuck_never_makes_more_than_a_quarter_beyond_the_limit(
     robot: Robot, bench: Bench, phase: int, stuck_A: float, eighth: int
 ) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import tempfile
 from functools import cache
 from pathlib import Path
 
+from crux_contracts.plan_file import to_bytes
+from crux_contracts.robot import load_robot
+from crux_contracts.scenario import parse_scenario
 from crux_tools.paths import ROOT
-from with_can import CRUX
+from shared_plans import unproven
 
 SCENARIO = ROOT / "msgs" / "scenarios" / "climb-one-step.yaml"
 HORIZON = "{steps: 13, dt_s: 0.6}"  # the quickest that the robot's speeds permit
@@ -18,12 +19,9 @@ HORIZON = "{steps: 13, dt_s: 0.6}"  # the quickest that the robot's speeds permi
 @cache
 def _planned() -> bytes:
     """The plan's file, by the real planner."""
-    with tempfile.TemporaryDirectory() as name:
-        plan, scenario = Path(name) / "plan.mcap", Path(name) / "short.yaml"
-        text = SCENARIO.read_text(encoding="utf-8")
-        scenario.write_text(re.sub(r"(?m)^horizon: .*$", f"horizon: {HORIZON}", text), encoding="utf-8")
-        subprocess.run([*CRUX, "plan", str(scenario), "-o", str(plan)], check=True)
-        return plan.read_bytes()
+    text = re.sub(r"(?m)^horizon: .*$", f"horizon: {HORIZON}", SCENARIO.read_text(encoding="utf-8"))
+    scenario = parse_scenario(text)
+    return to_bytes(unproven(scenario, load_robot(scenario.robot)).plan)
 
 
 def plan_short_climb(folder: Path) -> Path:

@@ -4,7 +4,6 @@ runtime that is stopped or starved, which no Sync tells of."""
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -55,22 +54,14 @@ def broken_climb(plan: Path, faults: str, name: str) -> Run:
     return json.loads(done.stdout), read_log(log)
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
-    """Both climbs, side by side."""
-    plan = plan_short_climb(tmp_path_factory.mktemp("broken"))
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(broken_climb, (plan, plan), (IN_MID_CLIMB, BEFORE), ("mid", "before")))
-
-
 def states(log: Telemetry) -> list[int]:
     """The supervisor's states in order, without repetition."""
     state = log.state["supervisor_state"]
     return [int(state[0]), *(int(s) for s in state[1:][np.diff(state.astype(int)) != 0])]
 
 
-def test_every_break_is_told_counted_and_held(runs: list[Run]) -> None:
-    result, log = runs[0]
+def test_every_break_is_told_counted_and_held(tmp_path: Path) -> None:
+    result, log = broken_climb(plan_short_climb(tmp_path), IN_MID_CLIMB, "mid")
     assert result["robot_on_wall"]
     assert result["slips"] == 0
     for fault in result["faults"]:
@@ -91,8 +82,9 @@ def test_every_break_is_told_counted_and_held(runs: list[Run]) -> None:
     assert [int(row["state"]) for row in last.values()] == [0, 0, 0, 0]
 
 
-def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(runs: list[Run]) -> None:
-    result, log = runs[1]
+@pytest.mark.sweep
+def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(tmp_path: Path) -> None:
+    result, log = broken_climb(plan_short_climb(tmp_path), BEFORE, "before")
     assert result["robot_on_wall"]
     assert states(log)[-4:] == [READY, FAULT, IDLE, READY]
     assert {int(row["limb"]): int(row["bus_off"]) for row in log.buses[-4:]} == {LF: 0, RF: 0, LR: 1, RR: 0}
@@ -103,7 +95,7 @@ STOPPED = "{kind: runtime_stopped, at_s: 7.0, for_s: 0.7}"
 STARVED = "{kind: cpu_starved, at_s: 7.0, for_s: 0.7, share: 0.4}"
 
 
-@pytest.mark.parametrize("fault", [STOPPED, STARVED])
+@pytest.mark.parametrize("fault", [STOPPED, pytest.param(STARVED, marks=pytest.mark.sweep)])
 def test_while_the_runtime_stands_still_the_nodes_hold_and_it_tells_that_it_was_late(
     fault: str, tmp_path: Path
 ) -> None:

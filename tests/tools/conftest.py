@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from crux_tools.report import figures
 from made_up_climb import Story, write_log
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 
 @pytest.fixture(scope="session")
@@ -30,3 +33,14 @@ def killed_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "killed.mcap"
     write_log(path, finish=False)
     return path
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of a page's words alone: drawing its plots takes most of its time."""
+
+    def no_png(figure: Figure) -> bytes:
+        plt.close(figure)
+        return b""
+
+    monkeypatch.setattr(figures, "png", no_png)

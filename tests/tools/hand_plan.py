@@ -22,7 +22,6 @@ BODY_HEIGHT_M = 0.185
 LIFT_M = 0.14
 LEAN_M = 0.03  # of the body away from the limb that swings
 OPEN_M = 0.048
-DT_S = 2.0
 Floats = NDArray[np.float64]
 
 
@@ -35,6 +34,7 @@ class Wall:
     slope_deg: float = 45.0
     friction: tuple[float, ...] = (2.2,) * 5
     spines: tuple[int, ...] = (1,) * 5
+    dt_s: float = 1.0  # between the plan's knots
 
     @property
     def gravity(self) -> Floats:
@@ -133,7 +133,7 @@ def _scenario(wall: Wall, knots: list[plan_knot_t]) -> str:
                 "grasps": {name: {"hold": f"h{i}", "faces": "x"} for i, name in enumerate(LIMB_NAMES)},
             },
             "goal": {"body": {"position_m": list(knots[-1].body_position_w_m)}},
-            "horizon": {"steps": len(knots) - 1, "dt_s": DT_S},
+            "horizon": {"steps": len(knots) - 1, "dt_s": wall.dt_s},
         }
     )
 
@@ -148,7 +148,7 @@ def finish(wall: Wall, knots: list[plan_knot_t], robot_sha256: str = "") -> plan
     plan.robot_name = ROBOT
     plan.robot_sha256 = robot_sha256 or load_robot(ROBOT).hash
     plan.method = "by hand"
-    plan.dt_s = DT_S
+    plan.dt_s = wall.dt_s
     plan.gravity_w_m_s2 = wall.gravity.tolist()
     plan.patch_k_m = 2 / 3 * 0.02
     plan.max_normal_n = 60.0
@@ -170,22 +170,26 @@ def standing_plan(wall: Wall | None = None, body_path_m: Floats | None = None) -
     wall = wall or Wall()
     path = np.array([[0.0, 0.0, BODY_HEIGHT_M]] * 2) if body_path_m is None else body_path_m
     limbs = [_Limb(i, grasp_position(wall, i), float(wall.yaw_rad[i])) for i in range(4)]
-    return finish(wall, [_knot(wall, k * DT_S, body, limbs) for k, body in enumerate(path)])
+    return finish(wall, [_knot(wall, k * wall.dt_s, body, limbs) for k, body in enumerate(path)])
 
 
 def climbing_plan(
-    advance_m: float = 0.13, slope_deg: float = 45.0, limbs_to_move: tuple[int, ...] = (0, 1, 2, 3)
+    advance_m: float = 0.13,
+    slope_deg: float = 45.0,
+    limbs_to_move: tuple[int, ...] = (0, 1, 2, 3),
+    dt_s: float = 1.0,
 ) -> plan_t:
     """The limbs move up one after the other, the body a share of the way before each."""
     xy = np.vstack([NOMINAL_M, NOMINAL_M + np.array([advance_m, 0.0])])
-    wall = Wall(xy_m=xy, yaw_rad=np.array([0.1, -0.05, 0.0, 0.08, -0.1, 0.05, 0.1, 0.0]), slope_deg=slope_deg)
+    yaw_rad = np.array([0.1, -0.05, 0.0, 0.08, -0.1, 0.05, 0.1, 0.0])
+    wall = Wall(xy_m=xy, yaw_rad=yaw_rad, slope_deg=slope_deg, dt_s=dt_s)
     limbs = [_Limb(i, grasp_position(wall, i), float(wall.yaw_rad[i])) for i in range(4)]
     body = np.array([0.0, 0.0, BODY_HEIGHT_M])
     knots: list[plan_knot_t] = []
 
     def add(count: int = 1) -> None:
         for _ in range(count):
-            knots.append(_knot(wall, len(knots) * DT_S, body, limbs))
+            knots.append(_knot(wall, len(knots) * wall.dt_s, body, limbs))
 
     add(2)
     for moving in limbs_to_move:

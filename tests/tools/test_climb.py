@@ -216,7 +216,8 @@ WORLD = (
 )
 
 
-@pytest.mark.parametrize("given", ["", "faults", pytest.param("world", marks=pytest.mark.sweep)])
+@pytest.mark.sweep
+@pytest.mark.parametrize("given", ["", "faults", "world"])
 def test_one_process_and_a_runtime_of_its_own_log_the_same(given: str, one_limb: Climb, tmp_path: Path) -> None:
     file = tmp_path / "given.yaml"
     file.write_text(WORLD if given == "world" else FAULTS)
@@ -239,6 +240,21 @@ def test_one_process_and_a_runtime_of_its_own_log_the_same(given: str, one_limb:
         tags = read_log(logs["udp"]).metadata
         assert (tags["world"], tags["world_seed"]) == ("rough", "5")
         assert tags["world_sha256"] == hashlib.sha256(WORLD.encode()).hexdigest()
+
+
+def test_one_process_and_a_runtime_of_its_own_log_the_same_of_a_robot_that_loses_frames(tmp_path: Path) -> None:
+    """Before, while and after they are lost; the robot stands."""
+    file, plan = tmp_path / "faults.yaml", saved(tmp_path, standing_plan())
+    file.write_text(FAULTS.replace("4.0", "1.5"))
+    logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("memory", "udp")}
+    runs = [start_climb(plan, log, "--bus", bus, "--faults", str(file)) for bus, log in logs.items()]
+    one, other = (finish_climb(run)[1] for run in runs)
+    assert one["faults"] == other["faults"]
+    memory, udp = map(messages, logs.values())
+    assert memory.keys() == udp.keys()
+    assert {topic for topic in memory if memory[topic] != udp[topic]} == set()
+    assert frames(logs["memory"]) == frames(logs["udp"])
+    assert len(memory["/control_input"]) > 1000
 
 
 def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path) -> None:
@@ -340,8 +356,8 @@ def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp
 
 def test_a_flood_of_messages_reaches_the_runtime_and_the_robot_climbs_on(tmp_path: Path) -> None:
     faults, log = tmp_path / "faults.yaml", tmp_path / "log.mcap"
-    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 3, for_s: 5}]\n")
-    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 1.5, for_s: 1}]\n")
+    plan = saved(tmp_path, standing_plan())
     status, result = finish_climb(start_climb(plan, log, "--bus", "udp", "--faults", str(faults)))
     assert status == 0, result
     assert result["missed_cycles"] == 0

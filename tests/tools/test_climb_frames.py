@@ -35,7 +35,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_seconds_around_a_fault_are_there_unasked(tmp_path: Path) -> None:
-    plan, log = climbing_plan(slope_deg=45), tmp_path / "log.mcap"
+    plan, log = climbing_plan(limbs_to_move=(0, 1)), tmp_path / "log.mcap"
     climb(plan, load_robot("scaler"), log, ClimbOptions(world=parse_world(SLICK.encode()).draw(0, plan)))
     (fault,) = read_channels(log, {"/fault"}).tables["/fault"]
     cycles, last = read_can_frames(log).cycles, read_channels(log, {"/robot_state"}).tables["/robot_state"]["cycle"][-1]

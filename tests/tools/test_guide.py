@@ -14,7 +14,7 @@ from crux_contracts.channels import FAULTS
 from crux_contracts.plan_file import plan_id, write_plan
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import load_scenario
-from crux_msgs import limb_knot_t, plan_t, status_t
+from crux_msgs import limb_knot_t, plan_t, robot_state_t, status_t
 from crux_planner.model.arrays import Array
 from crux_simulation.benchmarks.world_faults import START_S
 from crux_simulation.sim.climb import ClimbOptions, ClimbResult, climb
@@ -84,6 +84,7 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
     assert recompute(log).ok
 
 
+@pytest.mark.sweep
 def test_fingers_that_close_when_another_hold_breaks_are_waited_for(plan: plan_t, tmp_path: Path) -> None:
     climb(plan, load_robot("scaler"), tmp_path / "whole.mcap", ClimbOptions())
     time_s, phase = phases(read_channels(tmp_path / "whole.mcap"))
@@ -118,6 +119,7 @@ def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(
     assert np.ptp(stands, axis=0).max() < 0.02
 
 
+@pytest.mark.sweep
 def test_without_the_guide_in_mid_plan_the_plan_is_finished(
     plan: plan_t, in_stance_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +191,23 @@ def test_it_waits_until_an_operator_has_cleared_what_another_plan_does_not_help_
     assert guide.attend() is Attended.NOTHING
     state.supervisor_state, state.plan_complete = HOLDING, True
     assert guide.attend() is Attended.DONE
+
+
+@pytest.mark.parametrize(("motion", "settles_s"), [(robot_state_t.FORWARD, 0.3), (robot_state_t.REVERSE, 7.0)])
+def test_it_waits_until_the_robot_has_stood_for_a_while(plan: plan_t, motion: int, settles_s: float) -> None:
+    """Longer where a limb may be on its way to a hold; from anew where the plan's clock has moved."""
+    link = SimpleNamespace(status=status_t(), send=lambda _: SimpleNamespace(plan_id=plan.plan_id))
+    guide = Guide(link, plan, load_robot("scaler"), lambda _: None)  # type: ignore[arg-type]
+    state, fault = link.status.state, link.status.fault
+    fault.code = next(f.code for f in FAULTS if f.name == "cycle_late")  # about which nothing is planned
+    state.supervisor_state, state.motion = HOLDING, motion
+    looks = []
+    for plan_time_s, since_s in ((1.0, 0.0), (1.0, settles_s - 0.01), (1.1, settles_s), (1.1, 2 * settles_s - 0.01)):
+        state.plan_time_s, state.time_s = plan_time_s, 100.0 + since_s
+        looks.append(guide.attend())
+    assert looks == [Attended.WAITING] * 4
+    state.time_s = 100.0 + 2 * settles_s + 1e-6
+    assert guide.attend() is Attended.OPERATOR
 
 
 def test_no_runtime_and_no_terminal_are_told(

@@ -28,18 +28,21 @@ def plan(planned: SharedPlans) -> Any:
 
 
 def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any, tmp_path: Path) -> None:
+    earliest = 0, len(plan.knots)
     for seed in range(20):
         mishap = drawn("hold-breaks", seed, plan)
         assert mishap is not None
+        earliest = min(earliest, (seed, mishap.knot), key=lambda drawn: drawn[1])
         knot = plan.knots[mishap.knot]
         assert min(limb.hold for limb in knot.limbs) >= 0
         assert knot.limbs[mishap.limb].hold == mishap.hold
         assert mishap.entry("hold-breaks", 9.5) == f"holds: {{{mishap.hold}: {{breaks_at_s: 9.500}}}}"
-    mishap = drawn("hold-breaks", 3, plan)
+    seed, _ = earliest
+    mishap = drawn("hold-breaks", seed, plan)
     assert mishap is not None
-    at_s = stands_s(plan, mishap.knot, 3)
-    world = WorldFile("x", f"version: 1\nname: x\n{mishap.entry('hold-breaks', at_s)}\n").draw(3, plan)
-    climb(plan, load_robot("scaler"), tmp_path / "log.mcap", ClimbOptions(seed=3, world=world))
+    at_s = stands_s(plan, mishap.knot, seed)
+    world = WorldFile("x", f"version: 1\nname: x\n{mishap.entry('hold-breaks', at_s)}\n").draw(seed, plan)
+    climb(plan, load_robot("scaler"), tmp_path / "log.mcap", ClimbOptions(seed=seed, world=world))
     contacts = read_channels(tmp_path / "log.mcap").tables["/truth/contacts"]
     pressed = contacts["pad_normal_force_n"].reshape(-1, 4, 2).min(axis=2) > 0.0
     before, after = (np.searchsorted(contacts["cycle"], (at_s + late_s) / 0.002) for late_s in (-0.01, 0.05))
@@ -103,6 +106,7 @@ def test_every_hold_of_a_drawn_ladder_has_another_beside_it_that_the_goal_does_n
     assert spared["holds"][: len(plain["holds"])] == plain["holds"]
 
 
+@pytest.mark.sweep
 def test_the_map_is_not_turned_by_the_forces_of_a_limb_whose_sensor_is_dead(tmp_path: Path) -> None:
     wall = random_ladder(7105, rungs=5, spares=True)
     plan = unproven(parse_scenario(wall), load_robot("scaler")).plan

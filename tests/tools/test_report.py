@@ -38,8 +38,6 @@ from made_up_climb import (
     made_up_plan,
     write_log,
 )
-from matplotlib import pyplot as plt
-from matplotlib.figure import Figure
 from PIL import Image
 
 STORY = Story()
@@ -82,17 +80,6 @@ def plan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("plan") / "plan.mcap"
     write_plan(path, made_up_plan())
     return path
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests of the words alone: drawing the plots takes most of a page's time."""
-
-    def no_png(figure: Figure) -> bytes:
-        plt.close(figure)
-        return b""
-
-    monkeypatch.setattr(figures, "png", no_png)
 
 
 def _report(source: Path, folder: Path, *more: str) -> tuple[Page, Path]:
@@ -250,6 +237,7 @@ def test_heat_follows_the_square_of_the_torque() -> None:
     assert heat[1499, 0] == pytest.approx(1 - math.exp(-1), rel=1e-9)  # after 3 s of 6
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_picture_is_a_small_png(log_path: Path, tmp_path: Path) -> None:
     picture = tmp_path / "climb.png"
     _report(log_path, tmp_path, "--picture", str(picture))
@@ -260,6 +248,7 @@ def test_the_picture_is_a_small_png(log_path: Path, tmp_path: Path) -> None:
         assert len(colours) > 50  # something is to be seen
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_without_graphics_the_page_says_so(
     log_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -278,12 +267,14 @@ def test_without_graphics_the_page_says_so(
     assert not (tmp_path / "p.png").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_killed_runtimes_log_gets_a_page_that_says_so(killed_log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(killed_log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
     assert "the log was not closed" in page.words
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_real_time_run_with_a_fault(faulty_log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(faulty_log_path, tmp_path)
     assert "7 body_error: body is 0.07 m off its reference" in page.words

@@ -29,9 +29,9 @@ pushes: [{at_s: 12, for_s: 1, force_N: [0, 30, 0]}]
 
 
 @cache
-def climbed(text: str, seed: int = 0, slope_deg: float = 70) -> tuple[ClimbResult, Channels]:
+def climbed(text: str, seed: int = 0, slope_deg: float = 70, dt_s: float = 1.0) -> tuple[ClimbResult, Channels]:
     """Both front limbs climb a wall, a steep one, in a world."""
-    plan = climbing_plan(slope_deg=slope_deg, limbs_to_move=(0, RF))
+    plan = climbing_plan(slope_deg=slope_deg, limbs_to_move=(0, RF), dt_s=dt_s)
     world = parse_world(f"version: 1\nname: test\n{text}".encode()).draw(seed, plan)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
@@ -47,7 +47,7 @@ def slid_m(log: Channels) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_slip_is_felt_within_50_ms_and_3_mm_and_the_plan_waits_until_it_is_over() -> None:
-    result, log = climbed(SMOOTH)
+    result, log = climbed(SMOOTH, dt_s=2.0)
     state = log.tables["/robot_state"]
     waits = state["waiting_for"] == SLIP
     felt = int(state["cycle"][np.argmax(waits)])
@@ -80,7 +80,7 @@ def test_a_grasp_that_has_slipped_is_loaded_no_more_than_its_friction_bears_and_
 @pytest.mark.parametrize("friction_factor", [0.03, 0.07])
 def test_a_grip_that_the_plan_begins_with_and_that_slides_too_far_is_told(friction_factor: float) -> None:
     """Before the plan's clock starts, or little by little after it."""
-    result, log = climbed(SMOOTH.replace("0.11", str(friction_factor)))
+    result, log = climbed(SMOOTH.replace("0.11", str(friction_factor)), dt_s=2.0)
     (fault,) = log.tables["/fault"]
     assert (fault["code"], fault["limb"]) == (SLID, RF), result.reason
     assert not result.verdict.fell, result.reason

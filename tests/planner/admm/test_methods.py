@@ -34,7 +34,7 @@ def test_multi_block_ends_within_its_usual_time(name: str) -> None:
     assert result.computed_s < LONGER_S["multi_block"]
 
 
-@pytest.mark.parametrize("method", ["two_block", "multi_block"])
+@pytest.mark.parametrize("method", ["two_block", pytest.param("multi_block", marks=pytest.mark.sweep)])
 def test_a_climb_converges_and_passes_the_check(method: str) -> None:
     lines: list[str] = []
     result = plan(parse_scenario(wall(22)), load_robot("scaler"), method=method, log=lines.append)

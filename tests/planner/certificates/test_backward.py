@@ -56,13 +56,13 @@ def check(seeds: range, walls: int, *, certified: bool) -> tuple[int, list[float
 
 
 def test_walls_with_a_motion_are_neither_denied_nor_overrated() -> None:
-    walls, ratios = check(range(100_000), 20, certified=False)
-    assert walls == 20
-    assert len(ratios) > 6
+    walls, ratios = check(range(100_000), 8, certified=False)
+    assert walls == 8
+    assert len(ratios) > 2
 
 
 def test_the_checkers_search_denies_none_either() -> None:
-    assert check(range(100_000, 200_000), 3, certified=True)[0] == 3
+    assert check(range(100_000, 200_000), 1, certified=True)[0] == 1
 
 
 @pytest.mark.sweep

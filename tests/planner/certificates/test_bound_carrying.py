@@ -49,20 +49,25 @@ def least_and_best(seed: int, friction: Array | None, spiny: Array) -> tuple[flo
     return float(carriers.least(multipliers)[0]), best
 
 
+SEEDS = pytest.mark.parametrize(
+    "seed", [0, 1, 3, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(12) if seed not in (0, 1, 3))]
+)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_closed_form_is_what_a_general_solver_finds(seed: int) -> None:
     least, best = least_and_best(seed, None, np.ones(2))
     assert least == pytest.approx(best, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@SEEDS
 def test_so_it_is_for_fingers_of_unlike_friction(seed: int) -> None:
     friction = np.random.default_rng(100 + seed).uniform(0.1, 2.5, 2)
     least, best = least_and_best(seed, friction, np.ones(2) * (seed % 2))
     assert least == pytest.approx(best, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@SEEDS
 def test_spines_on_one_finger_cost_no_less_than_is_said_and_no_less_than_on_both(seed: int) -> None:
     friction = np.random.default_rng(100 + seed).uniform(0.1, 2.5, 2)
     least, best = least_and_best(seed, friction, np.roll([1.0, 0.0], seed))

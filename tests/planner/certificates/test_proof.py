@@ -178,14 +178,14 @@ def brute_force_finds_a_way(read: Scenario) -> bool:
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 2, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (1, 3, 4, 5))])
 def test_what_brute_force_reaches_is_not_denied(seed: int) -> None:
     read = scenario(tiny_wall(seed))
     if brute_force_finds_a_way(read):
         assert proven(read) is None
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in (2, 3))])
 def test_walls_that_are_climbed_are_not_denied(seed: int) -> None:
     from crux_contracts.scenario import parse_scenario
 

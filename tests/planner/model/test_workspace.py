@@ -130,7 +130,7 @@ def test_the_checkers_kinematics_reaches_the_corners_of_the_inner_set(robot: Rob
 
 def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) -> None:
     """Postures anywhere within the joint limits whose gripper stands upright on a wall that the body may be off."""
-    random, n, tilt = np.random.default_rng(2), 400_000, robot.body.max_tilt_rad
+    random, n, tilt = np.random.default_rng(2), 100_000, robot.body.max_tilt_rad
     for i, limb in enumerate(robot.limbs):
         q = random.uniform(limb.lower_rad, limb.upper_rad, (n, 6))
         q[: n // 2, 2] = limb.lower_rad[2]  # stretched as far as they go
@@ -144,7 +144,7 @@ def test_no_posture_grips_outside_the_outer_set(robot: Robot, reach: LimbReach) 
         height = np.einsum("nj,nj->n", place, upright)
         (low, high), (least, most) = robot.body.height_m, robot.grasp.pad_height_m
         grips = (height >= least - high) & (height <= most - low)
-        assert grips.sum() > 5000
+        assert grips.sum() > 1000
         assert reach.outer.beyond(i, wrist[grips]).max() <= 1e-9
         assert reach.outer.beyond(i, wrist[grips]).max() >= -0.03  # and it is no larger than need be
 

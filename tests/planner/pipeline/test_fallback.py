@@ -69,7 +69,13 @@ def hold_beyond_reach(steps: int) -> dict[str, Any]:
     return wall
 
 
-@pytest.mark.parametrize(("wall", "short"), [(hold_beyond_reach, 20), (turned_goal_in, 18)], ids=["aside", "turned"])
+@pytest.mark.parametrize(
+    ("wall", "short"),
+    [
+        pytest.param(hold_beyond_reach, 20, marks=pytest.mark.sweep, id="aside"),
+        pytest.param(turned_goal_in, 18, id="turned"),
+    ],
+)
 def test_a_horizon_too_short_for_what_only_the_wider_search_finds_is_named(
     robot: Robot, wall: Callable[[int], dict[str, Any]], short: int
 ) -> None:
@@ -88,6 +94,7 @@ def test_a_hold_beyond_reach_is_gripped_near_its_end(robot: Robot) -> None:
     assert 0.02 < aside <= 0.03
 
 
+@pytest.mark.sweep
 def test_what_only_rounding_keeps_from_the_tolerance_is_a_solution(robot: Robot) -> None:
     """At joints' limits multipliers are large; three moves suffice, and were refused for the slope that is left."""
     said: list[str] = []

@@ -94,7 +94,7 @@ def test_fingers_that_touch_their_hold_at_the_beginning_may_be_measured_within_i
     touching, within = (hanging(without=(), position_m=[0.14, -0.36, 0.033], opening_m=m) for m in (0.0285, 0.024))
     assert Planner(touching, load_robot("scaler")).plan().check.ok
     with pytest.raises(InfeasibleError, match=r"fails the check: clearance_finger of RF") as refused:
-        Planner(within, load_robot("scaler")).plan(time_limit_s=5.0)
+        Planner(within, load_robot("scaler")).plan(time_limit_s=2.5)
     assert not refused.value.proven
 
 

@@ -108,7 +108,14 @@ def test_of_the_reach_and_the_boxes_the_cheaper_plan_counts(robot: Robot, monkey
     assert chosen.cost == near.cost
 
 
-@pytest.mark.parametrize(("start_deg", "goal_deg"), [((5, -6), (0, 0)), ((0, 10), (0, -8)), ((0, 0), (-7, 7))])
+@pytest.mark.parametrize(
+    ("start_deg", "goal_deg"),
+    [
+        pytest.param((5, -6), (0, 0), marks=pytest.mark.sweep),
+        ((0, 10), (0, -8)),
+        pytest.param((0, 0), (-7, 7), marks=pytest.mark.sweep),
+    ],
+)
 def test_starts_and_goals_may_be_tilted(
     robot: Robot, start_deg: tuple[float, float], goal_deg: tuple[float, float]
 ) -> None:

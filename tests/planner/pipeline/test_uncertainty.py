@@ -85,7 +85,7 @@ def test_a_plan_for_the_uncertain_holds_where_the_usual_one_does_not(robot: Robo
 
 
 def test_the_least_friction_takes_no_strength_from_the_fingers(robot: Robot) -> None:
-    text = (SCENARIOS / "climb-four-holds.yaml").read_text(encoding="utf-8")
+    text = (SCENARIOS / "climb-one-step.yaml").read_text(encoding="utf-8")
     known = "{friction: 0.4, hold_position_m: 0.01, hold_yaw_deg: 6, mass_kg: 1, centre_of_mass_m: 0.01}"
     plan = unproven(parse_scenario(f"{text}\nuncertainty: {known}\n"), robot).plan
     stance = [limb for knot in plan.knots for limb in knot.limbs if limb.hold >= 0]

@@ -21,7 +21,7 @@ from crux_contracts.scenario import load_scenario
 from crux_planner.errors import InfeasibleError
 from crux_planner.solvers import worker
 from crux_planner.solvers.worker import Team, Worker, WorkerLostError
-from walls import scenario, two_rows
+from walls import one_move, scenario
 
 ROOT = Path(__file__).resolve().parents[3]
 PLANNER = ROOT / "planner" / "crux_planner"
@@ -125,7 +125,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
 def test_a_plan_goes_on_without_its_bound(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     said: list[str] = []
-    result = crux_planner.plan(scenario(two_rows()), robot, log=said.append)
+    result = crux_planner.plan(scenario(one_move()), robot, log=said.append)
     assert result.ok
     assert result.gap is None
     assert said == ["a worker process ended with status 1; planning goes on without it"]
@@ -141,7 +141,7 @@ def test_nothing_forks(method: str, robot: Robot, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os, "fork", refuse)
     monkeypatch.setattr(os, "forkpty", refuse)
     monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", refuse)
-    for wall in (scenario(two_rows()), load_scenario(WALK)):
+    for wall in (scenario(one_move()), load_scenario(WALK)):
         result = crux_planner.plan(wall, robot, method=method, time_limit_s=600.0)
         assert result.ok
         assert result.gap is not None
