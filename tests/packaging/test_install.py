@@ -86,6 +86,8 @@ def test_the_wheel_plans_in_a_fresh_environment(wheel: Path, version: str, tmp_p
     places = run(python, "-c", "from crux_tools.paths import ROOT, SCENARIOS; print(ROOT, SCENARIOS)").split()
     assert all(place.startswith(str(folder)) for place in places)
     assert run(python, "--version").startswith(f"Python {version}")
+    (runtime,) = folder.rglob("crux-runtime")
+    assert "--lcm" in run(runtime, "--help")
     plan = tmp_path / "plan.mcap"
     planned = json.loads(run(crux, "plan", f"{places[1]}/climb-one-step.yaml", "-o", plan, "--json"))
     assert planned["ok"] is True
@@ -94,6 +96,7 @@ def test_the_wheel_plans_in_a_fresh_environment(wheel: Path, version: str, tmp_p
     assert refused == f"crux climb: needs mujoco, which is not installed: pip install '{wheel}[sim,campaign]'\n"
 
 
+@pytest.mark.sweep
 def test_a_climb_from_the_wheel(wheel: Path, tmp_path: Path) -> None:
     folder = environment_with(wheel, OWN, tmp_path / "venv", "operator.lock", "simulation.lock")
     plan, log = tmp_path / "plan.mcap", tmp_path / "log.mcap"
@@ -101,8 +104,6 @@ def test_a_climb_from_the_wheel(wheel: Path, tmp_path: Path) -> None:
     run(crux, "plan", scenario, "-o", plan)
     assert json.loads(run(crux, "climb", plan, "-o", log, "--json"))["ok"] is True
     assert json.loads(run(crux, "replay", log, "--check", "--json"))["ok"] is True
-    (runtime,) = folder.rglob("crux-runtime")
-    assert "--lcm" in run(runtime, "--help")
 
 
 def test_this_checkout_needs_what_the_wheel_says() -> None:

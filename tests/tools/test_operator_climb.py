@@ -36,7 +36,7 @@ LF = 0
 K0 = 5  # the plan's knot at which LF releases its hold
 TRACK = 1  # NodeMode
 GRIP_LOST = 9  # msgs/faults.yaml
-LIFTS_S, ON_NEW_HOLD_S, STANCE_S = 5.0, 11.84, 4.0  # of the plan: LF releases, bears again; the stance before
+LIFTS_S, ON_NEW_HOLD_S, STANCE_S = 5.0, 11.42, 4.0  # of the plan: LF releases, bears again; the stance before
 BACK_M = 0.002  # where a robot stands that came back, against where it stood
 
 

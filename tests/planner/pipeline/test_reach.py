@@ -154,15 +154,13 @@ def test_a_level_stance_at_the_goal_is_what_the_checkers_kinematics_finds(robot:
     yaws = np.array([c.yaw_rad for c in problem.contacts]) - goal.rpy_rad[2]
     ends = []
     for index, limb in enumerate(load_model(robot).limbs):
-        held = []
-        for c in problem.limb_contacts[index]:
-            (found,) = solve([limb], [places[[c]]], [rotation_z(yaws[[c]])])
-            inside = (found.q_rad > limb.lower_rad).all() and (found.q_rad < limb.upper_rad).all()
-            wanted = problem.goal.grasps.get(index)
-            grip = problem.contacts[c].hold, problem.contacts[c].pair
-            if inside and found.position_error_m < 1e-6 and wanted in (None, grip):
-                held.append(grip[0])
-        ends.append(set(held))
+        contacts = problem.limb_contacts[index]
+        (found,) = solve([limb], [places[contacts]], [rotation_z(yaws[contacts])])
+        inside = ((found.q_rad > limb.lower_rad) & (found.q_rad < limb.upper_rad)).all(axis=1)
+        grips = [(problem.contacts[c].hold, problem.contacts[c].pair) for c in contacts]
+        wanted = problem.goal.grasps.get(index)
+        reached = inside & (found.position_error_m < 1e-6)
+        ends.append({grip[0] for grip, ok in zip(grips, reached, strict=True) if ok and wanted in (None, grip)})
     stands = any(len(set(holds)) == 4 for holds in itertools.product(*ends))
     assert (stance is not None) or not stands
     assert (stance is None) == (seed == 408)

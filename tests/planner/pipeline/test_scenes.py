@@ -97,6 +97,7 @@ def test_a_finger_hangs_on_by_its_spines_alone(robot: Robot) -> None:
     assert name in result.gait
 
 
+@pytest.mark.sweep
 def test_obstacles_are_stepped_over_and_gone_around(robot: Robot) -> None:
     """The sill is passed above, the post beside."""
     scenario, result = of_scene("climb-obstacles", robot)

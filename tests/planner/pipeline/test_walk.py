@@ -209,13 +209,19 @@ def test_why_not(change: str, to: str, error: type[Exception], text: str | None)
         walk(scenario)
 
 
-def test_a_horizon_that_is_too_short_is_named_with_one_that_does() -> None:
-    goal = "position_m: [0.1914, 0.0035, 0.185], rpy_deg: [0, 0, 5.71]"
-    far = FLAT.replace("slope_deg: 0", "slope_deg: 10").replace("position_m: [0.1, 0.0, 0.185]", goal)
-    with pytest.raises(HorizonError, match=r"no plan found in 40 steps of 0\.08 s, but one in 60") as refused:
-        walk(far)
-    assert refused.value.relaxed == {"constraint": "horizon", "amount": 60, "unit": "steps", "place": None}
-    assert walk(far.replace("steps: 40", "steps: 60")).ok
+FAR = "position_m: [0.1914, 0.0035, 0.185], rpy_deg: [0, 0, 5.71]"
+UPHILL = FLAT.replace("slope_deg: 0", "slope_deg: 10").replace("position_m: [0.1, 0.0, 0.185]", FAR)
+
+
+@pytest.mark.parametrize(
+    ("text", "short", "enough"), [(FLAT, 23, 35), pytest.param(UPHILL, 40, 60, marks=pytest.mark.sweep)]
+)
+def test_a_horizon_that_is_too_short_is_named_with_one_that_does(text: str, short: int, enough: int) -> None:
+    message = rf"no plan found in {short} steps of 0\.08 s, but one in {enough}"
+    with pytest.raises(HorizonError, match=message) as refused:
+        walk(text.replace("steps: 40", f"steps: {short}"))
+    assert refused.value.relaxed == {"constraint": "horizon", "amount": enough, "unit": "steps", "place": None}
+    assert walk(text.replace("steps: 40", f"steps: {enough}")).ok
 
 
 def test_answers_that_are_held_to_the_one_before_come_to_the_same_walk(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -180,6 +180,7 @@ def test_an_estimate_near_another_is_a_bound_and_costs_as_little_on_a_long_route
         assert (near.body == whole.body).all(axis=1).sum() > len(whole.body) / 2
 
 
+@pytest.mark.sweep
 def test_the_search_on_the_cost_ends_where_no_neighbour_is_better_also_on_a_long_route(route: Wall) -> None:
     fresh = replace(route, costs=EventCost(Oracles.of(route.problem)))
     much = improve(fresh.costs, route.moves, clock.now() + 300, work=10**8)

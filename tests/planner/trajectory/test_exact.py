@@ -135,7 +135,10 @@ def test_slopes_and_hessians_are_those_of_finite_differences(monkeypatch: pytest
     np.testing.assert_allclose(((columns_above - columns_below) / (2 * h))[free], columns[free], atol=2e-4)
 
 
-@pytest.mark.parametrize("name", WALLS)
+LONG = "one hold by its spines"
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.sweep] * (name == LONG)) for name in WALLS])
 def test_the_stagewise_method_finds_what_ipopt_finds(name: str) -> None:
     problem, schedule, path = instance(name)
     problem = replace(problem, torque_limits_Nm=10 * problem.torque_limits_Nm)  # so that none binds
@@ -183,6 +186,7 @@ def test_joint_torques_stay_within_their_limits_on_a_steep_wall() -> None:
     assert solution.cost == pytest.approx(by_ipopt.cost, abs=2e-3)
 
 
+@pytest.mark.sweep
 def test_joints_that_lack_much_are_held_as_cheaply_as_by_ipopt() -> None:
     """Here a Hessian without the torques' curvature leads from the solution again."""
     problem, schedule, path = instance("steep")
