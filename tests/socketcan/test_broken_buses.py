@@ -25,11 +25,11 @@ LF, RF, LR, RR = range(4)
 IN_MID_CLIMB = """
 version: 1
 faults:
-  - {kind: error_passive, limb: LF, at_s: 5.0, for_s: 0.2}
-  - {kind: interface_down, limb: RF, at_s: 5.4, for_s: 0.2}
-  - {kind: bus_off, limb: LR, at_s: 7.6, for_s: 0.2}
-  - {kind: queue_full, limb: RR, at_s: 9.8, for_s: 0.2}
-  - {kind: unacknowledged, limb: LF, at_s: 12.0, for_s: 0.2}
+  - {kind: error_passive, limb: LF, at_s: 3.0, for_s: 0.2}
+  - {kind: interface_down, limb: RF, at_s: 3.4, for_s: 0.2}
+  - {kind: bus_off, limb: LR, at_s: 5.2, for_s: 0.2}
+  - {kind: queue_full, limb: RR, at_s: 7.0, for_s: 0.2}
+  - {kind: unacknowledged, limb: LF, at_s: 8.8, for_s: 0.2}
 """
 BEFORE = """
 version: 1
@@ -91,8 +91,8 @@ def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(tmp_p
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"
 
 
-STOPPED = "{kind: runtime_stopped, at_s: 7.0, for_s: 0.7}"
-STARVED = "{kind: cpu_starved, at_s: 7.0, for_s: 0.7, share: 0.4}"
+STOPPED = "{kind: runtime_stopped, at_s: 3.0, for_s: 0.7}"
+STARVED = "{kind: cpu_starved, at_s: 3.0, for_s: 0.7, share: 0.4}"
 
 
 @pytest.mark.parametrize("fault", [STOPPED, pytest.param(STARVED, marks=pytest.mark.sweep)])

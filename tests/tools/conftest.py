@@ -41,6 +41,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def no_png(figure: Figure) -> bytes:
         plt.close(figure)
-        return b""
+        return b"no PNG"
 
     monkeypatch.setattr(figures, "png", no_png)

@@ -14,6 +14,7 @@ from crux_contracts.plan_file import plan_id
 from crux_contracts.robot import load_robot
 from crux_contracts.scenario import Scenario, ScenarioError
 from crux_msgs import plan_t
+from crux_planner import Planner
 from crux_planner.certificates.bound.climb import lower_bound
 from crux_planner.certificates.infeasibility.infeasible import Proof
 from crux_planner.checker import check_plan
@@ -98,7 +99,7 @@ def test_no_bound_is_above_a_plan_that_presses_its_better_faces(seed: int) -> No
 @SEEDS
 def test_the_planner_finds_a_plan_that_presses_the_better_faces(seed: int) -> None:
     read, _ = wall_and_plan(seed, LESS_USED)
-    found = unproven(read, ROBOT)
+    found = Planner(read, ROBOT).plan()
     assert check_plan(found.plan, ROBOT).ok
     lesser = [
         demand(limb, found.plan.patch_k_m)[1].max() > limb.friction
@@ -115,7 +116,7 @@ def test_a_finger_hangs_on_by_its_spines_where_the_other_has_friction() -> None:
     for part in wall["holds"]:
         part["friction"] = {"+x": 0.0, "-x": 2.2, "+y": 0.0, "-y": 0.0, "top": 0.0}
         part["spines"] = {"+x": True, "-x": False}
-    assert check_plan(unproven(scenario(wall), ROBOT).plan, ROBOT).ok
+    assert check_plan(Planner(scenario(wall), ROBOT).plan().plan, ROBOT).ok
     for part in wall["holds"]:
         part["spines"] = {"+x": False, "-x": True}
     with pytest.raises(ScenarioError, match="not in equilibrium"):
