@@ -34,7 +34,7 @@ class Wall:
     slope_deg: float = 45.0
     friction: tuple[float, ...] = (2.2,) * 5
     spines: tuple[int, ...] = (1,) * 5
-    dt_s: float = 1.0  # between the plan's knots
+    dt_s: float = 2.0  # between the plan's knots
 
     @property
     def gravity(self) -> Floats:
