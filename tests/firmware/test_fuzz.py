@@ -69,7 +69,7 @@ def test_no_frame_makes_a_node_unsafe(share: float) -> None:
     assert f"fuzzed {frames} frames" in run.stdout, run.stderr[-3000:]
 
 
-@pytest.mark.parametrize("share", [0.1, ALL])
+@pytest.mark.parametrize("share", [0.2, ALL])
 def test_no_parameter_write_makes_a_node_unsafe(share: float) -> None:
     all_writes = int(share * WRITES)
     run = fuzz(build("fuzz-services", SERVICES), writes=all_writes)

@@ -91,8 +91,8 @@ def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(tmp_p
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"
 
 
-STOPPED = "{kind: runtime_stopped, at_s: 3.0, for_s: 0.7}"
-STARVED = "{kind: cpu_starved, at_s: 3.0, for_s: 0.7, share: 0.4}"
+STOPPED = "{kind: runtime_stopped, at_s: 7.0, for_s: 0.7}"
+STARVED = "{kind: cpu_starved, at_s: 7.0, for_s: 0.7, share: 0.4}"
 
 
 @pytest.mark.parametrize("fault", [STOPPED, pytest.param(STARVED, marks=pytest.mark.sweep)])
