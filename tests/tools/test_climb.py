@@ -356,8 +356,8 @@ def test_a_log_that_finds_no_space_is_said_and_the_climb_judged_all_the_same(tmp
 
 def test_a_flood_of_messages_reaches_the_runtime_and_the_robot_climbs_on(tmp_path: Path) -> None:
     faults, log = tmp_path / "faults.yaml", tmp_path / "log.mcap"
-    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 1.5, for_s: 1}]\n")
-    plan = saved(tmp_path, standing_plan())
+    faults.write_text("version: 1\nfaults: [{kind: lcm_flooded, at_s: 3, for_s: 5}]\n")
+    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
     status, result = finish_climb(start_climb(plan, log, "--bus", "udp", "--faults", str(faults)))
     assert status == 0, result
     assert result["missed_cycles"] == 0
