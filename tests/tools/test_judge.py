@@ -135,6 +135,17 @@ def test_a_limb_without_its_hold_in_stance_lost_its_grip_and_the_robot_has_not_f
     assert (verdict.fell, verdict.fall_reason) == (False, "")
 
 
+@pytest.mark.parametrize("away_m", [175.0, np.nan])
+def test_a_robot_that_came_off_before_it_could_start_fell(away_m: float) -> None:
+    truth = make_truth()
+    truth.climbing[:] = 0
+    assert not verdict_on(truth, complete=False).fell
+    truth.body_position_m[30:, 2] -= away_m
+    verdict = verdict_on(truth, complete=False)
+    assert verdict.fell
+    assert "off its path at" in verdict.fall_reason
+
+
 def swing_truth(plan: plan_t, let_go: float, landed: float, late_s: float = 0.0) -> Truth:
     """A run of `plan`, in which LF is off its hold between two times and everything else stays in its place.
 
