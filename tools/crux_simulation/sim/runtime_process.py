@@ -100,7 +100,7 @@ class RuntimeProcess:
         ended = self._process.poll()
         if ended is None or ended >= 0:
             return ended is None
-        note(f"crux-runtime {self.last_words()}; it is started again")
+        note(f"crux-runtime was ended by signal {-ended}; it is started again")
         self._arguments = [word for word in self._arguments if word != "--overwrite"]
         self.__enter__()
         return True
