@@ -140,7 +140,7 @@ def write_log(path: Path, story: Story | None = None, finish: bool = True, attac
     plan, robot = made_up_plan(), load_robot("scaler")
     with path.open("wb") as file:
         # The CDR bytes come from mcap-ros2-support: an encoder that shares nothing with the reader under test.
-        writer = Writer(file, chunk_size=220_000, compression=CompressionType.LZ4)
+        writer = Writer(file, chunk_size=180_000, compression=CompressionType.LZ4)
         said = {"version": "0", "robot": "scaler", "robot_sha256": robot.hash, "pace": story.pace, **story.metadata}
         writer.add_metadata("crux", said)
         for described in (robot.folder / "robot.yaml", robot.urdf_path) if attached else ():

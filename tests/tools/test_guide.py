@@ -175,7 +175,7 @@ def test_a_body_turned_to_where_a_gripper_may_just_turn_under_it_is_a_start_of_a
 
 def test_it_waits_until_an_operator_has_cleared_what_another_plan_does_not_help_with(plan: plan_t) -> None:
     said = list[str]()
-    link = SimpleNamespace(status=status_t(), send=lambda _: SimpleNamespace(plan_id=plan.plan_id))
+    link = SimpleNamespace(status=status_t(), command=lambda _: SimpleNamespace(plan_id=plan.plan_id))
     guide = Guide(link, plan, load_robot("scaler"), said.append)  # type: ignore[arg-type]
     state, fault = link.status.state, link.status.fault
     state.supervisor_state, fault.code = HOLDING, next(f.code for f in FAULTS if f.name == "cycle_late")
@@ -196,7 +196,7 @@ def test_it_waits_until_an_operator_has_cleared_what_another_plan_does_not_help_
 @pytest.mark.parametrize(("motion", "settles_s"), [(robot_state_t.FORWARD, 0.3), (robot_state_t.REVERSE, 7.0)])
 def test_it_waits_until_the_robot_has_stood_for_a_while(plan: plan_t, motion: int, settles_s: float) -> None:
     """Longer where a limb may be on its way to a hold; from anew where the plan's clock has moved."""
-    link = SimpleNamespace(status=status_t(), send=lambda _: SimpleNamespace(plan_id=plan.plan_id))
+    link = SimpleNamespace(status=status_t(), command=lambda _: SimpleNamespace(plan_id=plan.plan_id))
     guide = Guide(link, plan, load_robot("scaler"), lambda _: None)  # type: ignore[arg-type]
     state, fault = link.status.state, link.status.fault
     fault.code = next(f.code for f in FAULTS if f.name == "cycle_late")  # about which nothing is planned

@@ -168,7 +168,7 @@ def test_dead_nodes_are_told_and_clear_fault_does_not_pass_over_them(
         said = "".join(capsys.readouterr())
         assert "fault 30 all_nodes_silent: no valid status from any node, for 11 cycles (limit: 10)" in said
         assert "since 20" in said
-        assert "do: look at the emergency stop and the nodes' supply" in said
+        assert "do: check the emergency stop and the nodes' supply" in said
         assert "28 nodes silent (all)" in said
 
         assert main(["status", "--lcm", url, "--json"]) == 0
