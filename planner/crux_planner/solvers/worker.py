@@ -24,6 +24,7 @@ Log = Callable[[str], None]
 Answer = TypeVar("Answer")
 
 LIVE: set[int] = set()  # process ids of the workers that run
+ENDED_S: list[float] = []  # what each worker that has ended computed [s]
 
 
 class WorkerLostError(Exception):
@@ -102,11 +103,20 @@ class Worker:
         """End the process, whatever it is doing; the next call starts another one."""
         if self.process is not None and self._link is not None:
             self.process.kill()
-            self.process.wait()
-            LIVE.discard(self.process.pid)
+            self._wait(self.process)
             self._link.close()
         self.process = self._link = None
         self.waiting = 0
+
+    @staticmethod
+    def _wait(process: subprocess.Popen[bytes]) -> int:
+        """How a process ended. Not by Popen.wait, which does not tell what it computed."""
+        if process.returncode is None:
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            LIVE.discard(process.pid)
+            ENDED_S.append(used.ru_utime + used.ru_stime)
+        return process.returncode
 
     def _send(self, message: Any) -> None:
         try:
@@ -119,7 +129,7 @@ class Worker:
         """How the process ended; said the first time."""
         how = "ended"
         if self.process is not None:
-            status = self.process.wait()
+            status = self._wait(self.process)
             how = f"ended by signal {-status}" if status < 0 else f"ended with status {status}"
         if not self.lost:
             self._log(f"a worker process {how}; planning goes on without it")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -54,6 +56,13 @@ def test_what_workers_compute_counts_while_they_live_and_afterwards() -> None:
     worker.stop()
     assert clock.computed_s(worker.pid) == 0.0
     assert clock.now() - before >= BUSY_S + time.process_time() - own - 0.05
+
+
+def test_what_other_children_computed_does_not_count() -> None:
+    before, own = clock.now(), time.process_time()
+    loop = f"import time\nwhile time.process_time() < {BUSY_S}: pass"
+    subprocess.run([sys.executable, "-c", loop], check=True)
+    assert clock.now() - before < time.process_time() - own + 0.05
 
 
 def test_time_that_ran_out_is_no_infeasibility() -> None:
