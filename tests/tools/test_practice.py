@@ -87,6 +87,7 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         link.send(command_t.HOLD)
         held = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING)
         assert held.fault_code == 0
+        until(link, lambda state: state.time_s > held.time_s + 2.0)  # a killed runtime's log lacks its last half second
         os.kill(runtime_of(process), signal.SIGKILL)
         found = until(link, lambda state: state.supervisor_state == robot_state_t.HOLDING and state.cycle < held.cycle)
         assert found.plan_time_s == pytest.approx(held.plan_time_s, abs=0.2)
@@ -97,8 +98,7 @@ def test_the_operators_commands_find_a_robot(tmp_path: Path) -> None:
         assert "was ended by signal 9; it is started again" in said
         assert "was shut down" in said
     assert read_log(tmp_path / "log-2.mcap").state["plan_time_s"].max() > found.plan_time_s
-    log = read_log(tmp_path / "log.mcap")
-    assert log.state["plan_time_s"].max() > 1.0
+    assert read_log(tmp_path / "log.mcap").state["plan_time_s"].max() == pytest.approx(held.plan_time_s, abs=0.1)
 
 
 @pytest.mark.alone
