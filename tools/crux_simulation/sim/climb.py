@@ -253,9 +253,7 @@ def climb(
         if options.guide and isinstance(runtime, RuntimeHere):
             from crux_simulation.sim.guided import Guided  # with the whole planner: slow to import
 
-            guided = Guided(link, runtime, loop, plan, robot)
-        if guided is not None:
-            loop.guided = guided
+            guided = loop.guided = Guided(link, runtime, loop, plan, robot)
             loop.max_cycles *= 2
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
