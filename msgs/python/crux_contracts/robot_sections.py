@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import typing
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Annotated
 
 from .robot_bounds import MAX_ANGLE_RAD, MAX_LENGTH_M
@@ -305,12 +305,14 @@ class KeyRule:
     unit: str  # m or rad, else empty: of numbers that are often written in another unit
 
 
-def key_rules() -> Iterator[KeyRule]:
+@cache
+def key_rules() -> tuple[KeyRule, ...]:
     """All keys of all sections, in the order of the fields."""
+    found = []
     for section, kind in SECTIONS.items():
         hints = typing.get_type_hints(kind, include_extras=True)
-        for field in fields(kind):
-            yield _rule(section, field.name, hints[field.name])
+        found += [_rule(section, field.name, hints[field.name]) for field in fields(kind)]
+    return tuple(found)
 
 
 def _rule(section: str, key: str, hint: object) -> KeyRule:
