@@ -31,12 +31,9 @@ def table_top(robot: Robot) -> Iterator[Desk]:
         yield running
 
 
-PATIENCE_S = 120.0  # with nodes on a busy machine
-
-
 def link(running: Desk, robot: Robot, node: str) -> NodeLink:
     name = node_name(node)
-    return NodeLink(name, limb_bus(running.base(), robot, name.limb), PATIENCE_S)
+    return NodeLink(name, limb_bus(running.base(), robot, name.limb))
 
 
 def test_a_node_tells_the_values_of_the_robot_description(table_top: Desk, robot: Robot) -> None:

@@ -22,6 +22,7 @@ from service_host import Desk, desk
 
 TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}
 PROGRAM = random.Random(1).randbytes(5001)
+UNCOMMANDED = 20  # periods after its start, for the first ten of which a node takes itself for commanded
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,7 @@ def table_top(robot: Robot, key: Path) -> Iterator[Desk]:
 
 
 def link(running: Desk, robot: Robot, node: str) -> NodeLink:
+    running.await_periods(UNCOMMANDED)
     name = node_name(node)
     return NodeLink(name, limb_bus(running.base(), robot, name.limb))
 
@@ -134,6 +136,7 @@ def test_power_lost_within_an_update_leaves_the_old_firmware_and_room_for_the_ne
         assert refusal.value.code == number("refusal", "MEMORY")
         table_top.nodes.cut_power(limb, node, 0)
         table_top.reset(limb, node)
+        table_top.await_periods(UNCOMMANDED)
         assert slots(joint)["version"] == before["version"]
         load(joint, header, payload)
         joint.restart()

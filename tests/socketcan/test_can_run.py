@@ -57,7 +57,7 @@ def test_virtual_time_costs_nothing_to_wait_and_always_begins_alike() -> None:
 def test_time_out_and_nothing_survives(tmp_path: Path) -> None:
     mark = tmp_path / "alive"
     script = f"while :; do date >{mark}; sleep 0.1; done"
-    done = can_run("--timeout", "1", "--", "sh", "-c", script)
+    done = can_run("--timeout", "3", "--", "sh", "-c", script)
     assert done.returncode == 124
     assert b"--timeout" in done.stderr
     mark.unlink()
@@ -70,7 +70,7 @@ def test_containers_that_permit_no_namespaces_do(tmp_path: Path) -> None:
     (tmp_path / "unshare").write_text("#!/bin/sh\nexit 1\n")
     (tmp_path / "unshare").chmod(0o755)
     env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    script = f"(while :; do date >{mark}; sleep 0.1; done) & sleep 0.5; exit 3"
+    script = f"(while :; do date >{mark}; sleep 0.1; done) & until [ -e {mark} ]; do sleep 0.1; done; exit 3"
     done = can_run("--backend", "uml", "--", "sh", "-c", script, env=env)
     assert done.returncode == 3
     mark.unlink()
