@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from crux_tools.report import figures
+from crux_tools.report import figures, pictures
+from crux_tools.report.renderer import NoGraphicsError
 from made_up_climb import Story, write_log
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
@@ -37,10 +38,32 @@ def killed_log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests of a page's words alone: drawing its plots takes most of its time."""
+    """For tests that do not look at a page's plots: drawing them takes most of its time."""
 
     def no_png(figure: Figure) -> bytes:
         plt.close(figure)
         return b"no PNG"
 
     monkeypatch.setattr(figures, "png", no_png)
+
+
+@pytest.fixture
+def no_graphics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine that cannot render. Pages without pictures are also quicker to write."""
+
+    def no_renderer(*_: object) -> None:
+        raise NoGraphicsError("no EGL")
+
+    monkeypatch.setattr(pictures, "Renderer", no_renderer)
+
+
+@pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures on pages have so few pixels that rendering them takes no time."""
+    monkeypatch.setattr("crux_tools.report.sections.PICTURE_PX", (64, 46))
+
+
+@pytest.fixture
+def briefly_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot that stops climbing is watched for two seconds, not for ten: a fifth of what that takes to compute."""
+    monkeypatch.setattr("crux_simulation.sim.climb.WATCHED_S", 2.0)

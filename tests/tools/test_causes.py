@@ -179,6 +179,7 @@ def test_a_section_says_what_usually_is_behind_a_fault_and_what_to_do(
     ]  # fmt: skip
 
 
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_a_fault_in_the_first_cycle_has_a_page(log_path: Path, tmp_path: Path) -> None:
     log = read_log(log_path)
     faults = blank("/fault", 2)

@@ -48,7 +48,7 @@ def report(source: Path, page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "small_pictures")
 def test_a_changed_length_is_said_and_the_logs_own_drawn(
     log_path: Path, robots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -105,7 +105,7 @@ def test_a_description_of_another_form_gives_way_to_the_one_here(log_path: Path,
         assert robot.folder == robots / "scaler"
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_a_plan_for_another_description_says_so(robots: Path, tmp_path: Path) -> None:
     path = tmp_path / "plan.mcap"
     write_plan(path, made_up_plan())
@@ -134,7 +134,7 @@ def test_an_older_log_on_a_machine_without_its_robot_is_refused(
     assert error.count("\n") == 1
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "small_pictures")
 def test_a_log_opens_whole_where_its_robot_is_not_known(log_path: Path, robots: Path, tmp_path: Path) -> None:
     before = report(log_path, tmp_path / "before.html")
     shutil.rmtree(robots / "scaler")

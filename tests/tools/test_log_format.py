@@ -27,6 +27,7 @@ def written(path: Path, metadata: dict[str, str]) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_every_reader_says_so_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, page = written(tmp_path / "climb.mcap", NEWER), tmp_path / "page.html"
     commands = (

@@ -54,7 +54,7 @@ def drawn(log: Path) -> list[dict[str, Any]]:
     return [shape for shape in Scene(recording).description["shapes"] if shape["kind"] == "mesh"]
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "small_pictures")
 def test_a_log_is_drawn_by_its_meshes_where_the_robots_folder_is_not(with_meshes: Path, tmp_path: Path) -> None:
     log, part, page, plan = tmp_path / "log.mcap", tmp_path / "part.mcap", tmp_path / "page.html", standing_plan()
     world = parse_world(WORLD.encode()).draw(0, plan)

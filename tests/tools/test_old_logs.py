@@ -117,6 +117,7 @@ def test_commands_take_it(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert any(message.channel == "CRUX_PLAN" for message in played)
 
 
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_the_oldest_has_a_report(tmp_path: Path) -> None:
     written = write_report(LOGS[0], tmp_path / "page.html")
     assert written.kind == "climb"

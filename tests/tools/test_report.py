@@ -123,7 +123,7 @@ def _told(page: Page, what: str) -> str:
     return found[1]
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_the_page_begins_with_what_the_log_alone_can_tell(
     log_path: Path, faulty_log_path: Path, tmp_path: Path
 ) -> None:
@@ -139,7 +139,7 @@ def test_the_page_begins_with_what_the_log_alone_can_tell(
     assert "fault 7 body_error, least margin" in _told(page, "Verdict")
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_the_page_begins_with_the_judges_verdict_where_there_is_one(tmp_path: Path) -> None:
     log = tmp_path / "climb.mcap"
     recorded = {
@@ -173,7 +173,7 @@ def _written(log: Path, output: Path, verdict: truth_verdict_t | None = None) ->
     return output.read_text(encoding="utf-8")
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_a_squeeze_too_small_for_one_cycle_is_in_the_smallest_margin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,7 +202,7 @@ def test_a_plot_shows_the_least_and_the_largest_of_each_interval(monkeypatch: py
     assert time[np.nanargmax(drawn[:, 0])] == pytest.approx(1234 * 0.002, abs=9973 * 0.002 / 50)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     robot = load_robot("scaler")
     torque = [0.0] * 24
@@ -217,7 +217,7 @@ def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     assert _told(page, "RMS torque beyond what the winding bears for good").startswith(": RF joint2 12.5 of 8.1 Nm.")
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_limits_are_those_of_the_description_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = Path(shutil.copytree(load_robot("scaler").folder, tmp_path / "scaler"))
     described = (folder / "robot.yaml").read_text(encoding="utf-8")
@@ -237,7 +237,7 @@ def test_heat_follows_the_square_of_the_torque() -> None:
     assert heat[1499, 0] == pytest.approx(1 - math.exp(-1), rel=1e-9)  # after 3 s of 6
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "small_pictures")
 def test_the_picture_is_a_small_png(log_path: Path, tmp_path: Path) -> None:
     picture = tmp_path / "climb.png"
     _report(log_path, tmp_path, "--picture", str(picture))
@@ -248,17 +248,8 @@ def test_the_picture_is_a_small_png(log_path: Path, tmp_path: Path) -> None:
         assert len(colours) > 50  # something is to be seen
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_without_graphics_the_page_says_so(
-    log_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from crux_tools.report import pictures, renderer
-
-    class NoRenderer:
-        def __init__(self, *_: object) -> None:
-            raise renderer.NoGraphicsError("no EGL")
-
-    monkeypatch.setattr(pictures, "Renderer", NoRenderer)
+@pytest.mark.usefixtures("undrawn", "no_graphics")
+def test_without_graphics_the_page_says_so(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, output = _report(log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
     assert "No pictures: this machine has no OpenGL to render with (no EGL); on Debian: apt-get install" in page.words
@@ -267,14 +258,14 @@ def test_without_graphics_the_page_says_so(
     assert not (tmp_path / "p.png").exists()
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_a_killed_runtimes_log_gets_a_page_that_says_so(killed_log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(killed_log_path, tmp_path)
     assert page.sections == LOG_SECTIONS
     assert "the log was not closed" in page.words
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_a_real_time_run_with_a_fault(faulty_log_path: Path, tmp_path: Path) -> None:
     page, _ = _report(faulty_log_path, tmp_path)
     assert "7 body_error: body is 0.07 m off its reference" in page.words
@@ -282,7 +273,7 @@ def test_a_real_time_run_with_a_fault(faulty_log_path: Path, tmp_path: Path) -> 
     assert "In lockstep" not in page.words
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_graphics")
 def test_words_from_outside_are_escaped(tmp_path: Path) -> None:
     plan = made_up_plan()
     plan.scenario_name = "<script>alert(1)</script>"
