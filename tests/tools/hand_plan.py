@@ -178,8 +178,9 @@ def climbing_plan(
     slope_deg: float = 45.0,
     limbs_to_move: tuple[int, ...] = (0, 1, 2, 3),
     dt_s: float = 1.0,
+    until: int | None = None,
 ) -> plan_t:
-    """The limbs move up one after the other, the body a share of the way before each."""
+    """The limbs move up one after the other, the body a share of the way before each; of that so many knots."""
     xy = np.vstack([NOMINAL_M, NOMINAL_M + np.array([advance_m, 0.0])])
     yaw_rad = np.array([0.1, -0.05, 0.0, 0.08, -0.1, 0.05, 0.1, 0.0])
     wall = Wall(xy_m=xy, yaw_rad=yaw_rad, slope_deg=slope_deg, dt_s=dt_s)
@@ -214,4 +215,4 @@ def climbing_plan(
         add(2)
     body = np.array([advance_m * len(limbs_to_move) / 4, 0.0, BODY_HEIGHT_M])
     add(4)
-    return finish(wall, knots)
+    return finish(wall, knots[:until])

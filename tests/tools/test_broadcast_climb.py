@@ -6,10 +6,11 @@ import shutil
 from pathlib import Path
 
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import load_scenario
+from crux_contracts.scenario import parse_scenario
 from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.paths import ROOT
 from shared_plans import unproven
+from short_climb import scenario_text
 
 RATE_HZ = 1000
 
@@ -22,7 +23,7 @@ def test_climbs_one_step_at_a_kilohertz(tmp_path: Path) -> None:
     description.write_text(text.replace("rate_Hz: 500", f"rate_Hz: {RATE_HZ}"), encoding="utf-8")
     robot = load_robot(folder)
     assert robot.can.rate_Hz == RATE_HZ
-    found = unproven(load_scenario(ROOT / "msgs/scenarios/climb-one-step.yaml"), robot)
+    found = unproven(parse_scenario(scenario_text()), robot)
     result = climb(found.plan, robot, tmp_path / "log.mcap", ClimbOptions(commands="broadcast"))
     assert result.ok, result.reason
     assert result.missed_cycles == 0

@@ -25,7 +25,7 @@ from crux_tools.telemetry import read_log
 from hand_plan import BODY_HEIGHT_M, Wall, climbing_plan, finish, standing_plan
 
 DAMPING, WRONG = 1, 4.0
-PRESS_N, PRESS_KNOTS = 24.0, 11
+PRESS_N, PRESS_KNOTS = 24.0, 5
 
 
 def pressing_plan() -> plan_t:

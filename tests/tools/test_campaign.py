@@ -33,6 +33,7 @@ from crux_tools.report.results import read_rows
 from crux_tools.report.statistics import Rate, difference, paired_difference
 from distributed import Client, LocalCluster
 from pyarrow import parquet
+from short_climb import scenario_text
 from tiny_campaign import TinyJob
 
 HERE = Path(__file__).resolve().parent
@@ -325,14 +326,15 @@ def test_keys_are_of_what_a_job_depends_on(tmp_path: Path) -> None:
 def test_a_campaign_of_one_wall_planned_checked_climbed_and_judged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = tmp_path / "spec.yaml"
-    spec.write_text("version: 1\nwalls: [{draw: wall, count: 1, first_seed: 2}]\n")
+    spec, wall = tmp_path / "spec.yaml", tmp_path / "wall.yaml"
+    spec.write_text(f"version: 1\nwalls: [{{scenario: {wall}}}]\nmethods: [auto]\n")
+    wall.write_text(scenario_text())
     assert main(["campaign", str(spec), "--out", str(tmp_path / "out"), "--workers", "1", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["verdicts"] == {"climbed": 1}
     assert said["scheduler"] == json.loads((tmp_path / "out" / "campaign.json").read_text())["scheduler"]
     (result,) = parquet.read_table(said["table"]).to_pylist()
-    assert (result["wall"], result["world"], result["method"]) == ("random-wall-2", "nominal", "auto")
+    assert (result["wall"], result["world"], result["method"]) == ("climb-one-step", "nominal", "auto")
     assert result["climb.reached_goal"]
     assert 0.0 < result["climb.goal_error.m"] < 0.01
     assert not (tmp_path / "out" / "failures").exists()
@@ -343,12 +345,12 @@ def test_of_a_failed_climb_everything_is_kept_and_shown(tmp_path: Path, monkeypa
         return replace(judge(*given), fell=True, fall_reason="made to")
 
     monkeypatch.setattr("crux_simulation.sim.climb.judge", fallen)
-    outcome = ClimbJob("wall", Wall("wall", 2), 2, method="auto").run()
+    outcome = ClimbJob("wall", Wall(text=scenario_text()), 2, method="auto").run()
     Store(tmp_path).put(outcome)
     kept = tmp_path / "failures" / outcome.row["key"]
     assert outcome.row["verdict"] == "failed"
     assert sorted(file.name for file in kept.iterdir()) == ["log.mcap", "plan.mcap", "rerun.sh", "scenario.yaml"]
-    assert (kept / "scenario.yaml").read_text() == random_wall(2)
+    assert (kept / "scenario.yaml").read_text() == scenario_text()
     commands = [line.split() for line in (kept / "rerun.sh").read_text().splitlines() if line.startswith("crux")]
     assert [words[1] for words in commands] == ["plan", "check", "climb"]
     monkeypatch.chdir(kept)
@@ -358,4 +360,4 @@ def test_of_a_failed_climb_everything_is_kept_and_shown(tmp_path: Path, monkeypa
     shown = page.read_text()
     assert "0 of 1: 0.0 % (0.0 to 79.3 %)" in shown
     assert shown.count('src="data:image/jpeg') == 1
-    assert "random-wall-2, nominal" in shown
+    assert "climb-one-step, nominal" in shown

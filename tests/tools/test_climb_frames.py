@@ -34,6 +34,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return log
 
 
+@pytest.mark.usefixtures("briefly_watched")
 def test_the_seconds_around_a_fault_are_there_unasked(tmp_path: Path) -> None:
     plan, log = climbing_plan(limbs_to_move=(0, 1)), tmp_path / "log.mcap"
     climb(plan, load_robot("scaler"), log, ClimbOptions(world=parse_world(SLICK.encode()).draw(0, plan)))

@@ -26,6 +26,7 @@ from crux_tools.guide.situation import Situation
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry.reader import Channels, read_channels
 from shared_plans import SharedPlans
+from short_climb import with_a_spare_hold
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 RF, RR, TRACK, CLOSE = 1, 3, 1, 6
@@ -40,6 +41,12 @@ def plan(planned: SharedPlans) -> plan_t:
 
 
 @pytest.fixture(scope="module")
+def short(planned: SharedPlans) -> plan_t:
+    """One step of LF; RR has another hold to go to."""
+    made: plan_t = planned(with_a_spare_hold(), load_robot("scaler")).plan
+    return made
+
+
 def in_stance_s(plan: plan_t) -> float:
     """A time [s] at which all limbs are in stance: early in the plan's first interval."""
     return START_S + plan.knots[1].time_s / 4
@@ -60,10 +67,10 @@ def guided(plan: plan_t, log: Path, hold: str, breaks_s: float) -> tuple[ClimbRe
 
 
 def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
-    plan: plan_t, in_stance_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    short: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "log.mcap"
-    result, channels = guided(plan, log, "right-rear-low", in_stance_s)
+    result, channels = guided(short, log, "right-rear-low", in_stance_s(short))
     said = capsys.readouterr().err
     assert result.ok, result.reason
     assert result.verdict.goal_error_m < 0.006
@@ -78,7 +85,7 @@ def test_a_hold_breaks_in_stance_and_the_robot_goes_on_to_its_goal(
     moved_on = cycles[np.argmax((now == CLIMBING) & (cycles > broke))]
     assert moved_on - broke < 1000  # 2 s, of which planning counts as one
     plans = channels.messages["/plan"]
-    assert [each.plan_id == plan.plan_id for each in plans] == [True, False]
+    assert [each.plan_id == short.plan_id for each in plans] == [True, False]
     assert plans[1].method == "guide: grip_lost of RR"
     assert plans[1].knots[0].limbs[RR].phase == limb_knot_t.AIR
     assert recompute(log).ok
@@ -100,28 +107,28 @@ def test_fingers_that_close_when_another_hold_breaks_are_waited_for(plan: plan_t
 
 
 def test_with_no_other_hold_in_reach_it_says_so_and_the_robot_stays(
-    plan: plan_t, in_stance_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    short: plan_t, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    content = yaml.safe_load(plan.scenario_yaml)
+    content = yaml.safe_load(short.scenario_yaml)
     high = next(hold for hold in content["holds"] if hold["name"] == "right-rear-high")
     high["position_m"] = [0.6, 0.6]  # on the guide's map alone
-    lonely = plan_t.decode(plan.encode())
+    lonely = plan_t.decode(short.encode())
     lonely.scenario_yaml = yaml.safe_dump(content)
     lonely.plan_id = plan_id(lonely)
-    result, channels = guided(lonely, tmp_path / "log.mcap", "right-rear-low", in_stance_s)
+    result, channels = guided(lonely, tmp_path / "log.mcap", "right-rear-low", in_stance_s(lonely))
     said = capsys.readouterr().err
     assert not result.ok
     assert "no way to the goal" in said
     assert "the robot stays where it is" in said
     assert len(channels.messages["/plan"]) == 1
     truth = channels.tables["/truth/body"]
-    stands = truth["position_w_m"][truth["cycle"] > in_stance_s * 500]
+    stands = truth["position_w_m"][truth["cycle"] > in_stance_s(lonely) * 500]
     assert np.ptp(stands, axis=0).max() < 0.02
 
 
 @pytest.mark.sweep
 def test_without_the_guide_in_mid_plan_the_plan_is_finished(
-    plan: plan_t, in_stance_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plan: plan_t, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     attend, looks = Guide.attend, list[Attended]()
 
@@ -132,7 +139,7 @@ def test_without_the_guide_in_mid_plan_the_plan_is_finished(
         return looks[-1]
 
     monkeypatch.setattr(Guide, "attend", once)
-    result, _ = guided(plan, tmp_path / "log.mcap", "right-rear-low", in_stance_s)
+    result, _ = guided(plan, tmp_path / "log.mcap", "right-rear-low", in_stance_s(plan))
     assert looks[-1] is Attended.STARTED
     assert result.ok, result.reason
 

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
-from crux_contracts.scenario import load_scenario
 from crux_msgs import command_t, plan_t, robot_state_t
 from crux_simulation.benchmarks.world_faults import START_S
 from crux_simulation.sim.climb import ClimbOptions, plant_of
@@ -32,8 +31,8 @@ from crux_simulation.sim.world_file import parse_world
 from crux_tools.operator_link import OperatorLink
 from crux_tools.replay.recompute import recompute
 from shared_plans import SharedPlans
+from short_climb import with_a_spare_hold
 
-SCENE = Path(__file__).parents[2] / "msgs" / "scenarios" / "climb-four-holds.yaml"
 WORLD = "version: 1\nname: test\nholds: {{right-rear-low: {{breaks_at_s: {at_s}}}}}\n"
 PATIENCE_S = 600.0  # the machine may be busy
 GOAL_M = 0.01
@@ -131,7 +130,7 @@ def test_an_operator_is_asked_and_the_plan_is_climbed_though_the_guide_is_killed
     tmp_path: Path, planned: SharedPlans, whole: bool
 ) -> None:
     """For three seconds more, or to its end."""
-    plan: plan_t = planned(load_scenario(SCENE), load_robot("scaler")).plan
+    plan: plan_t = planned(with_a_spare_hold(), load_robot("scaler")).plan
     write_plan(tmp_path / "plan.mcap", plan)
     log = tmp_path / "log.mcap"
     with climbing(plan, log) as run:

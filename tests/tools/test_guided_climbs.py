@@ -18,6 +18,7 @@ from crux_simulation.campaign.job import WorldFile
 from crux_simulation.sim.climb import ClimbOptions, climb
 from crux_tools.telemetry import read_channels
 from shared_plans import SharedPlans, unproven
+from short_climb import with_a_spare_hold
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 
@@ -27,7 +28,9 @@ def plan(planned: SharedPlans) -> Any:
     return planned(load_scenario(SCENES / "climb-four-holds.yaml"), load_robot("scaler")).plan
 
 
-def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(plan: Any, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("briefly_watched")
+def test_a_hold_breaks_under_a_limb_while_all_limbs_hold(planned: SharedPlans, tmp_path: Path) -> None:
+    plan = planned(with_a_spare_hold(), load_robot("scaler")).plan
     earliest = 0, len(plan.knots)
     for seed in range(20):
         mishap = drawn("hold-breaks", seed, plan)

@@ -15,6 +15,7 @@ from crux_tools.telemetry.reader import Channels, read_channels
 from hand_plan import HALF_HOLD_M, climbing_plan, standing_plan
 from holding_controller import HoldingController
 
+pytestmark = pytest.mark.usefixtures("briefly_watched")
 NEW = "h4"  # LF climbs to it
 HOLD_MISSING, ENCODER_FROZEN = 29, 18
 SWEPT = pytest.mark.sweep

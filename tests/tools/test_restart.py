@@ -15,6 +15,7 @@ from crux_tools.operator_status import status_lines
 from crux_tools.replay.recompute import recompute
 from restarting import HOLDING, Restarting
 from shared_plans import SharedPlans
+from short_climb import with_a_spare_hold
 
 SCENES = Path(__file__).parents[2] / "msgs" / "scenarios"
 MOMENTS = 50
@@ -33,7 +34,8 @@ def in_the_air_s(plan: plan_t) -> list[float]:
     return [time_s + plan.dt_s / 2 for time_s in times if time_s < plan.knots[-1].time_s]
 
 
-def test_a_runtime_finds_its_robot_with_a_limb_in_the_air(plan: plan_t, tmp_path: Path) -> None:
+def test_a_runtime_finds_its_robot_with_a_limb_in_the_air(planned: SharedPlans, tmp_path: Path) -> None:
+    plan: plan_t = planned(with_a_spare_hold(), load_robot("scaler")).plan
     when_s = in_the_air_s(plan)[1]
     with Restarting(plan, tmp_path) as climb:
         before = climb.climb_until(when_s)

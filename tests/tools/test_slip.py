@@ -14,10 +14,12 @@ from crux_simulation.sim.world_file import parse_world
 from crux_tools.telemetry.reader import Channels, read_channels
 from hand_plan import climbing_plan
 
+pytestmark = pytest.mark.usefixtures("briefly_watched")
 SLIP = 6  # robot_state_t.waiting_for
 CLOSE = 6  # LimbPhase
 GRASP_FAILED, SLID = 21, 22  # msgs/faults.yaml
 RF = 1
+LANDED, PUSHED = 13, 16  # knots
 SMOOTH = "holds: {h1: {friction_factor: 0.11}}\n"  # the hold that RF begins on: no pull has tested its grasp
 ORDINARY = """
 robot: {joints: {all: {backlash_rad: {uniform: [0, 0.010]}}}}
@@ -29,9 +31,11 @@ pushes: [{at_s: 12, for_s: 1, force_N: [0, 30, 0]}]
 
 
 @cache
-def climbed(text: str, seed: int = 0, slope_deg: float = 70, dt_s: float = 1.0) -> tuple[ClimbResult, Channels]:
-    """Both front limbs climb a wall, a steep one, in a world."""
-    plan = climbing_plan(slope_deg=slope_deg, limbs_to_move=(0, RF), dt_s=dt_s)
+def climbed(
+    text: str, seed: int = 0, slope_deg: float = 70, dt_s: float = 1.0, until: int | None = LANDED
+) -> tuple[ClimbResult, Channels]:
+    """Both front limbs climb a wall, a steep one, in a world, until LF has landed or so many knots."""
+    plan = climbing_plan(slope_deg=slope_deg, limbs_to_move=(0, RF), dt_s=dt_s, until=until)
     world = parse_world(f"version: 1\nname: test\n{text}".encode()).draw(seed, plan)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "log.mcap"
@@ -86,15 +90,15 @@ def test_a_grip_that_the_plan_begins_with_and_that_slides_too_far_is_told(fricti
     assert not result.verdict.fell, result.reason
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.sweep)])
-def test_play_wrong_encoders_and_a_push_are_no_slip(seed: int) -> None:
-    _, log = climbed(ORDINARY, seed)
+@pytest.mark.parametrize(("seed", "until"), [(1, PUSHED), pytest.param(2, None, marks=pytest.mark.sweep)])
+def test_play_wrong_encoders_and_a_push_are_no_slip(seed: int, until: int | None) -> None:
+    _, log = climbed(ORDINARY, seed, until=until)
     assert not (log.tables["/robot_state"]["waiting_for"] == SLIP).any()
     assert not len(log.tables.get("/fault", ()))
 
 
 def test_a_grasp_that_gives_way_when_it_is_pulled_is_made_anew_on_both_sides_and_then_told() -> None:
-    result, log = climbed("holds: {h4: {friction_factor: 0.03}}\n", slope_deg=45)
+    result, log = climbed("holds: {h4: {friction_factor: 0.03}}\n", slope_deg=45, until=None)
     (fault,) = log.tables["/fault"]
     assert fault["code"] == GRASP_FAILED
     assert not result.verdict.fell, result.reason

@@ -205,6 +205,7 @@ def test_a_fall_is_what_the_judge_calls_one_and_a_lost_grip_counts_where_the_fau
     assert few == {"climbs": 1, "at_goal": 0, "told": 0, "lost_grips": 0, "fell": 1, "most_body_m": 0.2}
 
 
+@pytest.mark.usefixtures("briefly_watched")
 def test_grips_are_counted_in_physics_as_a_hold_breaks(plan: plan_t, tmp_path: Path) -> None:
     """LF is in the air 9 s after power-on."""
     for at_s, grips_left in ((4.5, 3), (9.5, 2)):
