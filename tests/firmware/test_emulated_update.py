@@ -125,7 +125,7 @@ def starts(emulated: Board) -> int:
     return VECTORS.index(emulated.vectors)
 
 
-@pytest.mark.parametrize("every", [29, pytest.param(1, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("every", [97, pytest.param(1, marks=pytest.mark.sweep)])
 def test_a_valid_image_starts_wherever_the_power_is_cut(robot: Robot, tmp_path: Path, every: int) -> None:
     maker = Maker(tmp_path)
     payload = endless(1, 2500)  # of two pages

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crux_contracts.plan_file import write_plan
 from crux_msgs import robot_state_t
 from crux_tools.telemetry import Telemetry, read_log
+from hand_plan import standing_plan
 from short_climb import plan_short_climb
 from with_can import BUSES, CRUX, can_run
 
@@ -91,15 +93,26 @@ def test_before_the_climb_a_bus_that_is_back_leads_to_ready_and_no_further(tmp_p
     assert CLIMBING not in states(log), "START was for a cycle in which the fault stood"
 
 
-STOPPED = "{kind: runtime_stopped, at_s: 7.0, for_s: 0.7}"
-STARVED = "{kind: cpu_starved, at_s: 7.0, for_s: 0.7, share: 0.4}"
+STOPPED, STARVED = "kind: runtime_stopped", "kind: cpu_starved, share: 0.4"
 
 
-@pytest.mark.parametrize("fault", [STOPPED, pytest.param(STARVED, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize(
+    ("fault", "steps"),
+    [
+        (STOPPED, False),
+        pytest.param(STOPPED, True, marks=pytest.mark.sweep),
+        pytest.param(STARVED, True, marks=pytest.mark.sweep),
+    ],
+)
 def test_while_the_runtime_stands_still_the_nodes_hold_and_it_tells_that_it_was_late(
-    fault: str, tmp_path: Path
+    fault: str, steps: bool, tmp_path: Path
 ) -> None:
-    result, log = broken_climb(plan_short_climb(tmp_path), f"version: 1\nfaults: [{fault}]\n", "late")
+    """In the middle of a step, or of a plan in which all limbs stand."""
+    plan = plan_short_climb(tmp_path) if steps else tmp_path / "plan.mcap"
+    if not steps:
+        write_plan(plan, standing_plan())
+    at_s = 7.0 if steps else 2.0
+    result, log = broken_climb(plan, f"version: 1\nfaults: [{{{fault}, at_s: {at_s}, for_s: 0.7}}]\n", "late")
     assert result["robot_on_wall"]
     assert result["slips"] == 0
     (course,) = result["faults"]

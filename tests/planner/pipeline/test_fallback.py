@@ -18,7 +18,7 @@ from crux_planner.physics.reachable_set import ReachableSet
 from crux_planner.search.ends import aimed
 from crux_simulation.benchmarks.random_fields import random_field
 from shared_plans import unproven
-from walls import hold, scenario, two_rows
+from walls import hold, one_move, scenario, two_rows
 
 
 def turned_goal(degrees: float) -> dict[str, Any]:
@@ -105,8 +105,7 @@ def test_what_only_rounding_keeps_from_the_tolerance_is_a_solution(robot: Robot)
 
 
 def test_grippers_in_each_others_way_start_off_the_middle_of_their_holds(robot: Robot) -> None:
-    wall = two_rows(all_limbs=False)
-    del wall["holds"][6]  # LR stays
+    wall = one_move()
     for i, x in ((0, 0.065), (2, -0.065)):  # palms of 140 mm, end to end
         wall["holds"][i] = hold(wall["holds"][i]["name"], x, 0.36, size_m=[0.06, 0.1, 0.06])
     result = unproven(scenario(wall), robot)
