@@ -72,7 +72,8 @@ test-sanitized: configure-sanitized ## the C and C++ tests under AddressSanitize
 	@cmake --build build/asan -j $(JOBS) --target crux_native_tests
 	ctest --test-dir build/asan -j $(JOBS) --output-on-failure --no-tests=error
 
-shared_out = -n $(JOBS) --dist loadfile --no-loadscope-reorder
+# One process more than there are cores: tests wait for children, sockets and clocks a sixth of their time.
+shared_out = -n $$(($(JOBS) + 1)) --dist loadfile --no-loadscope-reorder
 
 test-python: build can-kernel
 	$(BIN)/python -m pytest -m alone $(shell grep -rl --include='test_*.py' 'mark\.alone' tests)

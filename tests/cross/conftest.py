@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 from broken_scenarios import SCENARIO
-from crux_tools import cli
+from shared_plans import SharedPlans
 
 
 @pytest.fixture(scope="session")
-def plan_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plan_path(planned: SharedPlans, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plan of the four-hold wall, made by the real planner."""
     path = tmp_path_factory.mktemp("plan") / "plan.mcap"
-    assert cli.main(["plan", str(SCENARIO), "-o", str(path)]) == 0
+    planned.write(SCENARIO.stem, path)
     return path
