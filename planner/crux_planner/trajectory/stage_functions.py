@@ -8,7 +8,7 @@ functions serves every plan of a problem.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -29,6 +29,9 @@ SPINE_WEIGHT = 1e-4  # spines and friction may share a load in many ways: a litt
 COLUMN = WRENCH_INPUTS + 3
 POSE = 6  # of the body's states: position and orientation
 _WRENCH = 6
+_TorqueGiven = tuple[tuple[float, ...], tuple[float, ...], float]
+"""Units of q, gravity and the length of an interval: all that torques depend on beside their functions' arguments."""
+_WALLS = 8  # slopes and intervals whose functions of torques are kept: they take a fifth of a plan's time to make
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,8 @@ class StageFunctions:
         for pose, slope, z in zip(poses, (first, by_state), np.split(multiplier, 2, axis=1), strict=True):
             by = np.zeros((len(limbs), POSE + WRENCH_INPUTS, found.shape[-1]))
             by[:, :POSE, :BODY_STATES], by[:, POSE:, BODY_STATES:] = slope, np.eye(WRENCH_INPUTS)
-            found += by.swapaxes(-1, -2) @ self._torque_curvature(pose, q, grasps, self.numbers[limbs], z)[0] @ by
+            curvature = _torque_curvature(self._torque_given)(pose, q, grasps, self.numbers[limbs], z)[0]
+            found += by.swapaxes(-1, -2) @ curvature @ by
         return found
 
     @property
@@ -121,28 +125,18 @@ class StageFunctions:
         return np.array([limb.numbers for limb in self.problem.limb_masses])
 
     @cached_property
+    def _torque_given(self) -> _TorqueGiven:
+        return tuple(self.scale), tuple(self.problem.gravity_w), self.problem.dt_s
+
+    @property
     def torque_values(self) -> Mapped:
         """Joint torques (n, 12) at both ends of intervals, at body states, q, grasps and `numbers` of limbs."""
-        sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
-        x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-        poses, load = (x[:POSE], next_pose(x, self.problem.dt_s)), (q * self.scale, grasp, self.problem.gravity_w)
-        return Mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
+        return _torque_values(self._torque_given)
 
-    @cached_property
+    @property
     def torques(self) -> Mapped:
         """The same and their derivatives (n, 12, 17) by the body state and q."""
-        values = self.torque_values.function
-        x, q, *_ = arguments = values.sx_in()
-        torques = values(*arguments)
-        return Mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
-
-    @cached_property
-    def _torque_curvature(self) -> Mapped:
-        sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS, "z": 6}
-        pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
-        torques = held_torques(numbers, pose, q * self.scale, grasp, self.problem.gravity_w)
-        hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
-        return Mapped("torque_curvature", arguments, [hessian])
+        return _torques(self._torque_given)
 
     @cached_property
     def wrench_maps(self) -> Mapped:
@@ -163,6 +157,34 @@ class StageFunctions:
         u = ca.SX.sym("u", COLUMN)
         cost = wrench_cost(u[0:5] * self.scale, self.problem) + SPINE_WEIGHT * ca.sumsqr(u[5:8])
         return _with_derivatives("column_cost", cost, u)
+
+
+@lru_cache(_WALLS)
+def _torque_values(given: _TorqueGiven) -> Mapped:
+    scale, gravity_w, dt_s = given
+    sizes = {"x": BODY_STATES, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS}
+    x, q, grasp, numbers = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+    poses, load = (x[:POSE], next_pose(x, dt_s)), (q * np.array(scale), grasp, np.array(gravity_w))
+    return Mapped("torque_values", arguments, [ca.vertcat(*[held_torques(numbers, pose, *load) for pose in poses])])
+
+
+@lru_cache(_WALLS)
+def _torques(given: _TorqueGiven) -> Mapped:
+    values = _torque_values(given).function
+    x, q, *_ = arguments = values.sx_in()
+    torques = values(*arguments)
+    return Mapped("torques", arguments, [torques, ca.jacobian(torques, ca.vertcat(x, q))])
+
+
+@lru_cache(_WALLS)
+def _torque_curvature(given: _TorqueGiven) -> Mapped:
+    """Hessian (n, 11, 11) of multipliers (n, 6) times the torques of limbs at body poses (n, 6)."""
+    scale, gravity_w, _ = given
+    sizes = {"pose": POSE, "q": WRENCH_INPUTS, "grasp": 9, "numbers": NUMBERS, "z": 6}
+    pose, q, grasp, numbers, multiplier = arguments = [ca.SX.sym(*each) for each in sizes.items()]
+    torques = held_torques(numbers, pose, q * np.array(scale), grasp, np.array(gravity_w))
+    hessian = ca.hessian(ca.dot(multiplier, torques), ca.vertcat(pose, q))[0]
+    return Mapped("torque_curvature", arguments, [hessian])
 
 
 def _with_derivatives(name: str, cost: Any, by: Any) -> Mapped:
