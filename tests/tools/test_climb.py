@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
 import math
 import os
@@ -52,6 +54,14 @@ def finish_climb(process: subprocess.Popen[str]) -> tuple[int, dict[str, Any]]:
     output, errors = process.communicate(timeout=TIMEOUT_S)
     assert "Traceback" not in errors
     return process.returncode, json.loads(output)
+
+
+def climb_here(plan: Path, log: Path, *options: str) -> tuple[int, dict[str, Any]]:
+    """Exit status and result of the same command in this process: a second less of imports."""
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told):
+        status = main(["climb", str(plan), "-o", str(log), "--json", *options])
+    return status, json.loads(told.getvalue())
 
 
 def saved(folder: Path, plan: plan_t) -> Path:
@@ -196,9 +206,8 @@ def test_a_gain_that_differs_by_one_percent_is_named(
 def test_runs_side_by_side_with_one_seed_log_the_same_and_another_seed_does_not(tmp_path: Path) -> None:
     plan = saved(tmp_path, standing_plan())
     logs = [tmp_path / f"{name}.mcap" for name in ("one", "two", "other")]
-    runs = [start_climb(plan, log, "--seed", seed) for log, seed in zip(logs, ("7", "7", "8"), strict=True)]
-    for run in runs:
-        status, result = finish_climb(run)
+    runs = [start_climb(plan, log, "--seed", "7") for log in logs[:2]]
+    for status, result in (climb_here(plan, logs[2], "--seed", "8"), *map(finish_climb, runs)):
         assert status == 0, result
     one, two, other = map(messages, logs)
     assert one == two
@@ -262,8 +271,8 @@ def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path)
     world = tmp_path / "world.yaml"
     world.write_text("version: 1\nname: hot\nrobot: {joints: {RF.2: {heating_K_Nm2: 100, heating_time_s: 3}}}\n")
     log = tmp_path / "log.mcap"
-    climb = start_climb(saved(tmp_path, climbing_plan(limbs_to_move=(0,))), log, "--world", str(world))
-    status, result = finish_climb(climb)
+    plan = saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
+    status, result = climb_here(plan, log, "--world", str(world))
     assert status == 1
     (fault,) = summarise(read_log(log)).faults
     assert (fault.code, fault.limb) == (2, "RF")
@@ -274,7 +283,7 @@ def test_a_motor_that_overheats_in_its_world_is_seen_by_its_node(tmp_path: Path)
 def test_slow_position_loops_of_a_world_let_grippers_lag(one_limb: Climb, tmp_path: Path) -> None:
     world, plan = tmp_path / "world.yaml", saved(tmp_path, climbing_plan(limbs_to_move=(0,)))
     world.write_text("version: 1\nname: slow\nrobot: {joints: {all: {setpoint_time_constant_s: 0.1}}}\n")
-    slow = finish_climb(start_climb(plan, tmp_path / "slow.mcap", "--world", str(world)))[1]
+    slow = climb_here(plan, tmp_path / "slow.mcap", "--world", str(world))[1]
     assert slow["tracking"]["finger_m"] > 2 * one_limb[1]["tracking"]["finger_m"]
 
 
@@ -379,7 +388,7 @@ def test_a_log_that_is_being_written_is_not_written_by_a_second_climb(tmp_path: 
 
 def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> None:
     smooth = standing_plan(Wall(friction=(0.1,) * 5, spines=(0,) * 5))
-    status, result = finish_climb(start_climb(saved(tmp_path, smooth), tmp_path / "log.mcap"))
+    status, result = climb_here(saved(tmp_path, smooth), tmp_path / "log.mcap")
     assert status == 1
     assert result["ok"] is False
     assert result["reason"]
@@ -389,7 +398,7 @@ def test_a_wall_too_smooth_for_the_robot_is_a_failed_climb(tmp_path: Path) -> No
 def test_a_plan_for_another_robot_is_refused(tmp_path: Path) -> None:
     plan = finish(Wall(), standing_plan().knots, robot_sha256="0" * 64)
     log = tmp_path / "log.mcap"
-    status, result = finish_climb(start_climb(saved(tmp_path, plan), log))
+    status, result = climb_here(saved(tmp_path, plan), log)
     assert status == 2
     assert all(word in result["error"] for word in ("robot_sha256", "000000000000", "scaler", "plan it again"))
     assert not log.exists()
