@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from crux_contracts.plan_file import write_plan
 from crux_tools.telemetry import read_log
-from hand_plan import standing_plan
+from hand_plan import Wall, standing_plan
 from mcap.reader import make_reader
 from short_climb import plan_short_climb
 from with_can import BUSES, CRUX, can_run
@@ -49,7 +49,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 def test_in_lockstep_the_log_is_that_of_one_process(tmp_path: Path) -> None:
     plan = tmp_path / "plan.mcap"
-    write_plan(plan, standing_plan())
+    write_plan(plan, standing_plan(Wall(dt_s=1.0)))
     logs = {bus: tmp_path / f"{bus}.mcap" for bus in ("socketcan", "memory")}
     words = {bus: [*CRUX, "climb", str(plan), "-o", str(log), "--bus", bus] for bus, log in logs.items()}
     over_can = can_run("--virtual-time", "-i", BUSES, "--", *words["socketcan"])

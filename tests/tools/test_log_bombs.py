@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 import lz4.frame
@@ -69,6 +70,7 @@ def silent_zstd(size: int) -> bytes:
     return zstd(size, told=False)
 
 
+@cache
 def lz4_frame(size: int) -> bytes:
     packer = lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB)
     return bytes(packer.begin() + b"".join(map(packer.compress, filler(size))) + packer.flush())

@@ -29,13 +29,13 @@ SLACK_CYCLE = 157  # between two rows at 50 Hz
 Decoded = dict[str, list[tuple[int, Any]]]
 
 
-def _decoded(path: Path) -> Decoded:
-    """Messages with their times by topic, as mcap-ros2-support reads them."""
+def _decoded(path: Path, *topics: str) -> Decoded:
+    """Messages with their times by topic, of all or of these, as mcap-ros2-support reads them."""
     found: Decoded = {}
     with path.open("rb") as file:
         for _, channel, message, decoded in make_reader(
             file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
+        ).iter_decoded_messages(topics or None):
             assert message.log_time == message.publish_time
             found.setdefault(channel.topic, []).append((message.log_time, decoded))
     return found
@@ -217,7 +217,7 @@ def test_diagnostics_name_every_node_and_what_is_wrong_with_it(tmp_path: Path) -
     path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
     write_log(path, Story(silent=(33, 8)))  # for one cycle
     assert main(["log", "export", str(path), "-o", str(out), "--foxglove"]) == 0
-    found = _decoded(out)["/diagnostics"]
+    found = _decoded(out, "/diagnostics")["/diagnostics"]
     wrong = [(time_ns, s) for time_ns, array in found for s in array.status if s.level not in {b"\0", 0}]
     ((time_ns, status),) = wrong
     assert time_ns == 330_000_000
@@ -245,7 +245,7 @@ def test_times_can_be_the_dates(story_log: Path, tmp_path: Path, capsys: pytest.
     out = tmp_path / "utc.mcap"
     assert main(["log", "export", str(story_log), "-o", str(out), "--foxglove", "--utc", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ok"] is True
-    found = _decoded(out)
+    found = _decoded(out, "/robot_state", "/tf", "/rosout")
     begin = 1_795_341_600 * 10**9  # date -u -d 2026-11-22T10:00:00 +%s
     assert found["/robot_state"][0][0] == begin
     assert found["/tf"][50][0] == begin + 10**9 == _stamp_ns(found["/tf"][50][1].transforms[0].header.stamp)
@@ -254,7 +254,7 @@ def test_times_can_be_the_dates(story_log: Path, tmp_path: Path, capsys: pytest.
     write_log(undated, Story(ready_cycles=3, wait_cycles=0))
     assert main(["log", "export", str(undated), "-o", str(out), "--foxglove", "--utc"]) == 2
     assert "does not say when it was made" in capsys.readouterr().err
-    assert _decoded(out)["/tf"][50][0] == begin + 10**9  # what was there stays
+    assert _decoded(out, "/tf")["/tf"][50][0] == begin + 10**9  # what was there stays
 
 
 def test_a_log_is_never_written_over_itself(story_log: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -267,7 +267,7 @@ def test_a_log_is_never_written_over_itself(story_log: Path, capsys: pytest.Capt
 def test_a_log_without_its_end_or_its_plan_is_exported_too(killed_log_path: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     assert main(["log", "export", str(killed_log_path), "-o", str(out), "--foxglove"]) == 0
-    assert len(_decoded(out)["/tf"]) > 10
+    assert len(_decoded(out, "/tf")["/tf"]) > 10
 
 
 LAYOUTS = ROOT / "tools" / "layouts"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import os
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ PARTS = 20  # of the sweep, tests of their own, so that several processes may sh
 MANY = int(os.environ.get("CRUX_CERTIFICATES", "2000"))  # of the sweep: one takes about two seconds of computing
 
 
-def held(seeds: range, many: int) -> list[Certified]:
+def held(seeds: Iterable[int], many: int) -> list[Certified]:
     """So many scenes with a certificate, none of which the search has beaten."""
     drawn = (found for seed in seeds if (found := attacked(seed)) is not None)
     scenes = list(itertools.islice(drawn, many))
@@ -28,7 +29,7 @@ def held(seeds: range, many: int) -> list[Certified]:
 
 
 def test_no_plan_beats_a_certificate() -> None:
-    scenes = held(range(136, 200), 3)
+    scenes = held((136, 139, 141), 3)  # 137, 138 and 140 have no certificate
     assert len(scenes) == 3
     assert max(scene.bound / scene.cheapest for scene in scenes) > 0.95  # else much could be wrong and not seen
     assert max(scene.accepted for scene in scenes) > 2  # plans, each cheaper than the one before
