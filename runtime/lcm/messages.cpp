@@ -1,5 +1,6 @@
 #include "lcm/messages.hpp"
 
+#include <array>
 #include <bit>
 #include <cinttypes>
 #include <cstdio>
@@ -51,6 +52,36 @@ const char* cause_name(std::uint8_t cause) {
   }
 }
 
+/// " (1.50 rad)": the emergency frame's Detail in its unit (msgs/can/README.md); empty where the cause has none.
+std::string detail_of(const NodeNotice& notice) {
+  const bool gripper = notice.node == CRUX_CAN_NODE_GRIPPER;
+  const auto value = std::bit_cast<float>(notice.detail);
+  std::array<char, 48> text{};
+  switch (notice.cause) {
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_COMMAND_TIMEOUT_CHOICE:
+      std::snprintf(text.data(), text.size(), " (silent for %.1f ms)", notice.detail * 1e-3);
+      break;
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_POSITION_LIMIT_CHOICE:
+      std::snprintf(text.data(), text.size(), " (%.4g %s)", static_cast<double>(value), gripper ? "m" : "rad");
+      break;
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_VELOCITY_LIMIT_CHOICE:
+      std::snprintf(text.data(), text.size(), " (%.4g %s)", static_cast<double>(value), gripper ? "m/s" : "rad/s");
+      break;
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_OVER_TEMPERATURE_CHOICE:
+      std::snprintf(text.data(), text.size(), " (%.0f degC)", static_cast<double>(value));
+      break;
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_E2_E_CRC_CHOICE:
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_E2_E_COUNTER_CHOICE:
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_INVALID_COMMAND_CHOICE:
+    case CRUX_CAN_JOINT_EMERGENCY_CAUSE_ENCODER_ERRORS_CHOICE:
+      std::snprintf(text.data(), text.size(), " (%" PRIu32 " so far)", notice.detail);
+      break;
+    default:
+      break;
+  }
+  return text.data();
+}
+
 /// "LF node 3: ".
 std::string place(const NodeNotice& notice) { return in_words({"", notice.limb, notice.node}); }
 
@@ -70,8 +101,8 @@ void print_notice(const NodeNotice& notice) {
   switch (notice.kind) {
     case NodeNotice::Kind::kEmergency:
       if (notice.cause == CRUX_CAN_JOINT_EMERGENCY_CAUSE_RESTARTED_CHOICE) return;
-      std::fprintf(stderr, "crux-runtime: %semergency: %s (detail %" PRIu32 ")\n", where.c_str(),
-                   cause_name(notice.cause), notice.detail);
+      std::fprintf(stderr, "crux-runtime: %semergency: %s%s\n", where.c_str(), cause_name(notice.cause),
+                   detail_of(notice).c_str());
       return;
     case NodeNotice::Kind::kWrongProtocol:
       std::fprintf(stderr,
