@@ -175,7 +175,7 @@ void ControlCore::advance_clock(const PlanReference& reference, double dt_s) noe
     for (int l = 0; l < kLimbs && settling_limb_ < 0; ++l) {
       if (reference.limbs[l].gripping() && !events[l].gripped) settling_limb_ = l;
     }
-    started_ = settling_limb_ < 0 && engaged_time_s_ >= robot_.supervisor.settle_time_s;
+    started_ = settling_limb_ < 0 && probe_.done() && engaged_time_s_ >= robot_.supervisor.settle_time_s;
     if (started_) stance_.forget_play();  // it does not show while nothing moves
     if (engaged_time_s_ >= robot_.supervisor.settle_time_s) settling_time_s_ += dt_s;
   }

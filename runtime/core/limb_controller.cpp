@@ -44,6 +44,7 @@ LimbController::LimbController(const RobotDescription& robot, int limb)
       inverse_(robot.limbs[limb], kinematics_),
       wrench_(robot.limbs[limb], robot.control.force_filter_s, robot.control.tare_time_constant_s),
       encoders_(robot, limb),
+      shaking_(robot, limb),
       admittance_(robot.admittance),
       grasp_(robot.gripper, robot.control) {
   kinematics_.evaluate(q_rad_, state_);
@@ -72,6 +73,7 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
     if (force_N != raw_G_.force_N || moment_Nm != raw_G_.moment_Nm) borne_as_it_moved_Nm_ = borne_Nm_;
     raw_G_ = {force_N, moment_Nm};
   }
+  shaking_.look(q_rad_, in.dt_s);
   kinematics_.evaluate(q_rad_, state_);
 }
 
@@ -122,6 +124,7 @@ void LimbController::engage(const LimbReference& reference, const Pose& body_W) 
   }
   gripped_time_s_ = 0.0;
   encoders_.restart();
+  shaking_.restart();
 }
 
 void LimbController::restore(const LimbReference& reference, bool grips, const Vector3& place_W_m, double opening_m,

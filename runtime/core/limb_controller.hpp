@@ -14,6 +14,7 @@
 #include "core/limb_kinematics.hpp"
 #include "core/load_sharing.hpp"
 #include "core/node_protocol.hpp"
+#include "core/oscillation_watch.hpp"
 #include "core/plan_clock.hpp"
 #include "core/reference_player.hpp"
 #include "core/wrench_estimator.hpp"
@@ -107,6 +108,8 @@ class LimbController {
 
   /// An encoder that has frozen or jumped in this cycle, or none.
   const FaultEvent& encoder_fault() const { return encoders_.fault(); }
+  /// A joint that oscillates, or none.
+  const FaultEvent& oscillation() const { return shaking_.fault(); }
   /// An encoder has frozen since control took over. Its joint follows torques alone, so the limb's commands stand still
   /// and the others do without its word on where the body is.
   bool blind() const { return encoders_.frozen(); }
@@ -191,6 +194,7 @@ class LimbController {
   InverseKinematics inverse_;
   WrenchEstimator wrench_;
   EncoderWatch encoders_;
+  OscillationWatch shaking_;
   Admittance admittance_;
   GraspController grasp_;
   Yielding translation_, rotation_;

@@ -11,6 +11,7 @@
 
 #include "core/description_problem.hpp"
 #include "core/hash.hpp"
+#include "core/joint_loops.hpp"
 #include "core/motor_checks.hpp"
 #include "core/reason.hpp"
 #include "core/robot_meaning.hpp"
@@ -95,6 +96,8 @@ void read_parameters(const YamlSection& file, RobotDescription& robot) {
   robot.servo.velocity_gain_Nms_rad = servo.numbers<kJoints>("velocity_gain_Nms_rad");
   robot.servo.damping_Nms_rad = servo.numbers<kJoints>("damping_Nms_rad");
   robot.servo.setpoint_time_constant_s = servo.number("setpoint_time_constant_s");
+  robot.servo.torque_time_constant_s = servo.number("torque_time_constant_s");
+  robot.servo.dead_time_s = servo.number("dead_time_s");
 
   const YamlSection gripper = file.section("gripper");
   const auto opening = gripper.numbers<2>("opening_m");
@@ -185,6 +188,7 @@ void read_parameters(const YamlSection& file, RobotDescription& robot) {
                       .max_tracking_error_rad = s.number("max_tracking_error_rad"),
                       .min_stance_force_N = s.number("min_stance_force_N"),
                       .max_ik_error_m = s.number("max_ik_error_m"),
+                      .oscillation_rad = s.number("oscillation_rad"),
                       .encoder_standstill_rad = s.number("encoder_standstill_rad"),
                       .max_ft_residual_Nm = s.number("max_ft_residual_Nm"),
                       .max_ft_residual_share = s.number("max_ft_residual_share"),
@@ -198,6 +202,17 @@ LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
   for (std::string& joint : names.joints) joint.insert(0, prefix);
   for (std::string& joint : names.finger_joints) joint.insert(0, prefix);
   return names;
+}
+
+void check_joint_loops(const YamlSection& file, const std::string& path, RobotDescription& robot) {
+  const auto each = [](const std::array<double, kJoints>& values) { return JointVector(values.data()); };
+  ServoDescription& servo = robot.servo;
+  const JointLoops loops = {.position_gain_Nm_rad = each(servo.position_gain_Nm_rad),
+                            .velocity_gain_Nms_rad = each(servo.velocity_gain_Nms_rad),
+                            .damping_Nms_rad = each(servo.damping_Nms_rad),
+                            .lag_s = servo.torque_time_constant_s};
+  const JointVector armature_kg_m2 = each(file.section("servo").numbers<kJoints>("armature_kg_m2"));
+  servo.delay_margin_s = checked_delay_margin_s(robot.limbs[0], loops, armature_kg_m2, servo.dead_time_s, path);
 }
 
 RobotDescription read_robot(const std::string& yaml_path) {
@@ -236,6 +251,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
   for (const auto& [link, mass_kg] : masses) robot.total_mass_kg += mass_kg;
   check_motors(file, yaml_path, fastest_rad_s);
   check_gains(file, yaml_path);
+  check_joint_loops(file, yaml_path, robot);
   return robot;
 }
 

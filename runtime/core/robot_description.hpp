@@ -43,6 +43,9 @@ struct ServoDescription {
   std::array<double, kJoints> velocity_gain_Nms_rad{};
   std::array<double, kJoints> damping_Nms_rad{};  ///< viscous friction of the joints
   double setpoint_time_constant_s = 0.0;          ///< of the nodes' first-order filter of what they are told
+  double torque_time_constant_s = 0.0;
+  double dead_time_s = 0.0;     ///< until a torque asked for is first made, at most
+  double delay_margin_s = 0.0;  ///< from which the position loops oscillate, in the worst posture
 };
 
 struct GripperDescription {
@@ -148,6 +151,7 @@ struct SupervisorParameters {
   double max_tracking_error_rad = 0.0;
   double min_stance_force_N = 0.0;
   double max_ik_error_m = 0.0;
+  double oscillation_rad = 0.0;
   double encoder_standstill_rad = 0.0;
   double max_ft_residual_Nm = 0.0;
   double max_ft_residual_share = 0.0;

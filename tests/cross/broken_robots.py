@@ -120,7 +120,7 @@ OF_ROBOT_YAML = [
     _yaml("zero rate", "rate_Hz: 500", "rate_Hz: 0", "can.rate_Hz: 0", "expected a number in"),
     _yaml("negative", "stiffness_N_m: 20000", "stiffness_N_m: -1", "gripper.stiffness_N_m: -1", "expected a number in"),
     _yaml("no whole number", "watchdog_cycles: 5", "watchdog_cycles: 5.5", "can.watchdog_cycles: 5.5", "whole number"),
-    _yaml("short list", "[100, 100, 100, 60, 60, 60]", "[100, 100]", "servo.position_gain_Nm_rad: a list of 2"),
+    _yaml("short list", "[90, 90, 90, 60, 60, 60]", "[90, 90]", "servo.position_gain_Nm_rad: a list of 2"),
     _yaml("interval", "[0.165, 0.21]", "[0.21, 0.165]", "body.height_m: [0.21, 0.165]", "low below high"),
     _yaml(
         "a radius in millimetres",
@@ -156,9 +156,17 @@ OF_ROBOT_YAML = [
     _yaml("rotor", "max_speed_rad_s: 700", "max_speed_rad_s: 170", "motor.max_speed_rad_s: 170", "more than the 172.8"),
     _yaml("screw", "screw_efficiency: 0.3", "screw_efficiency: 0.6", "gripper_motor.screw_efficiency: 0.6", "0.5"),
     _yaml("travel", "coarse_travel_m: 0.065", "coarse_travel_m: 0.05", "more than the travel of the fingers, 0.058"),
-    _yaml("gains", "  damping_Ns_m: 400", "  damping_Ns_m: 100", "admittance.damping_Ns_m: 100", "at least 260.3"),
-    _yaml("turning gains", "rotational_damping_Nms_rad: 6", "rotational_damping_Nms_rad: 1.5", "environment_Nm_rad"),
-    _yaml("delay", "delay_s: 0.016", "delay_s: 0.16", "admittance.delay_s: 0.16", "at most 0.128"),
+    _yaml("gains", "  damping_Ns_m: 400", "  damping_Ns_m: 100", "admittance.damping_Ns_m: 100", "at least 322.6"),
+    _yaml("turning gains", "rotational_damping_Nms_rad: 9", "rotational_damping_Nms_rad: 1.5", "environment_Nm_rad"),
+    _yaml(
+        "joint gains",
+        "[1.4, 1.4, 1.4, 0.6, 0.6, 0.6]",
+        "[4, 4, 4, 1, 1, 1]",
+        "servo.velocity_gain_Nms_rad: [4, 4, 4, 1, 1, 1]: a delay margin of 0.0034 s",
+        "2 times dead_time_s, as with [1.39, 1.39, 1.39, 0.349",
+    ),
+    _yaml("dead time", "dead_time_s: 0.004", "dead_time_s: 0.006", "0.012", "position_gain_Nm_rad ["),
+    _yaml("delay", "delay_s: 0.021", "delay_s: 0.16", "admittance.delay_s: 0.16", "at most 0.128"),
 ]
 OF_NUMBERS = [
     Case("all in millimetres", URDF, _in_millimetres, ("link base", 'size="300 220 60"', "are these millimetres?")),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from . import LIMB_NAMES, robot_sections
 from .gain_checks import gain_problems
+from .joint_loop_checks import joint_loop_problems
 from .motor_checks import motor_problems
 from .places import MSGS
 from .reading import Checker
@@ -171,7 +172,7 @@ def _load(folder: Path) -> Robot:
         hash=hashlib.sha256(robot_meaning(root, xml).encode()).hexdigest(),
         **sections,
     )
-    problems = [*motor_problems(robot), *gain_problems(robot)]
+    problems = [*motor_problems(robot), *gain_problems(robot), *joint_loop_problems(robot)]
     if problems:
         raise RobotError(str(yaml_path), problems)
     return robot

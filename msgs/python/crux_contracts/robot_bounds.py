@@ -22,3 +22,8 @@ MAX_GYRATION_M = 1.0
 
 GAIN_MARGIN = 2.0  # so many times stiffer than described may be what a gripper meets
 MAX_DELAY_CYCLES = 64  # until what the admittance does is felt: as long as calibration remembers
+
+DEAD_TIME_MARGIN = 2.0  # so many times later than servo.dead_time_s may a joint answer before its loop oscillates
+LOOP_LOWEST_1_S, LOOP_HIGHEST_1_S = 0.1, 1e5  # between which joint loops cross over
+LOOP_HALVINGS = 16  # of that band, on a logarithmic scale: within 0.03 %
+LOOP_STEP, LOOP_STEPS = 0.9, 20  # of gains that are looked for in place of those that are refused

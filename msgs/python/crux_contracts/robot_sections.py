@@ -55,6 +55,7 @@ class Servo:
     continuous_torque_Nm: PerJoint
     setpoint_time_constant_s: float
     torque_time_constant_s: Positive
+    dead_time_s: float
     armature_kg_m2: PerJoint
     damping_Nms_rad: PerJoint
     friction_Nm: PerJoint
@@ -266,6 +267,7 @@ class SupervisorLimits:
     max_tracking_error_rad: Positive
     min_stance_force_N: Positive
     max_ik_error_m: Positive
+    oscillation_rad: Positive
     encoder_standstill_rad: Positive
     max_ft_residual_Nm: Positive
     max_ft_residual_share: Positive

@@ -149,7 +149,7 @@ class _Reader:
         tensor, origin = inertial.find("inertia"), inertial.find("origin")
         xx, xy, xz, yy, yz, zz = (self.numbers(tensor, moment, 1, "0", key)[0] for moment in _MOMENTS)
         com = self.vector(origin, "xyz", "0 0 0", key, _LENGTH)
-        turn = _rotation(self.vector(origin, "rpy", "0 0 0", key, _ANGLE))
+        turn = rotation(self.vector(origin, "rpy", "0 0 0", key, _ANGLE))
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if mass > 0:
             self.check_inertia(inertia, mass, key)
@@ -237,7 +237,7 @@ def shown(vector: Sequence[float]) -> str:
     return " ".join(f"{v + 0.0:g}" for v in vector)
 
 
-def _rotation(rpy_rad: Vector) -> NDArray[np.float64]:
+def rotation(rpy_rad: Vector) -> NDArray[np.float64]:
     """Rz Ry Rx."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy_rad), np.sin(rpy_rad)
     return np.array(

