@@ -226,6 +226,9 @@ void CycleLoop::compute(CycleRecord& record) noexcept {
   exchange_.supervisor_state.store(state, std::memory_order_relaxed);
   exchange_.fault_code.store(result.state.fault_code, std::memory_order_relaxed);
   if (result.has_fault) tell(result.fault);
+  Standing& standing = exchange_.standing.slot();
+  standing = {.faults = core_->standing(), .joint_dead_time_s = core_->joint_dead_time_s()};
+  exchange_.standing.publish();
   report_log(record.result);
   record.timing.cycle = cycle_;
   record.timing.wall_ns = begin_ns;

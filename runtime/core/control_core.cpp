@@ -95,7 +95,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
     wrenches_W_.fill(Wrench());
   }
   write(in, out);
-  if (!supervisor_.fault_is_new()) notice_ = {};
+  if (!supervisor_.news()) notice_ = {};
 }
 
 double ControlCore::load(int limb, const LimbReference& reference) const noexcept {
@@ -172,11 +172,19 @@ Reason ControlCore::not_ready(const crux_msgs::control_input_t& in, bool well, c
 void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (rearm_cycles_ > 0) --rearm_cycles_;
   const bool well = rearm_cycles_ == 0 && faults_.all_well(in);
-  FaultEvent fault = faults_.node_fault(in, engaged_);
-  for (int l = 0; l < kLimbs && !fault && engaged_; ++l) fault = limbs_[l].encoder_fault();
-  if (!fault && engaged_) fault = faults_.loop_fault(loop_errors(in.late_s), in.dt_s);
+  FaultList found = faults_.node_fault(in, engaged_);
+  const FaultEvent oscillation = this->oscillation();
+  if (engaged_) {
+    for (const LimbController& limb : limbs_) found.add(limb.encoder_fault());
+    found.add(oscillation);
+    found.add(late_joint());
+    faults_.loop_faults(loop_errors(in.late_s), in.dt_s, found);
+  }
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle && !looks_around_;
-  const Reason off = idle ? off_start(reference_) : Reason{};
+  Reason off = idle ? off_start(reference_) : Reason{};
+  if (idle && oscillation)
+    off = {"the joint oscillates while its node holds it, by value rad", oscillation.limb, oscillation.node,
+           oscillation.value};
   const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
   supervisor_.update({.command = in.operator_command,
                       .command_value = in.command_value,
@@ -190,7 +198,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .can_reverse = reverses && plan_ && clock_.can_reverse(*plan_),
                       .link_restored = faults_.link_restored(),
                       .rearming = rearm_cycles_ > 0,
-                      .fault = fault,
+                      .faults = found,
                       .cause = faults_.standing_cause(in),
                       .not_ready_reason = not_ready(in, well, off)});
   take_up();
@@ -235,6 +243,7 @@ void ControlCore::engage(const PlanReference& reference) noexcept {
     }
     localisation_.begin(body_.body_W().position_m, arms_W_m, on_hold);
   }
+  if (!started_) probe_.restart();
   engaged_ = true;
   engaged_time_s_ = 0.0;
 }
@@ -333,6 +342,7 @@ void ControlCore::control(const crux_msgs::control_input_t& in, const PlanRefere
   engaged_time_s_ += dt_s;
   const double engagement = this->engagement();
 
+  if (!started_ && engagement >= 1.0) probe_.step(in.joint_torque_nm);
   localise(reference, dt_s);
   test_grasps(reference, dt_s);
   wrenches_W_ = shared(reference);

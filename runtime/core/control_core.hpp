@@ -15,6 +15,7 @@
 #include "core/body_estimator.hpp"
 #include "core/calibration.hpp"
 #include "core/compliance_estimator.hpp"
+#include "core/delay_probe.hpp"
 #include "core/fault_monitor.hpp"
 #include "core/grasp_retry.hpp"
 #include "core/grasp_test.hpp"
@@ -73,6 +74,12 @@ class ControlCore {
 
   SupervisorState state() const { return supervisor_.state(); }
 
+  /// Faults since the last was cleared, in order.
+  const FaultList& standing() const { return supervisor_.standing(); }
+
+  /// Of each joint's drive, as it was measured before the plan began; -1: not known.
+  std::array<double, kAllJoints> joint_dead_time_s() const noexcept;
+
   /// IDLE, and nothing that an operator gave it or has to know of would be lost with it.
   bool as_new() const noexcept;
 
@@ -97,6 +104,10 @@ class ControlCore {
   Reason off_restart() noexcept;
   /// Where fingers and force/torque sensors do not agree with the plan at `at`.
   Reason off_grips(const PlanTime& at) const noexcept;
+  /// A joint that oscillates, in this cycle.
+  FaultEvent oscillation() const noexcept;
+  /// Before the plan begins: the joint whose drive answers latest, where it is later than its gains bear.
+  FaultEvent late_joint() const noexcept;
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
@@ -155,6 +166,7 @@ class ControlCore {
   PerLimb<SlipWatch> slips_;
   PerLimb<ComplianceEstimator> compliances_;
   WeightBalance balance_;
+  DelayProbe probe_;
   PlanClock clock_;
 
   PlanReference reference_;     ///< of this cycle

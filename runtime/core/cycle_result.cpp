@@ -24,6 +24,7 @@ bool latched_node(int state, int faults) {
 void ControlCore::write_modes(const crux_msgs::control_input_t& in, CycleResult& out) const noexcept {
   const NodeMode mode = engaged_ ? NodeMode::kTrack : NodeMode::kHold;
   for (const LimbController& limb : limbs_) limb.write(mode, mode, out.output);
+  for (int j = 0; j < kAllJoints && engaged_; ++j) out.output.joint_torque_nm[j] += probe_.torque_Nm(j);
   if (rearm_cycles_ == 0) return;
   for (int j = 0; j < kAllJoints; ++j) {
     if (latched_node(in.joint_state[j], in.joint_faults[j])) {
@@ -100,8 +101,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   copy(balance_.unbalanced_W().force_N, state.unbalanced_force_w_n);
   copy(balance_.unbalanced_W().moment_Nm, state.unbalanced_moment_w_nm);
 
-  const FaultEvent& fault = notice_ && !supervisor_.fault_is_new() ? notice_ : supervisor_.fault();
-  out.has_fault = notice_ || supervisor_.fault_is_new();
+  const FaultEvent& fault = notice_ && !supervisor_.news() ? notice_ : supervisor_.news();
+  out.has_fault = static_cast<bool>(fault);
   out.fault = {};
   out.fault.cycle = in.cycle;
   out.fault.code = static_cast<std::int16_t>(fault.code);

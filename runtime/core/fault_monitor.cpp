@@ -249,13 +249,9 @@ FaultEvent FaultMonitor::standing_cause(const crux_msgs::control_input_t& in) co
   return sensor_fault(in);
 }
 
-FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexcept {
+void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList& found) noexcept {
   const SupervisorParameters& p = limits_;
-  FaultEvent fault;
-  // Every counter runs in every cycle; the first fault found is the one told.
-  const auto tell = [&fault](const FaultEvent& event) {
-    if (!fault) fault = event;
-  };
+  const auto tell = [&found](const FaultEvent& event) { found.add(event); };
   if (lasts(errors.unbalanced_N > stance_.max_unbalanced_N, unbalanced_time_s_, dt_s, stance_.unbalanced_time_s)) {
     tell({FaultCode::kUnbalanced, errors.unbalanced_limb, 0, errors.unbalanced_N, stance_.max_unbalanced_N});
   }
@@ -309,7 +305,6 @@ FaultEvent FaultMonitor::loop_fault(const LoopErrors& errors, double dt_s) noexc
       tell({FaultCode::kIkFailed, l, 0, errors.ik_error_m[l], p.max_ik_error_m});
     }
   }
-  return fault;
 }
 
 void FaultMonitor::forgive() noexcept {

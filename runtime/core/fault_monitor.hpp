@@ -4,25 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <crux_msgs/control_input_t.hpp>
-#include <crux_msgs/faults.hpp>
 #include <functional>
 
+#include "core/fault_list.hpp"
 #include "core/geometry.hpp"
 #include "core/robot_description.hpp"
 
 namespace crux {
-
-using crux_msgs::FaultCode;
-
-struct FaultEvent {
-  FaultCode code = FaultCode::kNone;
-  int limb = -1;
-  int node = 0;  ///< CAN node on the limb's bus, 0: none
-  double value = 0.0;
-  double limit = 0.0;
-
-  explicit operator bool() const { return code != FaultCode::kNone; }
-};
 
 /// What the control loop reports of itself each cycle.
 struct LoopErrors {
@@ -74,8 +62,8 @@ class FaultMonitor {
   /// The part of the fault that re-arming the nodes cannot clear: silence, buses, heat, silent sensors.
   FaultEvent standing_cause(const crux_msgs::control_input_t& in) const noexcept;
 
-  /// Faults of the loop. Errors count when they last for persistence_s.
-  FaultEvent loop_fault(const LoopErrors& errors, double dt_s) noexcept;
+  /// Adds all faults of the loop. Errors count when they last for persistence_s.
+  void loop_faults(const LoopErrors& errors, double dt_s, FaultList& found) noexcept;
 
   /// The limb has lost its hold; it bears nothing from then on.
   bool lost(int limb) const noexcept { return lost_[limb]; }

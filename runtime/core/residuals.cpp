@@ -2,6 +2,8 @@
 // that the fault monitor judges.
 #include "core/control_core.hpp"
 
+#include <algorithm>
+
 namespace crux {
 namespace {
 
@@ -73,6 +75,34 @@ bool ControlCore::moves_slowly(int limb) const noexcept {
   const LimbReference& reference = reference_.limbs[limb];
   if (reference.point_foot) return reference.load > kStandingLoad;
   return test_.limb() != limb && retry_.limb() != limb;
+}
+
+FaultEvent ControlCore::oscillation() const noexcept {
+  FaultEvent widest;
+  for (const LimbController& limb : limbs_) {
+    if (limb.oscillation().value > widest.value) widest = limb.oscillation();
+  }
+  return widest;
+}
+
+std::array<double, kAllJoints> ControlCore::joint_dead_time_s() const noexcept {
+  std::array<double, kAllJoints> dead_s{};
+  for (int joint = 0; joint < kAllJoints; ++joint) {
+    const std::optional<int> cycles = probe_.done() ? probe_.dead_cycles(joint) : std::nullopt;
+    dead_s[joint] = cycles ? *cycles / robot_.can.rate_Hz : -1.0;
+  }
+  return dead_s;
+}
+
+FaultEvent ControlCore::late_joint() const noexcept {
+  FaultEvent latest;
+  if (started_ || !probe_.done()) return latest;
+  const std::array<double, kAllJoints> dead_s = joint_dead_time_s();
+  const auto joint = static_cast<int>(std::ranges::max_element(dead_s) - dead_s.begin());
+  const double borne_s = robot_.servo.delay_margin_s / crux_msgs::robot::kDeadTimeMargin;
+  if (dead_s[joint] > borne_s)
+    latest = {FaultCode::kJointLate, joint / kJoints, robot_.can.joint_nodes[joint % kJoints], dead_s[joint], borne_s};
+  return latest;
 }
 
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {

@@ -1,11 +1,14 @@
 #include "core/supervisor.hpp"
 
+#include <algorithm>
+
 namespace crux {
 
 using crux_msgs::command_t;
 
 namespace {
 
+constexpr double kMostCode = 1000.0;
 constexpr const char* kFaultStands = "a fault stands; clear it first";
 constexpr const char* kPlanComplete = "the plan is complete";
 constexpr const char* kWalkSpeed = "a walk keeps its balance at speed 1 alone; crux speed 1";
@@ -15,13 +18,15 @@ constexpr const char* kWalkStops =
 }  // namespace
 
 void Supervisor::update(const Observation& seen) noexcept {
-  fault_is_new_ = false;
   verdict_ = CommandVerdict::kNone;
   refusal_ = {};
   rearm_requested_ = false;
   departs_ = false;
 
-  if (seen.fault && !seen.rearming && state_ != SupervisorState::kIdle) raise(seen.fault);
+  for (const FaultEvent& fault : seen.faults) {
+    if (!seen.rearming && state_ != SupervisorState::kIdle) raise(fault);
+  }
+  tell();
   if (seen.link_restored && !seen.rearming) recover(seen);
   if (state_ == SupervisorState::kClimbing && seen.arrived) state_ = SupervisorState::kHolding;
   obey(seen);
@@ -31,12 +36,23 @@ void Supervisor::update(const Observation& seen) noexcept {
 void Supervisor::raise(const FaultEvent& fault) noexcept {
   const crux_msgs::FaultInfo* info = crux_msgs::fault_info(static_cast<std::int16_t>(fault.code));
   const auto next = static_cast<SupervisorState>(info->to);
-  // A graver fault replaces a lighter one; the first of equals stands, it is nearest to the cause.
-  if (state_ == SupervisorState::kFault) return;
-  if (state_ == SupervisorState::kHolding && fault_ && next == SupervisorState::kHolding) return;
+  // A graver fault replaces a lighter one; the first of equals leads, it is nearest to the cause.
+  const bool leads = state_ != SupervisorState::kFault &&
+                     !(state_ == SupervisorState::kHolding && fault_ && next == SupervisorState::kHolding);
+  if (standing_.add(fault) || leads) untold_.add(fault);
+  if (!leads) return;
   state_ = next;
   fault_ = fault;
-  fault_is_new_ = true;
+}
+
+/// One a cycle, so that each is seen in the log.
+void Supervisor::tell() noexcept {
+  news_ = {};
+  if (untold_.empty()) return;
+  news_ = untold_[0];
+  FaultList later;
+  for (std::size_t i = 1; i < untold_.size(); ++i) later.add(untold_[i]);
+  untold_ = later;
 }
 
 /// A fault of the link ends with its cause: the robot is controlled again, but does not move on by itself. In mid-plan
@@ -50,6 +66,7 @@ void Supervisor::recover(const Observation& seen) noexcept {
   } else if (!seen.plan_started && (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding)) {
     state_ = SupervisorState::kIdle;
     fault_ = {};
+    standing_.clear();
     rearm_requested_ = true;
   }
 }
@@ -111,6 +128,30 @@ void Supervisor::set_speed(const Observation& seen) noexcept {
   accept();
 }
 
+/// All that stands, or the faults of one code.
+void Supervisor::clear(const Observation& seen) noexcept {
+  if (seen.cause && state_ != SupervisorState::kIdle) return refuse(seen.cause);
+  if (!(seen.command_value >= 0.0 && seen.command_value <= kMostCode)) return refuse("no such fault stands");
+  const auto code = static_cast<FaultCode>(static_cast<std::int16_t>(seen.command_value));
+  if (code != FaultCode::kNone && !standing_.remove(code)) return refuse("no such fault stands");
+  accept();
+  const auto leads = [](const FaultEvent& fault) {
+    return crux_msgs::fault_info(static_cast<std::int16_t>(fault.code))->to == crux_msgs::robot_state_t::FAULT;
+  };
+  if (code != FaultCode::kNone && !standing_.empty()) {
+    const FaultEvent* gravest = std::find_if(standing_.begin(), standing_.end(), leads);
+    fault_ = gravest != standing_.end() ? *gravest : standing_[0];
+    return;
+  }
+  rearm_requested_ = true;
+  fault_ = {};
+  standing_.clear();
+  untold_.clear();
+  if (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding) {
+    state_ = seen.plan_started ? SupervisorState::kHolding : SupervisorState::kIdle;
+  }
+}
+
 void Supervisor::obey(const Observation& seen) noexcept {
   switch (seen.command) {
     case command_t::NONE:
@@ -134,13 +175,7 @@ void Supervisor::obey(const Observation& seen) noexcept {
     case command_t::SPEED:
       return set_speed(seen);
     case command_t::CLEAR_FAULT:
-      if (seen.cause && state_ != SupervisorState::kIdle) return refuse(seen.cause);
-      rearm_requested_ = true;
-      fault_ = {};
-      if (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding) {
-        state_ = seen.plan_started ? SupervisorState::kHolding : SupervisorState::kIdle;
-      }
-      return accept();
+      return clear(seen);
     case command_t::SHUTDOWN:
       if (state_ != SupervisorState::kIdle) return refuse(kOnTheWall);
       return accept();
@@ -156,7 +191,8 @@ void Supervisor::obey(const Observation& seen) noexcept {
 void Supervisor::take_up(const FaultEvent& fault, double speed_scale) noexcept {
   state_ = SupervisorState::kHolding;
   fault_ = fault;
-  fault_is_new_ = static_cast<bool>(fault);
+  standing_.add(fault);
+  if (fault) news_ = fault;
   speed_scale_ = speed_scale;
 }
 
@@ -164,6 +200,7 @@ void Supervisor::plan_exchanged(bool stands) noexcept {
   if (state_ != SupervisorState::kFault) {
     state_ = stands ? SupervisorState::kReady : SupervisorState::kIdle;
     fault_ = {};
+    standing_.clear();
   }
   motion_ = Motion::kForward;
 }

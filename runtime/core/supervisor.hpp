@@ -41,8 +41,8 @@ class Supervisor {
     bool can_reverse = false;    ///< a verified stance lies behind
     bool link_restored = false;  ///< buses and nodes have been well for long enough
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
-    FaultEvent fault;            ///< seen in this cycle
-    FaultEvent cause;            ///< the same, where re-arming the nodes cannot clear it
+    FaultList faults;            ///< seen in this cycle
+    FaultEvent cause;            ///< one of them, where re-arming the nodes cannot clear it
     Reason not_ready_reason;
   };
 
@@ -66,7 +66,8 @@ class Supervisor {
   bool departs() const { return departs_; }                  ///< it begins in this cycle
   double speed_scale() const { return speed_scale_; }        ///< of the plan's clock, 0..1
   const FaultEvent& fault() const { return fault_; }         ///< why it stands where it stands; none after CLEAR_FAULT
-  bool fault_is_new() const { return fault_is_new_; }        ///< in this cycle
+  const FaultList& standing() const { return standing_; }    ///< that and what came beside it, in order
+  const FaultEvent& news() const { return news_; }           ///< a fault to tell in this cycle: each once
   CommandVerdict verdict() const { return verdict_; }        ///< on this cycle's command
   const Reason& refusal() const { return refusal_; }         ///< empty unless refused
   bool rearm_requested() const { return rearm_requested_; }  ///< CLEAR_FAULT, or the link is well again, in this cycle
@@ -83,6 +84,8 @@ class Supervisor {
   void refuse(const char* reason) noexcept { refuse(Reason{reason}); }
   void refuse(const FaultEvent& cause) noexcept;
   void raise(const FaultEvent& fault) noexcept;
+  void clear(const Observation& seen) noexcept;
+  void tell() noexcept;
   void recover(const Observation& seen) noexcept;
 
   SupervisorState state_ = SupervisorState::kIdle;
@@ -90,7 +93,8 @@ class Supervisor {
   bool departs_ = false;
   double speed_scale_ = 1.0;
   FaultEvent fault_;
-  bool fault_is_new_ = false;
+  FaultList standing_, untold_;
+  FaultEvent news_;
   CommandVerdict verdict_ = CommandVerdict::kNone;
   Reason refusal_;
   bool rearm_requested_ = false;

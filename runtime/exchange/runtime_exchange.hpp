@@ -45,6 +45,12 @@ struct RestartPoint {
 /// Of each node, limb-major, as in status_t.
 using NodeStates = std::array<std::int8_t, std::size(decltype(crux_msgs::status_t::node_state){})>;
 
+/// What status_t says beside the snapshot, of this very cycle.
+struct Standing {
+  FaultList faults;
+  std::array<double, kAllJoints> joint_dead_time_s{};  ///< -1: not known
+};
+
 struct RuntimeExchange {
   SpscRing<Request> requests{64};
   SpscRing<std::unique_ptr<ControlCore>> new_cores{1};  ///< to be taken where the old one is as new, for a new log
@@ -55,6 +61,7 @@ struct RuntimeExchange {
   LatestValue<NodeStates> nodes;
   LatestValue<RestartPoint> restart;
   LatestValue<Reason> restart_refusal;
+  LatestValue<Standing> standing;
   std::atomic<std::int8_t> supervisor_state{crux_msgs::robot_state_t::IDLE};
   std::atomic<std::int16_t> fault_code{0};  ///< of the fault that stands, as in robot_state_t
   std::atomic<bool> log_broken{false};      ///< the log cannot be written

@@ -126,6 +126,7 @@ class OperatorServer {
   void take_snapshot();
   void publish_snapshot();
   crux_msgs::status_t status();
+  void add_standing(crux_msgs::status_t& status, Clock::time_point now);
 
   template <class Message>
   void publish(Channel channel, const Message& message) {
@@ -154,7 +155,9 @@ class OperatorServer {
   std::map<std::uint32_t, Pending> pending_;
   std::uint32_t next_ticket_ = 1;
   NodeStates nodes_{};
-  crux_msgs::fault_t fault_{};  ///< the last one raised
+  Standing standing_{};
+  std::vector<std::pair<crux_msgs::fault_t, Clock::time_point>> told_;  ///< of the standing ones, as they were told
+  crux_msgs::fault_t fault_{};                                          ///< the last one raised
   Clock::time_point fault_at_;
   std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
   std::uint64_t refused_ = 0;    ///< that the gate has not let through

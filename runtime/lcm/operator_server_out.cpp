@@ -27,6 +27,10 @@ bool only_told(std::int16_t code) {
   return info != nullptr && info->to == robot_state_t::CLIMBING;
 }
 
+bool is(const crux_msgs::fault_t& told, const FaultEvent& fault) {
+  return told.code == static_cast<std::int16_t>(fault.code) && told.limb == fault.limb && told.node == fault.node;
+}
+
 }  // namespace
 
 void OperatorServer::drain_answers() {
@@ -76,6 +80,11 @@ void OperatorServer::drain_faults() {
       fault_ = *fault;
       fault_at_ = Clock::now();
     }
+    std::erase_if(told_, [&](const auto& each) {
+      return each.first.code == fault->code && each.first.limb == fault->limb && each.first.node == fault->node;
+    });
+    if (told_.size() == FaultList::kMost) told_.erase(told_.begin());
+    told_.emplace_back(*fault, Clock::now());
     publish(Channel::kFault, *fault);
     if (prints_) print_fault(*fault);
     const auto code = static_cast<FaultCode>(fault->code);
@@ -108,6 +117,26 @@ void OperatorServer::answer(acknowledgement_t acknowledgement, const Digest& to,
   lcm_.publish(channel_info(Channel::kAnswer).name, bytes.data(), static_cast<unsigned>(bytes.size()));
 }
 
+/// What stands beside the fault that leads.
+void OperatorServer::add_standing(crux_msgs::status_t& status, Clock::time_point now) {
+  if (const Standing* standing = exchange_.standing.take()) standing_ = *standing;
+  std::ranges::copy(standing_.joint_dead_time_s, std::begin(status.joint_dead_time_s));
+  std::erase_if(told_, [this](const auto& each) {
+    return std::ranges::none_of(standing_.faults, [&](const FaultEvent& fault) { return is(each.first, fault); });
+  });
+  const auto leads_to_fault = [](const auto& each) {
+    const crux_msgs::FaultInfo* info = crux_msgs::fault_info(each.first.code);
+    return info != nullptr && info->to == robot_state_t::FAULT;
+  };
+  std::ranges::stable_partition(told_, leads_to_fault);
+  for (const auto& [fault, at] : told_) {
+    if (fault.code == status.fault.code && fault.limb == status.fault.limb && fault.node == status.fault.node) continue;
+    status.beside.push_back(fault);
+    status.beside_age_s.push_back(std::chrono::duration<double>(now - at).count());
+  }
+  status.n_beside = static_cast<std::int32_t>(status.beside.size());
+}
+
 crux_msgs::status_t OperatorServer::status() {
   drain_faults();  // what the control cycle has told must not come after
   if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
@@ -126,6 +155,7 @@ crux_msgs::status_t OperatorServer::status() {
     std::ranges::copy(snapshot_->telemetry, std::begin(status.telemetry));
   }
   const Clock::time_point now = Clock::now();
+  add_standing(status, now);
   status.insecure = gate_.insecure() ? 1 : 0;
   status.session = gate_.session();
   status.lease = gate_.lease(now);

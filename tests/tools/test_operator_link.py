@@ -20,7 +20,8 @@ from hand_plan import climbing_plan, standing_plan
 
 BEFORE_THE_FIRST_CYCLE: dict[str, object] = {
     **dict.fromkeys(("plan_time_s", "plan_end_s", "verified_time_s", "speed_scale", "motion")),
-    **dict.fromkeys(("waiting_for", "waiting_limb", "limbs", "fault")),
+    **dict.fromkeys(("waiting_for", "waiting_limb", "limbs", "fault", "joint_dead_time_s")),
+    "faults": [],
     "nodes": {},
     "insecure": True,
     "operator": None,
@@ -170,6 +171,35 @@ def test_status_of_a_runtime_that_has_just_started_tells_what_fingers_feel() -> 
     lines = status_lines(status)
     assert [line.split()[:2] for line in lines[1:4]] == [["LF", "grips"], ["RF", "in"], ["LR", "grips"]]
     assert "RF in the air" in lines[2]
+
+
+def test_status_tells_all_faults_that_stand_and_drives_that_answer_late() -> None:
+    status = status_t()
+    status.state.cycle = 1
+    status.fault.code, status.fault.limb, status.fault.node, status.fault_age_s = 9, 1, 7, 60.0
+    beside = [fault_t(), fault_t()]
+    beside[0].code, beside[0].limb, beside[0].node = 9, 3, 7
+    beside[1].code, beside[1].limb, beside[1].node = 22, 0, 7
+    status.n_beside, status.beside, status.beside_age_s = 2, beside, [60.0, 3.0]
+    status.joint_dead_time_s = [0.0] * 23 + [0.002]
+    lines = status_lines(status)
+    told = [line for line in lines if line.startswith("fault ")]
+    assert [line.split(": ")[:2] for line in told] == [
+        ["fault 9 grip_lost", "RF node 7 (gripper)"],
+        ["fault 9 grip_lost", "RR node 7 (gripper)"],
+        ["fault 22 slip", "LF node 7 (gripper)"],
+    ]
+    assert [line.split(", ")[1] for line in lines if line.startswith("  since")] == ["60 s ago", "60 s ago", "3 s ago"]
+    assert "drives of 1 joints answer late, RR.6 by 2 ms" in lines
+
+
+def test_faults_are_cleared_by_name(url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeRuntime(url) as runtime:
+        assert main(["clear-fault", "slip", "grip_lost", "--lcm", url]) == 0
+        assert main(["clear-fault", "slipped", "--lcm", url]) == 2
+        sent = [command.value for command in runtime.commands if command.command == command_t.CLEAR_FAULT]
+    assert sent == [22.0, 9.0]
+    assert "slipped: no fault has that name" in capsys.readouterr().err
 
 
 def test_status_tells_place_limbs_and_which_nodes_are_missing() -> None:

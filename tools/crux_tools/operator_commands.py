@@ -164,23 +164,33 @@ def run_speed(options: argparse.Namespace) -> int:
 
 def add_clear_parser(subparsers: Any) -> None:
     """crux clear-fault."""
-    _add(subparsers, "clear-fault", "Leave the fault state once its cause is gone", "crux clear-fault", run_clear)
+    text = "Leave the fault state once its cause is gone: all faults that stand, or those named, one by one"
+    parser = _add(subparsers, "clear-fault", text, "crux clear-fault slip", run_clear)
+    parser.add_argument("fault", nargs="*", metavar="FAULT", help="name of a fault, as in crux status (default: all)")
 
 
 def run_clear(options: argparse.Namespace) -> int:
     """CLEAR_FAULT, which the runtime refuses while the cause stands; then what is left once nodes are re-armed."""
+    from crux_contracts.channels import FAULT_BY_CODE
     from crux_msgs import command_t
 
-    from crux_tools.errors import WorkFailed
-    from crux_tools.operator_status import fault_of
+    from crux_tools.errors import UsageError, WorkFailed
+    from crux_tools.operator_status import faults_of
 
+    codes = {kind.name: code for code, kind in FAULT_BY_CODE.items()}
+    if unknown := [name for name in options.fault if name not in codes]:
+        raise UsageError(f"{unknown[0]}: no fault has that name; crux status has the names of those that stand")
     with _link(options) as link:
-        link.send(command_t.CLEAR_FAULT)
+        for code in [codes[name] for name in options.fault] or [0]:
+            link.send(command_t.CLEAR_FAULT, value=code)
         time.sleep(REARM_S)
         answer = link.send(command_t.STATUS)
-        fault = fault_of(link.status)
-        if fault is not None:
-            raise WorkFailed(f"still: {fault['where']}{fault['text']}; {fault['do']}")
+        faults = faults_of(link.status)
+        if options.fault:
+            for fault in faults:
+                note(f"stands still: {fault['name']}: {fault['where']}{fault['text']}")
+        elif faults:
+            raise WorkFailed(f"still: {faults[0]['where']}{faults[0]['text']}; {faults[0]['do']}")
         return _report(options, answer)
 
 
@@ -197,8 +207,17 @@ def add_shutdown_parser(subparsers: Any) -> None:
 
 
 def run_shutdown(options: argparse.Namespace) -> int:
-    """SHUTDOWN or FORCE_SHUTDOWN."""
-    return _send(options, "FORCE_SHUTDOWN" if options.force else "SHUTDOWN")
+    """SHUTDOWN or FORCE_SHUTDOWN: the state in the answer is the last."""
+    from crux_msgs import command_t, robot_state_t
+
+    with _link(options) as link:
+        answer = link.send(command_t.FORCE_SHUTDOWN if options.force else command_t.SHUTDOWN)
+    if options.json:
+        print_json({"ok": True, "state": "shut down", "plan_id": answer.plan_id})
+    else:
+        on_wall = answer.supervisor_state != robot_state_t.IDLE
+        note("runtime: shuts down" + ("; the nodes hold by themselves from now on" if on_wall else ""))
+    return 0
 
 
 def add_lease_parser(subparsers: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from crux_contracts import LIMB_NAMES
 from crux_contracts.channels import FAULT_BY_CODE
 from crux_contracts.terminal import in_a_line
-from crux_msgs import acknowledgement_t, robot_state_t, status_t
+from crux_msgs import acknowledgement_t, fault_t, robot_state_t, status_t
 from crux_msgs.tables import FAULT_HELP
 
 from crux_tools.telemetry.summary import MOTION_NAMES, PHASE_NAMES, STANCE, WAIT_NAMES, name_of
@@ -36,7 +36,18 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
     """The fault that stands: code, name, place, text, since when, cause and what to do; None where there is none."""
     if status is None or status.fault.code == 0:
         return None
-    fault = status.fault
+    return _in_words(status.fault, status.fault_age_s)
+
+
+def faults_of(status: status_t | None) -> list[dict[str, Any]]:
+    """All faults that stand, each as fault_of: the one that led first, then the gravest, the older first of equals."""
+    if status is None or (first := fault_of(status)) is None:
+        return []
+    beside = zip(status.beside, status.beside_age_s, strict=True)
+    return [first, *(_in_words(fault, age_s) for fault, age_s in beside)]
+
+
+def _in_words(fault: fault_t, age_s: float) -> dict[str, Any]:
     kind = FAULT_BY_CODE.get(fault.code)
     limb = LIMB_NAMES[fault.limb] if 0 <= fault.limb < len(LIMB_NAMES) else None
     role = role_of(fault.node) if fault.node else None
@@ -52,8 +63,8 @@ def fault_of(status: status_t | None) -> dict[str, Any] | None:
         "role": role,
         "where": where,
         "text": kind.describe(fault.value, fault.limit) if kind else "a fault this version does not know",
-        "age_s": status.fault_age_s,
-        "since": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(time.time() - status.fault_age_s)),
+        "age_s": age_s,
+        "since": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(time.time() - age_s)),
         "cause": cause,
         "do": remedy,
     }
@@ -124,6 +135,8 @@ def status_json(answer: acknowledgement_t, status: status_t | None) -> dict[str,
         "plan_id": answer.plan_id,
         **climb_of(status),
         "fault": fault_of(status),
+        "faults": faults_of(status),
+        "joint_dead_time_s": dead_times_of(status),
         "insecure": None if status is None else bool(status.insecure),
         "operator": None if status is None else status.lease_holder or None,
         "nodes": None if status is None else {NODE_WORDS[state][0]: names for state, names in _nodes(status).items()},
@@ -135,6 +148,16 @@ def _phase(status: status_t, phase: str) -> str:
     if status.state.supervisor_state == robot_state_t.IDLE:
         return f"{'grips' if phase == PHASE_NAMES[STANCE] else 'in the air':<10}"
     return f"{phase:<7}"
+
+
+def dead_times_of(status: status_t | None) -> dict[str, float | None] | None:
+    """By joint, how late its drive answered when control took over; None before that, and of a joint that did not."""
+    if status is None or status.state.cycle == 0 or all(dead_s < 0 for dead_s in status.joint_dead_time_s):
+        return None
+    joints = [f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, NODES_PER_LIMB)]
+    return {
+        joint: dead_s if dead_s >= 0 else None for joint, dead_s in zip(joints, status.joint_dead_time_s, strict=True)
+    }
 
 
 def _climb_lines(status: status_t) -> list[str]:
@@ -165,7 +188,11 @@ def status_lines(status: status_t | None) -> list[str]:
     if status.lease_holder:
         lines.append(f"{in_a_line(status.lease_holder)} commands it, for {status.lease_s:.0f} s more")
     lines += _climb_lines(status)
-    if (fault := fault_of(status)) is not None:
+    late_s = {joint: dead_s for joint, dead_s in (dead_times_of(status) or {}).items() if dead_s}
+    if late_s:
+        latest = max(late_s, key=late_s.__getitem__)
+        lines.append(f"drives of {len(late_s)} joints answer late, {latest} by {late_s[latest] * 1e3:.0f} ms")
+    for fault in faults_of(status):
         lines.append(f"fault {fault['code']} {fault['name']}: {fault['where']}{fault['text']}")
         lines.append(f"  since {fault['since']}, {fault['age_s']:.0f} s ago")
         if fault["name"] == "restarted":

@@ -30,7 +30,7 @@ class SupervisorTest : public testing::Test {
   }
   Supervisor::Observation with(FaultCode code) const {
     Supervisor::Observation seen = seen_;
-    seen.fault = {code, 1, 2, 3.0, 4.0};
+    seen.faults = FaultEvent{code, 1, 2, 3.0, 4.0};
     return seen;
   }
   Supervisor::Observation with(int command) const {
@@ -70,10 +70,10 @@ TEST_F(SupervisorTest, EachFaultLeadsWhereItsTableSays) {
     seen_ = {};
     reach_climbing();
     EXPECT_EQ(static_cast<int>(update(with(info.code))), info.to) << info.name;
-    EXPECT_TRUE(supervisor_.fault_is_new());
+    EXPECT_TRUE(supervisor_.news());
     EXPECT_EQ(supervisor_.fault().limb, 1);
     update(with(info.code));
-    EXPECT_FALSE(supervisor_.fault_is_new()) << "told once";
+    EXPECT_FALSE(supervisor_.news()) << "told once";
   }
 }
 
@@ -85,6 +85,48 @@ TEST_F(SupervisorTest, AGraverFaultReplacesALighterOneAndNotTheOtherWay) {
   EXPECT_EQ(update(with(FaultCode::kNodeSilent)), SupervisorState::kFault);
   EXPECT_EQ(supervisor_.fault().code, FaultCode::kNodeSilent);
   EXPECT_EQ(update(with(FaultCode::kGripLost)), SupervisorState::kFault);
+}
+
+TEST_F(SupervisorTest, AllFaultsStandEachIsToldOnceAndTheyAreClearedOneByOne) {
+  reach_climbing();
+  Supervisor::Observation both = seen_;
+  both.faults.add({FaultCode::kGripLost, 0, 7, 1.0, 2.0});
+  both.faults.add({FaultCode::kGripLost, 3, 7, 1.0, 2.0});
+  EXPECT_EQ(update(both), SupervisorState::kHolding);
+  EXPECT_EQ(supervisor_.news().limb, 0);
+  both.faults = FaultEvent{FaultCode::kSlip, 1, 7, 1.0, 2.0};  // while holding for the first
+  update(both);
+  EXPECT_EQ(supervisor_.news().limb, 3);
+  update(both);
+  EXPECT_EQ(supervisor_.news().code, FaultCode::kSlip);
+  update(both);
+  EXPECT_FALSE(supervisor_.news());
+  ASSERT_EQ(supervisor_.standing().size(), 3U);
+  EXPECT_EQ(supervisor_.fault().limb, 0) << "the first leads";
+
+  Supervisor::Observation clears = with(command_t::CLEAR_FAULT);
+  clears.command_value = static_cast<double>(FaultCode::kGripLost);
+  update(clears);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kAccepted);
+  EXPECT_FALSE(supervisor_.rearm_requested());
+  EXPECT_EQ(supervisor_.fault().code, FaultCode::kSlip);
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kHolding) << "one stands still";
+  update(clears);
+  EXPECT_EQ(supervisor_.verdict(), CommandVerdict::kRefused);
+  clears.command_value = static_cast<double>(FaultCode::kSlip);
+  update(clears);
+  EXPECT_TRUE(supervisor_.rearm_requested());
+  EXPECT_EQ(update(with(command_t::RESUME)), SupervisorState::kClimbing);
+}
+
+TEST_F(SupervisorTest, AFaultThatComesAgainAfterTheLinkWasBackLeadsAgain) {
+  reach_climbing();
+  update(with(FaultCode::kNodeSilent));
+  Supervisor::Observation back = seen_;
+  back.link_restored = true;
+  EXPECT_EQ(update(back), SupervisorState::kHolding);
+  EXPECT_EQ(update(with(FaultCode::kNodeSilent)), SupervisorState::kFault);
+  EXPECT_TRUE(supervisor_.news());
 }
 
 TEST_F(SupervisorTest, AfterAFaultOnlyClearAndResumeLeadOn) {

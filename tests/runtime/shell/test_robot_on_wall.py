@@ -55,7 +55,9 @@ def state(runtime: Runtime) -> int:
     return int(runtime.link.send(command_t.STATUS).supervisor_state)
 
 
-def test_the_end_is_refused_on_the_wall_unless_forced(start: Starter, plan: plan_t) -> None:
+def test_the_end_is_refused_on_the_wall_unless_forced(
+    start: Starter, plan: plan_t, capsys: pytest.CaptureFixture[str]
+) -> None:
     with taken_over(start, plan) as (runtime, _):
         for command in (None, command_t.START, command_t.HOLD):
             if command is not None:
@@ -64,7 +66,9 @@ def test_the_end_is_refused_on_the_wall_unless_forced(start: Starter, plan: plan
                 runtime.link.send(command_t.SHUTDOWN)
         assert main(["shutdown", "--lcm", runtime.ports.lcm_url]) == 1
         assert state(runtime) == robot_state_t.HOLDING
+        capsys.readouterr()
         assert main(["shutdown", "--force", "--lcm", runtime.ports.lcm_url]) == 0
+        assert capsys.readouterr().err == "runtime: shuts down; the nodes hold by themselves from now on\n"
         assert runtime.end() == (0, "")
 
 
