@@ -7,20 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
-from crux_contracts.joint_loop_checks import Array, JointLoops, joint_inertia, postures
-from crux_contracts.robot import Robot, load_robot, robot_names
-
-
-def loops_in(robot: Robot, postures_rad: Array) -> JointLoops:
-    servo = robot.servo
-    inertias = np.array([joint_inertia(robot.urdf, robot.limbs[0], q_rad) for q_rad in postures_rad])
-    return JointLoops(
-        inertias + np.diag(servo.armature_kg_m2),
-        np.array(servo.position_gain_Nm_rad),
-        np.array(servo.velocity_gain_Nms_rad),
-        np.array(servo.damping_Nms_rad),
-        servo.torque_time_constant_s,
-    )
+from crux_contracts.joint_loop_checks import Array, JointLoops, joint_inertia, joint_loops, postures
+from crux_contracts.robot import load_robot, robot_names
 
 
 def test_the_mass_matrix_is_pinocchios() -> None:
@@ -58,7 +46,7 @@ def energy_after(loops: JointLoops, inertia: Array, delay_s: float, seconds: flo
 @pytest.mark.parametrize("posture", [0, 4, 12])
 def test_a_loop_that_is_run_oscillates_from_the_margin_on(posture: int) -> None:
     robot = load_robot("scaler")
-    loops = loops_in(robot, np.array(list(postures(robot.limbs[0]))))
+    loops = joint_loops(robot, np.array(list(postures(robot.limbs[0]))))
     margin_s = loops.delay_margins_s()[posture]
     assert energy_after(loops, loops.inertia[posture], 0.95 * margin_s, 1.6) < 0.7
     assert energy_after(loops, loops.inertia[posture], 1.05 * margin_s, 1.6) > 1.5
@@ -70,12 +58,14 @@ def test_shipped_gains_bear_four_milliseconds_twice_in_every_posture(name: str) 
     limb = robot.limbs[0]
     anywhere = np.random.default_rng(0).uniform(limb.lower_rad, limb.upper_rad, (150, 6))
     assert robot.servo.dead_time_s >= 0.004
-    assert loops_in(robot, anywhere).delay_margins_s().min() >= 0.008
+    assert joint_loops(robot, anywhere).delay_margins_s().min() >= 0.008
 
 
 def test_damping_that_is_too_hard_is_not_borne() -> None:
     robot = load_robot("scaler")
     limb = robot.limbs[0]
     anywhere = np.random.default_rng(0).uniform(limb.lower_rad, limb.upper_rad, (12, 6))
-    loops = replace(loops_in(robot, anywhere), position=np.repeat([100.0, 60.0], 3), velocity=np.repeat([4.0, 1.0], 3))
+    loops = replace(
+        joint_loops(robot, anywhere), position=np.repeat([100.0, 60.0], 3), velocity=np.repeat([4.0, 1.0], 3)
+    )
     assert 0.003 < loops.delay_margins_s().min() < 0.004

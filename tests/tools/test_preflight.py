@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crux_contracts.robot import load_robot
+from crux_msgs import status_t
+from crux_tools.preflight.joints import joints
 from crux_tools.preflight.latency import histogram, lateness
 from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Kernel, disk, of_machine, sleep
 
@@ -69,6 +72,18 @@ def test_logs_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("late_s", "verdict"), [(-1.0, GOOD), (0.002, GOOD), (0.006, BAD)])
+def test_drives_are_judged_by_what_the_gains_bear(late_s: float, verdict: str) -> None:
+    status = status_t()
+    status.state.cycle = 1
+    status.joint_dead_time_s = [0.0] * 23 + [late_s]
+    finding = joints(load_robot("scaler"), status)
+    assert finding.verdict == verdict
+    assert finding.found.startswith("gains bear drives that answer 4.0 ms late; ")
+    assert ("RR.6 answers" in finding.found) == (late_s > 0)
+    assert joints(load_robot("scaler"), None).verdict == GOOD
+
+
 @pytest.mark.parametrize(("worst_us", "often", "verdict"), [(90, 1, GOOD), (900, 1, DOUBTFUL), (900, 50, BAD)])
 def test_lateness_is_judged_against_a_quarter_of_a_cycle(worst_us: float, often: int, verdict: str) -> None:
     late_us = np.full(10_000, 15.0)
@@ -86,7 +101,7 @@ def test_this_machine(tmp_path: Path) -> None:
     )
     result = json.loads(run.stdout)
     topics = [check["topic"] for check in result["checks"]]
-    assert topics[-3:] == ["disk", "LCM", "lateness"]
+    assert topics[-4:] == ["disk", "joints", "LCM", "lateness"]
     assert sum(result["woken_late"].values()) == 100
     assert run.returncode == (0 if result["ok"] else 1)
     assert all(check["remedy"] for check in result["checks"] if check["verdict"] == BAD)

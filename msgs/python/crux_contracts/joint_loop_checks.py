@@ -26,16 +26,8 @@ Array = NDArray[np.float64]
 
 def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
     """What is wrong with the gains of section servo, judged at the first limb: all are alike."""
-    servo = robot.servo
-    needed_s = DEAD_TIME_MARGIN * servo.dead_time_s
-    inertias = np.array([joint_inertia(robot.urdf, robot.limbs[0], q_rad) for q_rad in postures(robot.limbs[0])])
-    loops = JointLoops(
-        inertias + np.diag(servo.armature_kg_m2),
-        np.array(servo.position_gain_Nm_rad),
-        np.array(servo.velocity_gain_Nms_rad),
-        np.array(servo.damping_Nms_rad),
-        servo.torque_time_constant_s,
-    )
+    needed_s = DEAD_TIME_MARGIN * robot.servo.dead_time_s
+    loops = joint_loops(robot, np.array(list(postures(robot.limbs[0]))))
     margins_s = loops.delay_margins_s()
     if float(margins_s.min()) >= needed_s:
         return
@@ -49,6 +41,25 @@ def joint_loop_problems(robot: Robot) -> Iterator[Problem]:
         if not np.array_equal(other.position, loops.position):
             why += f" and position_gain_Nm_rad [{_listed(other.position)}]"
     yield Problem("servo.velocity_gain_Nms_rad", f"[{_listed(loops.velocity)}]", why)
+
+
+def borne_dead_time_s(robot: Robot) -> float:
+    """That the joint gains bear with their margin."""
+    margins_s = joint_loops(robot, np.array(list(postures(robot.limbs[0])))).delay_margins_s()
+    return float(margins_s.min()) / DEAD_TIME_MARGIN
+
+
+def joint_loops(robot: Robot, postures_rad: Array) -> JointLoops:
+    """Of the first limb with its joints at `postures_rad` (n, 6)."""
+    servo = robot.servo
+    inertias = np.array([joint_inertia(robot.urdf, robot.limbs[0], q_rad) for q_rad in postures_rad])
+    return JointLoops(
+        inertias + np.diag(servo.armature_kg_m2),
+        np.array(servo.position_gain_Nm_rad),
+        np.array(servo.velocity_gain_Nms_rad),
+        np.array(servo.damping_Nms_rad),
+        servo.torque_time_constant_s,
+    )
 
 
 def _other_gains(loops: JointLoops, worst: int, needed_s: float) -> JointLoops | None:

@@ -23,8 +23,8 @@ def add_parser(subparsers: Any) -> None:
         "preflight",
         help="check whether this machine is fit to run a robot",
         **taught(
-            "Checks the kernel, processors and their sleep states, permissions, clock, disk, heat, LCM and CAN, "
-            "and measures for a minute the wake-up latency at the runtime's priority. Says what to do about each "
+            "Checks the kernel, processors and their sleep states, permissions, clock, disk, heat, joint gains, LCM, "
+            "CAN, and measures for a minute the wake-up latency at the runtime's priority. Says what to do about each "
             "problem. Exit status 1: something is bad, do not climb. Run it as the user who runs crux-runtime.",
             "crux preflight",
             "crux preflight --seconds 5 --no-can",
@@ -64,9 +64,27 @@ def _buses(names: list[str], robot: Any) -> Iterator[Any]:
             yield Finding(name, GOOD, f"{there[name].kind}, as the robot's buses need it")
 
 
+def _status_at(url: str) -> Any:
+    """Of a runtime that is there; else None."""
+    import time
+
+    from crux_msgs import command_t
+
+    from crux_tools.errors import UsageError
+    from crux_tools.operator_link import OperatorLink
+
+    try:
+        with OperatorLink(url, first_request=time.time_ns()) as link:
+            link.command(command_t.STATUS)
+            return link.status
+    except (OSError, UsageError):  # what is wrong with LCM is told by its own check
+        return None
+
+
 def run(options: argparse.Namespace) -> int:
     """Exit status 0 where nothing is bad."""
     from crux_tools.plan_robot import robot_named
+    from crux_tools.preflight.joints import joints
     from crux_tools.preflight.latency import histogram, lateness, lcm_loss, woken_late_us
     from crux_tools.preflight.machine import BAD, DOUBTFUL, GOOD, Kernel, of_machine
 
@@ -81,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
 
     for finding in of_machine(Kernel(), options.logs):
         tell(finding)
+    tell(joints(robot, _status_at(options.lcm)))
     tell(lcm_loss(options.lcm))
     for finding in [] if options.no_can else _buses(options.can, robot):
         tell(finding)
