@@ -61,8 +61,8 @@ double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_a
 }
 
 void GraspController::reset(double opening_m, double force_N) noexcept {
-  // The actuator's position loop gives stiffness·(opening − command) when it stands.
-  opening_command_m_ = opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m;
+  // The actuator's position loop gives stiffness·(opening − command) when it stands; its least opening bounds that.
+  opening_command_m_ = std::max(opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m, gripper_.min_opening_m);
   force_reference_N_ = std::max(force_N, 0.0);
   pace_.stand_at(opening_command_m_);
 }

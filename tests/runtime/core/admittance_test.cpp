@@ -234,6 +234,12 @@ TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
   EXPECT_LT(highest, 26.0);
 }
 
+TEST(GraspController, FingersAtTheirStopAreNotCommandedBeyondIt) {
+  GraspController grasp(robot().gripper, robot().control);
+  grasp.reset(robot().gripper.min_opening_m, 20.0);
+  EXPECT_GE(grasp.opening_command_m(), robot().gripper.min_opening_m);
+}
+
 TEST(GraspController, ClosesAsFastAsItCanWhereItHurries) {
   GraspController grasp(robot().gripper, robot().control);
   grasp.reset(0.05, 0.0);
