@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
 #include <crux_msgs/faults.hpp>
+#include <cstddef>
 
 namespace crux {
 
@@ -38,7 +38,8 @@ class FaultList {
   }
   /// False where there was none of that code.
   bool remove(FaultCode code) noexcept {
-    const auto* kept = std::remove_if(faults_.data(), faults_.data() + size_, [&](const auto& f) { return f.code == code; });
+    const auto* kept =
+        std::remove_if(faults_.data(), faults_.data() + size_, [&](const auto& f) { return f.code == code; });
     const std::size_t before = size_;
     size_ = static_cast<std::size_t>(kept - begin());
     return size_ < before;

@@ -28,7 +28,8 @@ bool OscillationWatch::oscillates(Swing& swing, double q_rad, double dt_s) const
   }
   swing.since_turn_s += dt_s;
   swing.since_extreme_s += dt_s;
-  if (swing.way == 0.0 && std::abs(q_rad - swing.from_rad) >= least_rad_) swing.way = q_rad > swing.from_rad ? 1.0 : -1.0;
+  if (swing.way == 0.0 && std::abs(q_rad - swing.from_rad) >= least_rad_)
+    swing.way = q_rad > swing.from_rad ? 1.0 : -1.0;
   if (swing.since_turn_s > 2.0 * kLongest_s) swing.turns = 0;
   if ((q_rad - swing.extreme_rad) * swing.way > 0.0) {
     swing.extreme_rad = q_rad;

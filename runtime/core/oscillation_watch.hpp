@@ -7,8 +7,8 @@
 
 namespace crux {
 
-/// Counts a joint's turns. Plans, pulls and pushes turn it a few times a second at most; a loop that is not stable turns
-/// it near where it crosses over, ten to fifty times, and swings as wide each time or wider.
+/// Counts a joint's turns. Plans, pulls and pushes turn it a few times a second at most; a loop that is not stable
+/// turns it near where it crosses over, ten to fifty times, and swings as wide each time or wider.
 class OscillationWatch {
  public:
   OscillationWatch(const RobotDescription& robot, int limb) noexcept;

@@ -105,8 +105,8 @@ bool told(double width_rad, double frequency_Hz, double decay_1_s, double second
   OscillationWatch watch(robot(), 1);
   for (double t_s = 0.0; t_s < seconds; t_s += kDt_s) {
     JointVector q_rad = JointVector::Constant(0.5);
-    q_rad[3] += drift_rad_s * t_s + width_rad / 2.0 * std::exp(-decay_1_s * t_s) *
-                                        std::sin(2.0 * std::numbers::pi * frequency_Hz * t_s);
+    q_rad[3] += drift_rad_s * t_s +
+                width_rad / 2.0 * std::exp(-decay_1_s * t_s) * std::sin(2.0 * std::numbers::pi * frequency_Hz * t_s);
     watch.look(q_rad, kDt_s);
     if (!watch.fault()) continue;
     EXPECT_EQ(watch.fault().code, FaultCode::kJointOscillates);

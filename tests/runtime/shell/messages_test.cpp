@@ -37,7 +37,8 @@ TEST(Emergency, EachDetailHasItsUnit) {
             "crux-runtime: LF node 1: emergency: no valid command in time, holding (silent for 10.5 ms)\n");
   EXPECT_EQ(printed(1, CRUX_CAN_JOINT_EMERGENCY_CAUSE_E2_E_CRC_CHOICE, 4),
             "crux-runtime: LF node 1: emergency: damaged command (CRC) (4 so far)\n");
-  EXPECT_EQ(printed(1, CRUX_CAN_JOINT_EMERGENCY_CAUSE_BUS_OFF_CHOICE, 0), "crux-runtime: LF node 1: emergency: bus off\n");
+  EXPECT_EQ(printed(1, CRUX_CAN_JOINT_EMERGENCY_CAUSE_BUS_OFF_CHOICE, 0),
+            "crux-runtime: LF node 1: emergency: bus off\n");
 }
 
 }  // namespace
