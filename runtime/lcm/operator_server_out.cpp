@@ -128,7 +128,7 @@ void OperatorServer::add_standing(crux_msgs::status_t& status, Clock::time_point
     const crux_msgs::FaultInfo* info = crux_msgs::fault_info(each.first.code);
     return info != nullptr && info->to == robot_state_t::FAULT;
   };
-  std::ranges::stable_partition(told_, leads_to_fault);
+  std::stable_partition(told_.begin(), told_.end(), leads_to_fault);
   for (const auto& [fault, at] : told_) {
     if (fault.code == status.fault.code && fault.limb == status.fault.limb && fault.node == status.fault.node) continue;
     status.beside.push_back(fault);
