@@ -16,6 +16,8 @@ using crux_msgs::bus_health_t;
 
 // One cycle whose frames found no room is a hiccup; the nodes' watchdogs wait for more as well.
 constexpr int kMaxFullCycles = 1;
+// After a fault of its bus a limb's nodes are heard, and armed, again: until then they say nothing new.
+constexpr double kBusEcho_s = 1.0;
 constexpr double kHoldGone_s = 0.006;    // longer than readings that are wrong once or twice
 constexpr double kFtResidual_s = 0.030;  // longer than a contact's shock
 // A self-locking screw that starts again tells its force late: up to 54 ms on the emulated board.
@@ -73,7 +75,11 @@ void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
     count(in.ft_fresh[l], ft_silence_[l]);
   }
   if (!all_fresh) ++missed_cycles_;
-  for (int l = 0; l < kLimbs; ++l) full_cycles_[l] = in.bus_state[l] == bus_health_t::FULL ? full_cycles_[l] + 1 : 0;
+  for (int l = 0; l < kLimbs; ++l) {
+    full_cycles_[l] = in.bus_state[l] == bus_health_t::FULL ? full_cycles_[l] + 1 : 0;
+    since_bus_fault_s_[l] = in.bus_state[l] == bus_health_t::ACTIVE ? since_bus_fault_s_[l] + in.dt_s : 0.0;
+    bus_held_[l] = bus_held_[l] || in.bus_state[l] != bus_health_t::ACTIVE;
+  }
   well_time_s_ = link_well(in) ? well_time_s_ + in.dt_s : 0.0;
 }
 
@@ -143,7 +149,7 @@ FaultEvent FaultMonitor::bus_fault(const crux_msgs::control_input_t& in) const n
   return fault;
 }
 
-FaultEvent FaultMonitor::silent_node() const noexcept {
+FaultEvent FaultMonitor::silent_node(After after) const noexcept {
   const double limit = limits_.silent_cycles;
   const int longest = std::max(std::ranges::max(joint_silence_), std::ranges::max(gripper_silence_));
   const int shortest = std::min(std::ranges::min(joint_silence_), std::ranges::min(gripper_silence_));
@@ -152,6 +158,7 @@ FaultEvent FaultMonitor::silent_node() const noexcept {
     return {FaultCode::kAllNodesSilent, -1, 0, static_cast<double>(longest), limit};
   }
   for (int l = 0; l < kLimbs; ++l) {
+    if (after == After::kOtherFaults && follows_bus(l)) continue;
     for (int j = 0; j < kJoints; ++j) {
       const int silence = joint_silence_[l * kJoints + j];
       if (silence > limits_.silent_cycles) {
@@ -208,13 +215,17 @@ FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noex
   int limbs = 0;
   for (int l = 0; l < kLimbs; ++l) {
     const int node = stopped_node(l);
-    if (node != 0 && limbs++ == 0) first = {FaultCode::kNodeHolds, l, node, 0.0, 0.0};
+    bus_held_[l] = bus_held_[l] && (node != 0 || !must_track);  // until they are armed again
+    if (node != 0 && ++limbs > 0 && !first && !bus_held_[l]) first = {FaultCode::kNodeHolds, l, node, 0.0, 0.0};
   }
   return limbs == kLimbs ? FaultEvent{FaultCode::kAllNodesHold, -1, 0, 0.0, 0.0} : first;
 }
 
-FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in) const noexcept {
+bool FaultMonitor::follows_bus(int limb) const noexcept { return since_bus_fault_s_[limb] < kBusEcho_s; }
+
+FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in, After after) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
+    if (after == After::kOtherFaults && follows_bus(l)) continue;
     if (ft_silence_[l] > limits_.silent_cycles) {
       return {FaultCode::kFtSilent, l, can_.gripper_node, static_cast<double>(ft_silence_[l]),
               static_cast<double>(limits_.silent_cycles)};
@@ -234,19 +245,19 @@ FaultEvent FaultMonitor::node_fault(const crux_msgs::control_input_t& in, bool t
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = doubled_node(in)) return fault;
-  if (const FaultEvent fault = silent_node()) return fault;
+  if (const FaultEvent fault = silent_node(After::kOtherFaults)) return fault;
   if (const FaultEvent fault = unfit_node(in, true)) return fault;
   if (const FaultEvent fault = holding_node(in)) return fault;
-  return sensor_fault(in);
+  return sensor_fault(in, After::kOtherFaults);
 }
 
 FaultEvent FaultMonitor::standing_cause(const crux_msgs::control_input_t& in) const noexcept {
   if (!all_finite(in)) return {FaultCode::kNotFinite, -1, 0, 0.0, 0.0};
   if (const FaultEvent fault = bus_fault(in)) return fault;
   if (const FaultEvent fault = doubled_node(in)) return fault;
-  if (const FaultEvent fault = silent_node()) return fault;
+  if (const FaultEvent fault = silent_node(After::kAnything)) return fault;
   if (const FaultEvent fault = unfit_node(in, false)) return fault;
-  return sensor_fault(in);
+  return sensor_fault(in, After::kAnything);
 }
 
 void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList& found) noexcept {

@@ -84,13 +84,18 @@ class FaultMonitor {
   std::int64_t missed_cycles() const { return missed_cycles_; }
 
  private:
+  /// What silence may follow from: kOtherFaults leaves out what a fault of the limb's bus has told already.
+  enum class After : std::uint8_t { kAnything, kOtherFaults };
+
   bool link_well(const crux_msgs::control_input_t& in) const noexcept;
+  /// Its bus fails, or did a moment ago: what is not heard of its nodes says nothing more.
+  bool follows_bus(int limb) const noexcept;
   FaultEvent bus_fault(const crux_msgs::control_input_t& in) const noexcept;
-  FaultEvent silent_node() const noexcept;  ///< or all of them, which is no single node's fault
+  FaultEvent silent_node(After after) const noexcept;  ///< or all of them, which is no single node's fault
   FaultEvent doubled_node(const crux_msgs::control_input_t& in) const noexcept;
   FaultEvent unfit_node(const crux_msgs::control_input_t& in, bool state_counts) const noexcept;
   FaultEvent holding_node(const crux_msgs::control_input_t& in) noexcept;  ///< or some of every limb
-  FaultEvent sensor_fault(const crux_msgs::control_input_t& in) const noexcept;
+  FaultEvent sensor_fault(const crux_msgs::control_input_t& in, After after) const noexcept;
 
   SupervisorParameters limits_;
   CanDescription can_;
@@ -102,6 +107,8 @@ class FaultMonitor {
   PerLimb<int> gripper_silence_{};
   PerLimb<int> ft_silence_{};
   PerLimb<int> full_cycles_{};
+  PerLimb<bool> bus_held_{};  ///< its nodes hold since their bus failed
+  PerLimb<double> since_bus_fault_s_{1e9, 1e9, 1e9, 1e9};
   double well_time_s_ = 0.0;
   int tracking_cycles_ = 0;
   std::int64_t missed_cycles_ = 0;

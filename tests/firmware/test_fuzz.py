@@ -79,7 +79,7 @@ def test_no_parameter_write_makes_a_node_unsafe(share: float) -> None:
     assert writes == all_writes
     assert accepted > writes // 1000  # 2 to 11 % as a rule, 1 % at times
     assert taken > writes // 1000
-    assert started > writes // 1000
+    assert started > writes // 2000  # a few in ten thousand
 
 
 GAIN = "node->position_gain_Nm_rad = "

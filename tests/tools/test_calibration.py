@@ -90,7 +90,7 @@ def test_a_replay_computes_it_again_to_the_bit(
 def test_gains_four_times_too_small_are_refused_with_those_that_hold(tmp_path: Path) -> None:
     write_robot_with(load_robot("scaler"), 1.0 / WRONG, tmp_path / "robot")
     climb = climb_with(climbing_plan(), tmp_path / "robot", Climb(math.inf, 1.0 / WRONG, False), tmp_path / "log.mcap")
-    assert "damping_Ns_m: 100: expected at least 227.3: stable against 2 times environment_N_m" in climb.refused
+    assert "damping_Ns_m: 100: expected at least 287.3: stable against 2 times environment_N_m" in climb.refused
 
 
 def test_the_rms_is_of_loaded_limbs_alone() -> None:
