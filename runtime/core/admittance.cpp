@@ -37,9 +37,12 @@ void Admittance::step(const Wrench& error_W, double dt_s, bool may_grow) noexcep
 
 void Admittance::fade(const Vector3& force_N, double time_constant_s, double dt_s) noexcept {
   const AdmittanceParameters& p = parameters_;
-  // A spring of D/time_constant: the same equation, so that the speed is continuous where a swing begins.
-  integrate({p.mass_kg, p.damping_Ns_m, p.damping_Ns_m / time_constant_s, p.max_speed_m_s, p.max_offset_m}, force_N,
-            dt_s, true, offset_m_, speed_m_s_);
+  // A spring of D/time_constant: the same equation, so that the speed is continuous where a swing begins. It pulls no
+  // harder than the greatest speed needs, so that an offset of decimetres gives way as well as one of millimetres.
+  const double stretched = offset_m_.norm() / (p.max_speed_m_s * time_constant_s);
+  const double stiffness = p.damping_Ns_m / time_constant_s / std::max(stretched, 1.0);
+  integrate({p.mass_kg, p.damping_Ns_m, stiffness, p.max_speed_m_s, p.max_offset_m}, force_N, dt_s, true, offset_m_,
+            speed_m_s_);
   integrate({p.inertia_kg_m2, p.rotational_damping_Nms_rad, p.rotational_damping_Nms_rad / time_constant_s,
              p.max_rate_rad_s, p.max_rotation_rad},
             Vector3::Zero(), dt_s, true, rotation_rad_, rate_rad_s_);

@@ -89,6 +89,7 @@ void ControlCore::step(const crux_msgs::control_input_t& in, CycleResult& out) n
     find_hold_again(in.operator_command, in.dt_s);
     reference_ = play(*plan_, clock_.now());
     retry_.apply(reference_);
+    stand_up(in.dt_s);
     control(in, reference_);
   } else {
     for (LimbController& limb : limbs_) limb.stand_by();
@@ -200,6 +201,8 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
                       .rearming = rearm_cycles_ > 0,
                       .faults = found,
                       .cause = faults_.standing_cause(in),
+                      .supply = faults_.supply_fault(),
+                      .stands_up = rise_.rises(),
                       .not_ready_reason = not_ready(in, well, off)});
   take_up();
   for (int l = 0; l < kLimbs; ++l) {
@@ -218,6 +221,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   if (!supervisor_.controls()) {
     engaged_ = false;
   } else if (!engaged_ && well) {
+    if (started_) begin_again();
     engage(reference_);
   }
   if (supervisor_.departs()) {
@@ -233,7 +237,9 @@ void ControlCore::engage(const PlanReference& reference) noexcept {
     calibration_->restart();
     for (LimbController& limb : limbs_) limb.set_gains(robot_.admittance);
   }
-  correction_.reset(body_.body_W(), reference.body_W);
+  rise_ = {};
+  if (started_) rise_.begin(body_.body_W(), reference.body_W);
+  correction_.reset(body_.body_W(), rise_.below(reference.body_W));
   if (!started_ || !localisation_.begun()) {
     PerLimb<Vector3> arms_W_m;
     PerLimb<bool> on_hold;

@@ -26,6 +26,7 @@
 #include "core/prepared_plan.hpp"
 #include "core/slip_watch.hpp"
 #include "core/stance_fit.hpp"
+#include "core/stand_up.hpp"
 #include "core/supervisor.hpp"
 #include "core/weight_balance.hpp"
 
@@ -94,6 +95,8 @@ class ControlCore {
   void supervise(const crux_msgs::control_input_t& in) noexcept;
   void watch_stance(double dt_s) noexcept;
   Reason off_start(const PlanReference& start) const noexcept;
+  /// Moves the body up to its plan where it hangs lower, as long as its limbs bear and reach it.
+  void stand_up(double dt_s) noexcept;
   /// Where limbs of the plan's beginning grip that are in the air here, or the other way round.
   Reason off_stance(const PlanReference& start) const noexcept;
   /// The plan in reference_ takes the stance over from `before`.
@@ -109,6 +112,7 @@ class ControlCore {
   /// Before the plan begins: the joint whose drive answers latest, where it is later than its gains bear.
   FaultEvent late_joint() const noexcept;
   Reason not_ready(const crux_msgs::control_input_t& in, bool well, const Reason& off) const noexcept;
+  void begin_again() noexcept;
   void engage(const PlanReference& reference) noexcept;
   void advance_clock(const PlanReference& reference, double dt_s) noexcept;
   /// Lets the clock run back in HOLDING, once, until a limb that is in the air while another has lost its hold grips;
@@ -159,6 +163,7 @@ class ControlCore {
   LoadSharing sharing_;
   GraspTest test_;
   GraspRetry retry_;
+  StandUp rise_;
   PerLimb<HoldSearch> searches_;
   FaultMonitor faults_;
   Supervisor supervisor_;

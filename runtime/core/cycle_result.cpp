@@ -71,7 +71,8 @@ void ControlCore::write(const crux_msgs::control_input_t& in, CycleResult& out) 
   write_reference(out);
 
   const bool climbing = supervisor_.state() == SupervisorState::kClimbing;
-  const WaitingFor waiting_for = !climbing              ? WaitingFor::kNothing
+  const WaitingFor waiting_for = rise_.rises()          ? WaitingFor::kStandUp
+                                 : !climbing            ? WaitingFor::kNothing
                                  : slipping_limb() >= 0 ? WaitingFor::kSlip
                                  : started_             ? clock_.waiting_for()
                                                         : WaitingFor::kSettle;

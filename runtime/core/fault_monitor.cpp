@@ -69,8 +69,14 @@ void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
     silence = fresh != 0 ? 0 : silence + 1;
     all_fresh = all_fresh && fresh != 0;
   };
-  for (int j = 0; j < kAllJoints; ++j) count(in.joint_fresh[j], joint_silence_[j]);
+  for (int j = 0; j < kAllJoints; ++j) {
+    if (in.joint_state[j] == static_cast<int>(NodeState::kBoot))
+      note_restart(j / kJoints, can_.joint_nodes[j % kJoints], joint_silence_[j], in.dt_s);
+    count(in.joint_fresh[j], joint_silence_[j]);
+  }
   for (int l = 0; l < kLimbs; ++l) {
+    if (in.gripper_state[l] == static_cast<int>(NodeState::kBoot))
+      note_restart(l, can_.gripper_node, gripper_silence_[l], in.dt_s);
     count(in.gripper_fresh[l], gripper_silence_[l]);
     count(in.ft_fresh[l], ft_silence_[l]);
   }
@@ -81,6 +87,15 @@ void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
     bus_held_[l] = bus_held_[l] || in.bus_state[l] != bus_health_t::ACTIVE;
   }
   well_time_s_ = link_well(in) ? well_time_s_ + in.dt_s : 0.0;
+}
+
+/// Several of a limb: their limb; of several limbs: none.
+void FaultMonitor::note_restart(int limb, int node, int silence, double dt_s) noexcept {
+  if (silence <= limits_.silent_cycles) return;
+  const bool first = !supply_;
+  const int of_limb = first || supply_.limb == limb ? limb : -1;
+  const int of_node = first || (of_limb >= 0 && supply_.node == node) ? node : 0;
+  supply_ = {FaultCode::kPowerLost, of_limb, of_node, std::max(supply_.value, silence * dt_s), 0.0};
 }
 
 bool FaultMonitor::link_well(const crux_msgs::control_input_t& in) const noexcept {
@@ -270,6 +285,9 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
   if (errors.waited_s > p.event_timeout_s) {
     tell({FaultCode::kEventTimeout, errors.waiting_limb, 0, errors.waited_s, p.event_timeout_s});
   }
+  if (errors.rise_waited_s > p.event_timeout_s) {
+    tell({FaultCode::kStandsNoFurther, -1, 0, errors.below_m, p.event_timeout_s});
+  }
   if (lasts(errors.body_error_m > p.max_body_error_m, body_error_time_s_, dt_s, p.persistence_s)) {
     tell({FaultCode::kBodyError, -1, 0, errors.body_error_m, p.max_body_error_m});
   }
@@ -322,6 +340,7 @@ void FaultMonitor::forgive() noexcept {
   lost_.fill(false);
   distrusted_.fill(false);
   finger_distrusted_.fill(false);
+  supply_ = {};
 }
 
 }  // namespace crux

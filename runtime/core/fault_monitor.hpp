@@ -38,6 +38,8 @@ struct LoopErrors {
   PerLimb<double> misfit_m{};  ///< of the limb that does not fit the others
   double late_s = 0.0;         ///< this cycle began so long after its instant
   double waited_s = 0.0;       ///< for the plan clock's event
+  double below_m = 0.0;        ///< its plan the body hangs so far,
+  double rise_waited_s = 0.0;  ///< and has come no nearer for so long
   int waiting_limb = -1;
 };
 
@@ -58,6 +60,9 @@ class FaultMonitor {
   /// Faults of inputs, buses, nodes and sensors, the gravest first. `tracking`: nodes are being told to track, so one
   /// that holds does so by itself.
   FaultEvent node_fault(const crux_msgs::control_input_t& in, bool tracking) noexcept;
+
+  /// What was silent has restarted: it had no power, for how long [s]. None when nothing has since forgive().
+  FaultEvent supply_fault() const noexcept { return supply_; }
 
   /// The part of the fault that re-arming the nodes cannot clear: silence, buses, heat, silent sensors.
   FaultEvent standing_cause(const crux_msgs::control_input_t& in) const noexcept;
@@ -87,6 +92,7 @@ class FaultMonitor {
   /// What silence may follow from: kOtherFaults leaves out what a fault of the limb's bus has told already.
   enum class After : std::uint8_t { kAnything, kOtherFaults };
 
+  void note_restart(int limb, int node, int silence, double dt_s) noexcept;
   bool link_well(const crux_msgs::control_input_t& in) const noexcept;
   /// Its bus fails, or did a moment ago: what is not heard of its nodes says nothing more.
   bool follows_bus(int limb) const noexcept;
@@ -110,6 +116,7 @@ class FaultMonitor {
   PerLimb<bool> bus_held_{};  ///< its nodes hold since their bus failed
   PerLimb<double> since_bus_fault_s_{1e9, 1e9, 1e9, 1e9};
   double well_time_s_ = 0.0;
+  FaultEvent supply_;
   int tracking_cycles_ = 0;
   std::int64_t missed_cycles_ = 0;
   double body_error_time_s_ = 0.0;

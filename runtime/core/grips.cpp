@@ -96,7 +96,7 @@ void ControlCore::press_holds(const PlanReference& reference, double dt_s) noexc
     double force_N = 0.0;
     if (now.gripping() || now.closing()) force_N = wanted_grasp_force_N(l, now, wrenches_W_[l]);
     if (test_.limb() == l) force_N = wanted_grasp_force_N(l, now, test_.load_W());
-    if (now.gripping() && (any_lost || slips_[l].squeezes())) force_N = contact(l, now).max_normal_N;
+    if (now.gripping() && (any_lost || rise_.rises() || slips_[l].squeezes())) force_N = contact(l, now).max_normal_N;
     if (now.gripping() && !faults_.distrusted(l))
       force_N = std::max(force_N, wanted_grasp_force_N(l, now, limbs_[l].wrench_W()));
     if (ahead.limbs[l].gripping()) {

@@ -17,7 +17,9 @@ constexpr double kFingersRest_m_s = 0.02;
 constexpr double kPadsGive_m = 0.001;  // in the width of a hold, under its squeeze
 constexpr double kStop_m = 0.001;      // from the fingers' closed stop: they press on each other or on the stop itself
 constexpr double kLeastClosed_m = 0.001;  // fingers that came down about a hold close so far, or are jammed
-constexpr double kFoundLoad = 0.95;       // share of its load from which on a foot's place is known
+// A limb that hung without power is that far from its way; it goes away from the wall first, above the way.
+constexpr double kAstray_m = 0.04, kClear_m = 0.03;
+constexpr double kFoundLoad = 0.95;  // share of its load from which on a foot's place is known
 
 /// The gripper still grips: it aims from the commanded body pose, and where it grips is remembered. A foot has found
 /// its place when it bears its load: at the planned instant of touch-down a servo's lag still parts it from the ground.
@@ -60,6 +62,8 @@ void LimbController::sense(const crux_msgs::control_input_t& in) noexcept {
     }
     q_rad_[j] = encoders_.look(j, in.joint_position_rad[i], command_q_rad_[j], in.dt_s);
     torque_Nm_[j] = in.joint_torque_nm[i];
+    // A node that has restarted has lost its feed-forward.
+    if (in.joint_state[i] == static_cast<int>(NodeState::kBoot)) command_torque_Nm_[j] = 0.0;
   }
   if (in.gripper_fresh[limb_] != 0 && std::isfinite(in.finger_opening_m[limb_]) &&
       std::isfinite(in.finger_speed_m_s[limb_]) && std::isfinite(in.finger_force_n[limb_])) {
@@ -257,7 +261,11 @@ void LimbController::comply(const LimbReference& reference, const Wrench& error_
   if (passes_over(reference)) felt_N.z() += felt_N.head<2>().norm();
   if (reference.phase != LimbPhase::kOpen) {
     const Vector3 before_m = admittance_.offset_m();
+    const bool too_low = before_m.z() < kClear_m;
+    const bool rises = !reference.point_foot && too_low && before_m.head<2>().norm() > kAstray_m;
+    if (rises) felt_N.z() += admittance_.parameters().damping_Ns_m * admittance_.parameters().max_speed_m_s;
     admittance_.fade(felt_N, control_.swing_decay_s, dt_s);
+    if (rises) admittance_.rebase({before_m.x(), before_m.y(), admittance_.offset_m().z()}, admittance_.rotation_rad());
     // A hold that stands out of the wall further than planned is passed at the planned height above where it was
     // gripped.
     const Vector3& offset_m = admittance_.offset_m();

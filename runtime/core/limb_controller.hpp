@@ -130,6 +130,8 @@ class LimbController {
   /// Its joints bear what gravity does not explain: in the air it runs against something.
   bool runs_against() const { return borne_Nm_.norm() >= supervisor_.max_ft_residual_Nm; }
   const Wrench& tare_G() const { return wrench_.bias_G(); }
+  /// In the air, something holds it.
+  bool caught() const { return runs_against() && wrench_W().force_N.norm() >= control_.unload_force_N; }
   bool force_torque_tared() const { return wrench_.tared(); }
   /// Squeeze of a finger; what the actuator's command makes of its opening where the sensor is not trusted.
   double finger_force_N() const { return trusts_finger_force_ ? finger_force_N_ : expected_finger_force_N(); }

@@ -8,7 +8,16 @@
 namespace crux {
 
 /// robot_state_t.waiting_for
-enum class WaitingFor : int { kNothing = 0, kUnload = 1, kOpen = 2, kArrive = 3, kGrip = 4, kSettle = 5, kSlip = 6 };
+enum class WaitingFor : int {
+  kNothing = 0,
+  kUnload = 1,
+  kOpen = 2,
+  kArrive = 3,
+  kGrip = 4,
+  kSettle = 5,
+  kSlip = 6,
+  kStandUp = 7
+};
 
 /// Which way the clock runs, and how far.
 enum class Motion : std::int8_t {
@@ -38,6 +47,12 @@ class PlanClock {
 
   /// From now on the clock runs as `motion` says; what it waited for is forgotten.
   void depart(const PreparedPlan& plan, Motion motion) noexcept;
+
+  /// Limbs on their last way to a hold begin it again.
+  void approach_anew(const PreparedPlan& plan) noexcept {
+    now_.elapsed_s = now_.back ? plan.dt_s : 0.0;
+    wait_anew();
+  }
 
   /// Moves on by `scale`·`dt_s`, or up to the next event that is still missing.
   void advance(const PreparedPlan& plan, const PerLimb<LimbEvents>& events, double dt_s, double scale) noexcept;

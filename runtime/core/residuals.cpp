@@ -108,6 +108,8 @@ FaultEvent ControlCore::late_joint() const noexcept {
 LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
   LoopErrors errors;
   errors.late_s = late_s;
+  errors.below_m = rise_.left_m();
+  errors.rise_waited_s = rise_.waited_s();
   errors.unbalanced_N = plan_->point_feet || faults_.any_distrusted() ? 0.0 : balance_.change_N();
   errors.unbalanced_limb = balance_.limb();
   errors.body_error_m = (body_.body_W().position_m - reference_.body_W.position_m).norm();
@@ -123,8 +125,9 @@ LoopErrors ControlCore::loop_errors(double late_s) const noexcept {
     errors.opening_m[l] = limbs_[l].finger_opening_m();
     errors.hold_m[l] = reference_.limbs[l].finger_opening_m;
     errors.grasp_failed[l] = test_.result(l) == GraspTest::Result::kFailed;
-    errors.ft_residual_Nm[l] = started_ && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
-    errors.ft_frozen_Nm[l] = started_ ? limbs_[l].ft_frozen_Nm() : 0.0;
+    // Joints at their stops bear what they do not tell.
+    errors.ft_residual_Nm[l] = started_ && !rise_.rises() && moves_slowly(l) ? limbs_[l].ft_residual_Nm() : 0.0;
+    errors.ft_frozen_Nm[l] = started_ && !rise_.rises() ? limbs_[l].ft_frozen_Nm() : 0.0;
     errors.slid_m[l] = slips_[l].slid_m();
     if (stance_.odd_limb() == l && test_.limb() != l) errors.misfit_m[l] = stance_.since_contact(l).shift_G_m.norm();
     errors.slips_on[l] = slips_[l].out_of_hand();

@@ -26,8 +26,8 @@ void Supervisor::update(const Observation& seen) noexcept {
   for (const FaultEvent& fault : seen.faults) {
     if (!seen.rearming && state_ != SupervisorState::kIdle) raise(fault);
   }
-  tell();
   if (seen.link_restored && !seen.rearming) recover(seen);
+  tell();
   if (state_ == SupervisorState::kClimbing && seen.arrived) state_ = SupervisorState::kHolding;
   obey(seen);
   if (state_ == SupervisorState::kIdle && seen.may_take_over) state_ = SupervisorState::kReady;
@@ -37,8 +37,9 @@ void Supervisor::raise(const FaultEvent& fault) noexcept {
   const crux_msgs::FaultInfo* info = crux_msgs::fault_info(static_cast<std::int16_t>(fault.code));
   const auto next = static_cast<SupervisorState>(info->to);
   // A graver fault replaces a lighter one; the first of equals leads, it is nearest to the cause.
+  const bool follows = fault_.code == FaultCode::kPowerLost && fault.code == FaultCode::kStandsNoFurther;
   const bool leads = state_ != SupervisorState::kFault &&
-                     !(state_ == SupervisorState::kHolding && fault_ && next == SupervisorState::kHolding);
+                     !(state_ == SupervisorState::kHolding && fault_ && next == SupervisorState::kHolding && !follows);
   if (standing_.add(fault) || leads) untold_.add(fault);
   if (!leads) return;
   state_ = next;
@@ -63,6 +64,11 @@ void Supervisor::recover(const Observation& seen) noexcept {
   if (seen.plan_started && state_ == SupervisorState::kFault) {
     state_ = SupervisorState::kHolding;
     rearm_requested_ = true;
+    if (seen.supply) {
+      fault_ = seen.supply;
+      standing_.add(fault_);
+      untold_.add(fault_);
+    }
   } else if (!seen.plan_started && (state_ == SupervisorState::kFault || state_ == SupervisorState::kHolding)) {
     state_ = SupervisorState::kIdle;
     fault_ = {};
@@ -105,6 +111,7 @@ void Supervisor::start(const Observation& seen, Motion motion) noexcept {
 void Supervisor::go_on(const Observation& seen, Motion motion) noexcept {
   if (fault_) return refuse(kFaultStands);
   if (seen.rearming) return refuse("nodes are being re-armed; try again in a moment");
+  if (seen.stands_up) return refuse("the robot stands up to where it was before; try again when it stands");
   if (motion != Motion::kReverse && seen.plan_complete) return refuse(kPlanComplete);
   if (seen.testing && (motion == Motion::kReverse) != (motion_ == Motion::kReverse))
     return refuse("a new grasp is being tested by a pull, which ends by itself; try again in a moment");

@@ -43,6 +43,8 @@ class Supervisor {
     bool rearming = false;       ///< nodes are being re-armed: what they report is of the past
     FaultList faults;            ///< seen in this cycle
     FaultEvent cause;            ///< one of them, where re-arming the nodes cannot clear it
+    FaultEvent supply;           ///< what was silent has had no power
+    bool stands_up = false;      ///< the body is on its way up to where the plan has it
     Reason not_ready_reason;
   };
 

@@ -49,6 +49,8 @@ def test_faults_are_read_and_sorted_by_time(tmp_path: Path) -> None:
         ("version: 1\nfaults:\n  - {kind: cut, at_s: 1, for_s: 1}\n", "limb"),
         ("version: 1\nfaults:\n  - {kind: runtime_killed, limb: RF, at_s: 1}\n", "limb"),
         ("version: 1\nfaults:\n  - {kind: runtime_stopped, at_s: 1}\n", "for_s"),
+        ("version: 1\nfaults:\n  - {kind: power_lost, node: 3, at_s: 1}\n", "limb"),
+        ("version: 1\nfaults:\n  - {kind: power_lost, at_s: 1, motors: stiff}\n", "braked"),
         ("version: 1\nfaults:\n  - {kind: disk_full, at_s: 1, share: 0.5}\n", "share"),
     ],
 )
@@ -95,6 +97,29 @@ def test_a_cut_lasts_from_its_beginning_to_its_end_and_is_timed() -> None:
     nodes.host = 2
     disturbance.end_cycle(100)
     assert course.moved_on
+
+
+def test_power_is_lost_by_all_nodes_by_a_limb_s_or_by_one_for_a_while_or_for_good(tmp_path: Path) -> None:
+    entries = (
+        "at_s: 0.02, for_s: 0.1",
+        "limb: RR, at_s: 0.04, motors: free",
+        "limb: RF, node: 3, at_s: 0.06, for_s: 1",
+    )
+    lines = "".join(f"  - {{kind: power_lost, {entry}}}\n" for entry in entries)
+    nodes = Recorded()
+    faults = read_faults(written(tmp_path, f"version: 1\nfaults:\n{lines}"))
+    disturbance = Disturbance(faults, nodes, DT_S, None, seed=0)  # type: ignore[arg-type]
+    every = {(limb, node) for limb in range(4) for node in range(1, 8)}
+    done = []
+    for cycle in range(100):
+        disturbance.begin_cycle(cycle)
+        done += [(cycle, supply, {call[1:3] for call in nodes.calls if call[3] == supply}) for supply in range(3)]
+        nodes.calls.clear()
+    of_rr = {(3, node) for node in range(1, 8)}
+    assert [call for call in done if call[2]] == [(10, 1, every), (20, 2, of_rr), (30, 1, {(1, 3)}), (60, 0, every)]
+    assert disturbance.courses[1].as_json()["for_s"] is None
+    assert not disturbance.over(600)
+    assert disturbance.over(round((1.06 + 4) / DT_S)), "what lasts for good is watched as long as others"
 
 
 def test_faults_of_interfaces_need_interfaces() -> None:

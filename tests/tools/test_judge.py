@@ -126,6 +126,15 @@ def test_a_body_far_from_its_reference_fell() -> None:
     assert tracked(truth).body_max_m == pytest.approx(0.11)
 
 
+@pytest.mark.parametrize(("climbs", "grips", "fell"), [(0, 4, False), (0, 3, True), (1, 4, True)])
+def test_a_body_that_hangs_limp_by_all_its_grips_has_not_fallen(climbs: int, grips: int, fell: bool) -> None:
+    truth = make_truth()
+    truth.body_position_m[50:90, 2] -= 0.15
+    truth.climbing[40:] = climbs
+    truth.pad_face[50:90, 2 * grips :] = -1
+    assert verdict_on(truth).fell == fell
+
+
 @pytest.mark.parametrize(("samples", "lost"), [(9, False), (12, True)])
 def test_a_limb_without_its_hold_in_stance_lost_its_grip_and_the_robot_has_not_fallen(samples: int, lost: bool) -> None:
     truth = make_truth()

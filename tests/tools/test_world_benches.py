@@ -18,6 +18,7 @@ from crux_simulation.benchmarks.world_faults import (
     KINDS,
     LOSES_A_HOLD,
     OF_THE_RUNTIME,
+    SCHEDULED,
     START_S,
     Fault,
     draw_fault,
@@ -49,20 +50,22 @@ def plan() -> plan_t:
 
 
 def test_every_kind_of_fault_comes_by_turns_as_a_file_that_can_be_read(plan: plan_t, tmp_path: Path) -> None:
-    faults = [draw_fault(seed) for seed in range(60)]
-    assert Counter(fault.kind for fault in faults) == dict.fromkeys(KINDS, 60 // len(KINDS))
+    count = 3 * len(KINDS)
+    faults = [draw_fault(seed) for seed in range(count)]
+    assert Counter(fault.kind for fault in faults) == dict.fromkeys(KINDS, 3)
     for number, fault in enumerate(faults):
         path = tmp_path / f"{number}.yaml"
         path.write_text(fault.text(plan))
-        if fault.kind in OF_THE_RUNTIME:
+        if fault.kind in SCHEDULED:
             (read,) = read_faults(path)
-            assert read.kind == fault.kind.replace("-", "_")
+            assert fault.kind.replace("-", "_").startswith(read.kind)
+            assert (read.limb >= 0) == bool(fault.limb)
             assert 6.0 <= read.at_s <= START_S + plan.knots[-1].time_s
         else:
             assert read_world(path).name == fault.kind
-        assert (fault.limb in LIMB_NAMES) == (fault.kind not in (*LOSES_A_HOLD, *OF_THE_RUNTIME))
-    assert [draw_fault(seed) for seed in range(60)] == faults
-    assert len({fault.text(plan) for fault in faults}) > 50
+        assert (fault.limb in LIMB_NAMES) == (fault.kind not in (*LOSES_A_HOLD, *OF_THE_RUNTIME, "power-lost"))
+    assert [draw_fault(seed) for seed in range(count)] == faults
+    assert len({fault.text(plan) for fault in faults}) > count - 10
 
 
 def test_holds_go_wrong_that_the_plan_still_grips(plan: plan_t) -> None:
@@ -175,12 +178,16 @@ def test_the_ordinary_world_has_every_error_that_it_says() -> None:
         ("ft-zero", "the body ended 14.0 mm off the goal", False),
         ("hold-breaks", "9.1 s: 9 grip_lost, limb LF, node 7: finger force fell", True),
         ("hold-missing", "9.1 s: 29 hold_missing, limb LF, node 7: the fingers have closed", True),
+        ("power-lost-limb", "9.1 s: 38 power_lost, limb RF: nodes had no power", True),
+        ("power-lost-limb", "9.1 s: 38 power_lost, limb LF: nodes had no power", False),
         ("hold-missing", "9.1 s: 25 finger_force_implausible, limb LF, node 7: finger force is 23.8 N off", False),
     ],
 )
 def test_a_fault_is_told_where_its_cause_and_its_limb_are_named(kind: str, reason: str, told: bool) -> None:
     limb = "" if kind in LOSES_A_HOLD else "RF"
-    assert ending_of(row(reason=reason), Fault(kind, limb)).told == told
+    end = row(reason=reason)
+    end["climb"]["robot_on_wall"] = True
+    assert ending_of(end, Fault(kind, limb)).told == told
 
 
 def test_every_cause_is_a_fault_that_the_runtime_knows() -> None:

@@ -21,6 +21,8 @@ constexpr double kHandReleases_s[2] = {0.5, 1.5};
 constexpr std::int64_t kFirstContactStep = 2;  // the step of cycle 0 is the first
 constexpr std::size_t kFirstSamples = 8192;
 
+enum class Supply : std::int32_t { kPowered, kBraked, kFree };  // crux_supply
+
 double smoothstep(double x) {
   x = std::clamp(x, 0.0, 1.0);
   return x * x * (3 - 2 * x);
@@ -34,6 +36,8 @@ struct crux_plant {
   crux_plant(mjModel* model, mjData* data, const crux_plant_map& map, const crux_plant_settings& settings,
              const crux_world* world, crux_plant_state& state);
   void step(const double* joint_torque_nm, const double* finger_force_n);
+  void power_joint(std::size_t joint, Supply supply);
+  void power_gripper(std::size_t limb, Supply supply);
   void record(std::int64_t cycle, std::int32_t climbing);
 
   mjModel* model_;
@@ -46,6 +50,8 @@ struct crux_plant {
   crux_plant_state& state_;
   std::vector<crux_plant_truth> truth_;
   double carried_until_s_ = 0.0;  ///< at least
+  std::array<Supply, CRUX_SIM_JOINTS> supply_{};
+  std::array<bool, CRUX_SIM_LIMBS> gripper_off_{};
 
  private:
   void carry();
@@ -99,7 +105,12 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
   }
   for (std::size_t j = 0; j < CRUX_SIM_JOINTS; ++j) {
     state_.joint_torque_nm[j] += torque_share_[j] * (joint_torque_nm[j] - state_.joint_torque_nm[j]);
+    if (supply_[j] != Supply::kPowered) state_.joint_torque_nm[j] = 0.0;
     data_->ctrl[map_.joint_actuators[j]] = state_.joint_torque_nm[j];
+  }
+  for (std::size_t l = 0; l < CRUX_SIM_LIMBS; ++l) {
+    const double squeeze_n = 0.5 * (state_.pad_force_n[2 * l] + state_.pad_force_n[2 * l + 1]);
+    if (!gripper_off_[l]) screws_.press(l, finger_force_n[l], squeeze_n);
   }
   for (std::size_t p = 0; p < CRUX_SIM_PADS; ++p)
     data_->ctrl[map_.finger_actuators[p]] = -(finger_force_n[p / 2] + screws_.set(p, state_.pad_force_n[p]));
@@ -113,6 +124,21 @@ void crux_plant::step(const double* joint_torque_nm, const double* finger_force_
   ++state_.cycle;
   if (screws_.any() || state_.cycle % crux_plant_contact_period == kFirstContactStep) look_at_contacts();
   read_sensors();
+}
+
+void crux_plant::power_joint(std::size_t joint, Supply supply) {
+  if (supply_[joint] == supply) return;
+  const auto idles = [](Supply at) { return at == Supply::kPowered ? 0.0 : 1.0; };
+  const auto brakes = [](Supply at) { return at == Supply::kBraked ? 1.0 : 0.0; };
+  const auto dof = static_cast<std::size_t>(map_.joint_dof[joint]);
+  model_->dof_frictionloss[dof] += settings_.idle_friction_nm * (idles(supply) - idles(supply_[joint]));
+  model_->dof_damping[dof] += settings_.braking_nms_rad * (brakes(supply) - brakes(supply_[joint]));
+  supply_[joint] = supply;
+}
+
+void crux_plant::power_gripper(std::size_t limb, Supply supply) {
+  gripper_off_[limb] = supply != Supply::kPowered;
+  if (gripper_off_[limb]) screws_.lock(limb);
 }
 
 void crux_plant::carry() {
@@ -168,7 +194,7 @@ void crux_plant::look_at_contacts() {
   for (std::size_t p = 0; p < CRUX_SIM_PADS; ++p) {
     if (map_.spine_actuators[p] < 0) continue;
     const std::int64_t face = state_.pad_face[p];
-    const bool caught = face >= 0 && state_.finger_force_n[p / 2] > 0.0;
+    const bool caught = face >= 0 && (state_.finger_force_n[p / 2] > 0.0 || screws_.locked(p / 2));
     data_->ctrl[map_.spine_actuators[p]] = caught ? map_.adhesion_of_face[face] : 0.0;
   }
 }
@@ -222,6 +248,14 @@ void crux_plant_drive_joint(crux_plant* plant, std::int32_t joint) {
 
 void crux_plant_drive_gripper(crux_plant* plant, std::int32_t limb) {
   plant->screws_.drive(static_cast<std::size_t>(limb));
+}
+
+void crux_plant_power_joint(crux_plant* plant, std::int32_t joint, std::int32_t supply) {
+  plant->power_joint(static_cast<std::size_t>(joint), static_cast<Supply>(supply));
+}
+
+void crux_plant_power_gripper(crux_plant* plant, std::int32_t limb, std::int32_t supply) {
+  plant->power_gripper(static_cast<std::size_t>(limb), static_cast<Supply>(supply));
 }
 
 void crux_plant_carry(crux_plant* plant) {

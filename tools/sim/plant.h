@@ -36,6 +36,8 @@ typedef struct crux_plant_settings {
   double encoder_noise_rad_s;                  ///< of the speed that boards observe
   double hand_rotation[9];                     ///< W <- body that the hand holds at the start, row-major
   double screw_middle, screw_width;            ///< friction of a screw by its squeeze: its mean and its half width
+  double braking_nms_rad;                      ///< of a joint whose motor's windings are in short circuit
+  double idle_friction_nm;                     ///< of the gear of a joint without power
 } crux_plant_settings;
 
 /// What the last step left.
@@ -80,6 +82,12 @@ CRUX_SIM_API void crux_plant_close(crux_plant *plant);
 CRUX_SIM_API void crux_plant_drive_joint(crux_plant *plant, int32_t joint);
 /// From now on the finger force of a limb is that of a motor before its screw's friction.
 CRUX_SIM_API void crux_plant_drive_gripper(crux_plant *plant, int32_t limb);
+
+/// Whether a joint or a limb's gripper has power in the next step: crux_supply of crux_nodes.h. Without it a joint can
+/// be moved, against friction and its windings where they brake. Fingers stand where their screw locks them, until
+/// their drive presses as hard as the screw does, or opens.
+CRUX_SIM_API void crux_plant_power_joint(crux_plant *plant, int32_t joint, int32_t supply);
+CRUX_SIM_API void crux_plant_power_gripper(crux_plant *plant, int32_t limb, int32_t supply);
 
 /// The hand that carries the body at first begins its time anew, in the last second of which it releases it.
 CRUX_SIM_API void crux_plant_carry(crux_plant *plant);

@@ -150,10 +150,14 @@ void crux_runtime_close(crux_runtime* runtime) { delete runtime; }
 void crux_sim_step(crux_nodes* nodes, crux_plant* plant, double dt_s) {
   const crux_plant_state& state = *crux_plant_state_of(plant);
   double torque_nm[CRUX_SIM_JOINTS], force_n[CRUX_SIM_LIMBS];
+  constexpr int kJointsPerLimb = CRUX_SIM_JOINTS / CRUX_SIM_LIMBS;
+  for (int j = 0; j < CRUX_SIM_JOINTS; ++j)
+    crux_plant_power_joint(plant, j, crux_nodes_supply(nodes, j / kJointsPerLimb, j % kJointsPerLimb + 1));
+  for (int l = 0; l < CRUX_SIM_LIMBS; ++l)
+    crux_plant_power_gripper(plant, l, crux_nodes_supply(nodes, l, kJointsPerLimb + 1));
   crux_nodes_control(nodes, dt_s, state.joint_position_rad, state.joint_velocity_rad_s, state.finger_opening_m,
                      state.finger_speed_m_s, state.finger_force_n, torque_nm, force_n);
   crux_plant_step(plant, torque_nm, force_n);
-  constexpr int kJointsPerLimb = CRUX_SIM_JOINTS / CRUX_SIM_LIMBS;
   const double* temperature_degc = crux_plant_temperature(plant);
   for (int j = 0; temperature_degc != nullptr && j < CRUX_SIM_JOINTS; ++j)
     if (std::isfinite(temperature_degc[j]))

@@ -22,7 +22,17 @@ class Screws {
   /// Makes the friction of a limb's fingers stiff; it is zero until `set`.
   void drive(std::size_t limb);
 
+  /// Some depend on how hard the pads press.
   [[nodiscard]] bool any() const noexcept { return any_; }
+
+  /// From now on a limb's fingers stand whatever presses on them, those of a gripper without power; no matter where the
+  /// friction is made above.
+  void lock(std::size_t limb);
+
+  /// The drive presses with this force: its fingers move again once that is as much as the squeeze, or opens.
+  void press(std::size_t limb, double force_n, double squeeze_n);
+
+  [[nodiscard]] bool locked(std::size_t limb) const noexcept { return locked_[limb]; }
 
   /// Friction under a pad's squeeze; returns the part that is a force, positive closes. Nothing for other limbs' pads.
   double set(std::size_t pad, double squeeze_n);
@@ -31,7 +41,10 @@ class Screws {
   mjModel& model_;
   const crux_plant_map& map_;
   double middle_, half_width_;
-  std::array<bool, CRUX_SIM_LIMBS> driven_{};
+  void stiffen(std::size_t limb);
+
+  std::array<bool, CRUX_SIM_LIMBS> driven_{}, locked_{};
+  std::array<double, CRUX_SIM_PADS> unlocked_n_{};  ///< friction of a finger but for its lock
   bool any_ = false;
 };
 

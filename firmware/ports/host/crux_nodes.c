@@ -99,6 +99,9 @@ void crux_nodes_deliver(limb *owner, int index, const crux_frame *frame) {
   interference *disturbed = &owner->interference[index];
   const crux_outside_node *outside = owner->outside[index];
   crux_frame heard = *frame;
+  if (!crux_interference_powers(disturbed)) {
+    return;
+  }
   if (!concerns(frame, index)) {
     if (outside != NULL) {
       outside->hear(outside->context, frame);  // a controller of its own chooses
@@ -239,6 +242,9 @@ int crux_nodes_wait_sync(crux_nodes *nodes, int timeout_ms, uint32_t *cycle) {
 
 static double control_joint(limb *owner, int index, double dt, double position, double velocity) {
   const crux_outside_node *outside = owner->outside[index];
+  if (!crux_interference_powers(&owner->interference[index])) {
+    return 0.0;
+  }
   if (outside != NULL) {
     const crux_measured measured = {.position = position, .velocity = velocity};
     return outside->control(outside->context, dt, &measured);
@@ -254,6 +260,9 @@ static double control_joint(limb *owner, int index, double dt, double position, 
 static double control_gripper(limb *owner, double dt, double opening, double speed, double force) {
   const crux_outside_node *outside = owner->outside[GRIPPER];
   crux_gripper_inputs *inputs = &owner->gripper_inputs;
+  if (!crux_interference_powers(&owner->interference[GRIPPER])) {
+    return 0.0;
+  }
   if (outside != NULL) {
     crux_measured measured = {.position = opening, .velocity = speed};
     for (int i = 0; i < 6; i++) {
@@ -275,6 +284,9 @@ void crux_nodes_control(crux_nodes *nodes, double dt, const double joint_positio
                         double joint_torque_out[CRUX_JOINTS], double finger_force_out[CRUX_LIMBS]) {
   for (int l = 0; l < CRUX_LIMBS; l++) {
     limb *owner = &nodes->limbs[l];
+    for (int i = 0; i < NODES_PER_LIMB; i++) {
+      owner->interference[i].restarts = false;
+    }
     for (int i = 0; i < JOINTS_PER_LIMB; i++) {
       const int j = (l * JOINTS_PER_LIMB) + i;
       joint_torque_out[j] = control_joint(owner, i, dt, joint_position[j], joint_velocity[j]);
@@ -296,7 +308,8 @@ static bool take_frame(limb *owner, int index, crux_frame *frame) {
 static int collect(limb *owner, int index, crux_frame *frames, int count) {
   interference *disturbed = &owner->interference[index];
   int taken = 0;
-  while (!disturbed->off && (taken < (int)CRUX_QUEUE_LENGTH) && take_frame(owner, index, &frames[count])) {
+  const bool speaks = !disturbed->off && crux_interference_powers(disturbed);
+  while (speaks && (taken < (int)CRUX_QUEUE_LENGTH) && take_frame(owner, index, &frames[count])) {
     const bool lost = crux_interference_use_up(&disturbed->drop_sent) || crux_interference_loses(disturbed);
     count += lost ? 0 : 1;
     taken++;

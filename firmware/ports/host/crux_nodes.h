@@ -20,6 +20,10 @@
 
 typedef struct crux_nodes crux_nodes;
 
+/// What moves the axis of a node: its drive; or, without power, nothing, against its motor's windings in short circuit
+/// or open.
+typedef enum crux_supply { CRUX_POWERED, CRUX_BRAKED, CRUX_FREE } crux_supply;
+
 /// Opens the buses (udp:GROUP:PORT, socketcan:NAME or memory:) and starts the nodes; their identities go out with the
 /// first publish. NULL on failure, crux_nodes_error() says why.
 CRUX_API crux_nodes *crux_nodes_open(const char *const bus_urls[CRUX_LIMBS],
@@ -92,6 +96,10 @@ CRUX_API void crux_nodes_trust(crux_nodes *nodes, const uint8_t key[CRUX_IMAGE_K
 CRUX_API int crux_nodes_cut_power(crux_nodes *nodes, int limb, int node, uint32_t operation);
 /// The node restarts as after a loss of power.
 CRUX_API int crux_nodes_reset(crux_nodes *nodes, int limb, int node);
+/// From now on the node has this supply: without it, it hears, does and says nothing, with it again it restarts.
+CRUX_API int crux_nodes_power(crux_nodes *nodes, int limb, int node, crux_supply supply);
+/// In the next control period; braked where the node has just restarted.
+CRUX_API crux_supply crux_nodes_supply(const crux_nodes *nodes, int limb, int node);
 /// What the node's thermometer reads from now on; 25 degC at the start.
 CRUX_API int crux_nodes_set_temperature(crux_nodes *nodes, int limb, int node, double temperature_degC);
 

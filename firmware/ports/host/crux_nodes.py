@@ -129,6 +129,7 @@ def _load(path: Path) -> ctypes.CDLL:
         "trust": (None, [handle, ctypes.c_char_p]),
         "cut_power": (integer, [handle, integer, integer, ctypes.c_uint32]),
         "reset": (integer, [handle, integer, integer]),
+        "power": (integer, [handle, integer, integer, integer]),
         "set_temperature": (integer, [handle, integer, integer, ctypes.c_double]),
     }  # fmt: skip
     for name, (result, arguments) in signatures.items():
@@ -316,6 +317,10 @@ class Nodes:
     def reset(self, limb: int, node: int) -> None:
         """The node restarts as after a loss of power."""
         self._check(self._library.crux_nodes_reset(self._handle, limb, node))
+
+    def power(self, limb: int, node: int, supply: int) -> None:
+        """From now on the node has power (0), or none, its motor's windings in short circuit (1) or open (2)."""
+        self._check(self._library.crux_nodes_power(self._handle, limb, node, supply))
 
     def set_temperature(self, limb: int, node: int, temperature_degC: float) -> None:
         """What the node's thermometer reads from now on."""

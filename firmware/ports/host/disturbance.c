@@ -114,8 +114,27 @@ int crux_nodes_reset(crux_nodes *nodes, int limb_index, int node) {
     return -1;
   }
   crux_nodes_start_node(nodes, limb_index, node - 1);
+  nodes->limbs[limb_index].interference[node - 1].restarts = true;
   return 0;
 }
+
+int crux_nodes_power(crux_nodes *nodes, int limb_index, int node, crux_supply supply) {
+  if (!crux_nodes_exists(limb_index, node)) {
+    return -1;
+  }
+  interference *disturbed = &nodes->limbs[limb_index].interference[node - 1];
+  const bool returns = (disturbed->supply != (uint8_t)CRUX_POWERED) && (supply == CRUX_POWERED);
+  disturbed->supply = (uint8_t)supply;
+  return returns ? crux_nodes_reset(nodes, limb_index, node) : 0;
+}
+
+crux_supply crux_nodes_supply(const crux_nodes *nodes, int limb_index, int node) {
+  const interference *disturbed = &nodes->limbs[limb_index].interference[node - 1];
+  const bool restarts = (disturbed->supply == (uint8_t)CRUX_POWERED) && disturbed->restarts;
+  return restarts ? CRUX_BRAKED : (crux_supply)disturbed->supply;
+}
+
+bool crux_interference_powers(const interference *disturbed) { return disturbed->supply == (uint8_t)CRUX_POWERED; }
 
 int crux_nodes_set_temperature(crux_nodes *nodes, int limb_index, int node, double temperature_degC) {
   if (!crux_nodes_exists(limb_index, node)) {

@@ -79,10 +79,11 @@ void crux_nodes_request(limb *owner, int index, const crux_frame *frame) {
 void crux_nodes_serve(crux_nodes *nodes, int limb_index, uint32_t dt_us) {
   limb *owner = &nodes->limbs[limb_index];
   for (int i = 0; i < NODES_PER_LIMB; i++) {
-    if (owner->outside[i] == NULL) {
+    if ((owner->outside[i] == NULL) && crux_interference_powers(&owner->interference[i])) {
       crux_service_tick(&owner->service[i], dt_us, state_of(owner, i), is_commanded(owner, i));
       if (crux_service_restarts(&owner->service[i])) {
         crux_nodes_start_node(nodes, limb_index, i);
+        owner->interference[i].restarts = true;
       }
     }
   }

@@ -21,6 +21,8 @@ typedef struct interference {
   bool off;               ///< the node's controller has left the bus
   uint32_t lost_of_2_32;  ///< share of frames that get lost, both ways; UINT32_MAX: all of them
   uint32_t random;        ///< state of the generator that chooses them, never 0
+  uint8_t supply;         ///< crux_supply
+  bool restarts;          ///< has, since the last control period
 } interference;
 
 #define SLOT_BYTES (32U * CRUX_FLASH_PAGE)
@@ -88,5 +90,8 @@ bool crux_interference_use_up(uint32_t *count);
 
 /// Whether chance loses the frame.
 bool crux_interference_loses(interference *disturbed);
+
+/// Whether the node has power.
+bool crux_interference_powers(const interference *disturbed);
 
 #endif

@@ -1,4 +1,4 @@
-"""`crux bench faults --world`: one thing goes wrong with holds, sensors, drives or the runtime's process in a climb.
+"""`crux bench faults --world`: one thing goes wrong with holds, sensors, drives, their supply or the runtime's process.
 
 Faults of the process need a process: the runtime is killed and its disk full in lockstep over UDP; where it is stopped
 or starved the climb goes by the clock, in a kernel with virtual time, so that all of these are the same in every run.
@@ -62,8 +62,8 @@ LOCKSTEP, BY_THE_CLOCK = ("--bus", "udp"), ("--bus", "udp", "--pace", "realtime"
 IN_A_GUEST = ("--bus", "socketcan", "--pace", "realtime")
 
 
-class OfTheRuntime(NamedTuple):
-    """A fault of the runtime's process: its entry in a file of faults, what a climb may then say, and how it is run."""
+class ScheduledFault(NamedTuple):
+    """Its entry in a file of faults, what a climb may then say, and how it is run."""
 
     entry: str
     causes: tuple[str, ...]
@@ -73,15 +73,23 @@ class OfTheRuntime(NamedTuple):
 LATE = ("26 cycle_late",)
 STARVED = (*LATE, "30 all_nodes_silent", "31 all_nodes_hold")  # a flood starves the runtime or the nodes' simulation
 OF_THE_RUNTIME = {
-    "runtime-killed": OfTheRuntime("{{kind: runtime_killed, at_s: {at_s}}}", ("ended by signal 9",), LOCKSTEP),
-    "runtime-stopped": OfTheRuntime("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
-    "cpu-starved": OfTheRuntime(
+    "runtime-killed": ScheduledFault("{{kind: runtime_killed, at_s: {at_s}}}", ("ended by signal 9",), LOCKSTEP),
+    "runtime-stopped": ScheduledFault("{{kind: runtime_stopped, at_s: {at_s}, for_s: {for_s}}}", LATE, IN_A_GUEST),
+    "cpu-starved": ScheduledFault(
         "{{kind: cpu_starved, at_s: {at_s}, for_s: {for_s}, share: {share}}}", LATE, IN_A_GUEST
     ),
-    "lcm-flooded": OfTheRuntime("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", STARVED, BY_THE_CLOCK),
-    "disk-full": OfTheRuntime("{{kind: disk_full, at_s: {at_s}}}", ("log incomplete: file too large",), LOCKSTEP),
+    "lcm-flooded": ScheduledFault("{{kind: lcm_flooded, at_s: {at_s}, for_s: {for_s}}}", STARVED, BY_THE_CLOCK),
+    "disk-full": ScheduledFault("{{kind: disk_full, at_s: {at_s}}}", ("log incomplete: file too large",), LOCKSTEP),
 }
-KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | OF_THE_RUNTIME).items()}
+IN_MEMORY: tuple[str, ...] = ()
+OF_THE_SUPPLY = {
+    "power-lost": ScheduledFault("{{kind: power_lost, at_s: {at_s}, for_s: {for_s}}}", ("38 power_lost",), IN_MEMORY),
+    "power-lost-limb": ScheduledFault(
+        "{{kind: power_lost, limb: {limb}, at_s: {at_s}, for_s: {for_s}}}", ("38 power_lost",), IN_MEMORY
+    ),
+}
+SCHEDULED = OF_THE_RUNTIME | OF_THE_SUPPLY
+KINDS = {kind: fault.entry for kind, fault in (IN_THE_WORLD | SCHEDULED).items()}
 LOSES_A_HOLD = ("hold-breaks", "hold-missing", "slippery-hold")  # of whoever grips there
 FIRST_S, LAST_S = 6.0, 60.0  # the times of faults, or until the plan ends where that is sooner
 START_S = 2.0  # of the climb: there the plan's time begins
@@ -110,7 +118,7 @@ class Fault:
         holds = gripped(plan, at_s - START_S)
         places = {"limb": self.limb, "joint": self.joint, "hold": holds[int(self.where * len(holds))]}
         entry = KINDS[self.kind].format(at_s=at_s, for_s=self.for_s, share=self.share, **places)
-        if self.kind in OF_THE_RUNTIME:
+        if self.kind in SCHEDULED:
             return f"version: 1\nfaults: [{entry}]\n"
         return f"version: 1\nname: {self.kind}\n{entry}\n"
 
@@ -130,7 +138,7 @@ def draw_fault(seed: int) -> Fault:
     joint = f"{limb}.{int(random.integers(1, 7))}"
     when, where = float(random.random()), float(random.random())
     for_s, share = round(float(random.uniform(*FOR_S)), 2), round(float(random.uniform(*SHARE)), 2)
-    on_a_limb = kind not in LOSES_A_HOLD and kind not in OF_THE_RUNTIME
+    on_a_limb = "{limb}" in KINDS[kind] or "{joint}" in KINDS[kind]
     return Fault(kind, limb if on_a_limb else "", joint, when, where, for_s, share)
 
 
@@ -161,8 +169,8 @@ class WorldFaultJob(ClimbJob):
 
 
 @dataclass(frozen=True)
-class RuntimeFaultJob(ClimbJob):
-    """A climb with a runtime of its own, to which something happens."""
+class ScheduledFaultJob(ClimbJob):
+    """A climb in a process of its own, with a file of faults."""
 
     def climb_command(self) -> str:
         """In a kernel with virtual time where the fault needs that."""
@@ -170,11 +178,11 @@ class RuntimeFaultJob(ClimbJob):
         return f"{guest}crux {shlex.join(self._climb_words(Path(), AGAIN_FILE))}"
 
     def _is_in_a_guest(self) -> bool:
-        return OF_THE_RUNTIME[self.walls].options == IN_A_GUEST
+        return SCHEDULED[self.walls].options == IN_A_GUEST
 
     def _climb_words(self, folder: Path, log: str) -> list[str]:
         words = ["climb", str(folder / PLAN_FILE), "-o", str(folder / log), "--seed", str(self.seed)]
-        return [*words, "--faults", str(folder / FAULTS_FILE), *OF_THE_RUNTIME[self.walls].options]
+        return [*words, "--faults", str(folder / FAULTS_FILE), *SCHEDULED[self.walls].options]
 
     def _climb(self, plan: Any, _robot: Any, folder: Path) -> dict[str, Any]:
         (folder / FAULTS_FILE).write_text(draw_fault(self.seed).text(plan), encoding="utf-8")
@@ -185,7 +193,7 @@ class RuntimeFaultJob(ClimbJob):
 
 def job_of(fault: Fault, index: int, seed: int) -> ClimbJob:
     """Shipped scenes and random walls in turn."""
-    job = RuntimeFaultJob if fault.kind in OF_THE_RUNTIME else WorldFaultJob
+    job = ScheduledFaultJob if fault.kind in SCHEDULED else WorldFaultJob
     return job(fault.kind, wall_of(index, seed), seed, FaultyWorld(fault.kind, "drawn for its plan"))
 
 
@@ -226,8 +234,9 @@ def ending_of(row: Row, fault: Fault) -> Ending:
     fell, lost_grip = bool(climb.get("fell")), bool(climb.get("lost_grips"))
     climbed = bool(climb.get("reached_goal")) and not fell and not lost_grip and not climb.get("slips")
     lost_grip = lost_grip and fault.kind not in LOSES_A_HOLD
-    if fault.kind in OF_THE_RUNTIME:
-        told = any(cause in row["reason"] for cause in OF_THE_RUNTIME[fault.kind].causes)
+    if fault.kind in SCHEDULED:
+        where = f", limb {fault.limb}" if fault.limb else ""
+        told = any(f"{cause}{where}" in row["reason"] for cause in SCHEDULED[fault.kind].causes)
         told = told and climb.get("robot_on_wall") is True
     else:
         faults = re.findall(r" s: \d+ (\w+)(?:, limb (\w\w))?", row["reason"])

@@ -38,6 +38,7 @@ from crux_simulation.sim.plant import Plant
 from crux_simulation.sim.ports import run_ports
 from crux_simulation.sim.process_faults import ProcessFaults, check_process_faults
 from crux_simulation.sim.recorder import Truth, recorded
+from crux_simulation.sim.resumed import Resumed
 from crux_simulation.sim.runtime_here import RuntimeHere
 from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, guard_time_s, runtime_arguments
 from crux_simulation.sim.truth_log import log_truth
@@ -69,6 +70,8 @@ class ClimbOptions:
     """how the simulated world differs from the plan and the robot description"""
     guide: bool = False
     """plans again where the robot holds for a reason that another plan may avoid"""
+    resumes: bool = False
+    """an operator clears what it holds for and has it go on"""
     calibrate: bool = False
     """tunes the admittance's gains while it climbs"""
     note: str = ""
@@ -254,6 +257,9 @@ def climb(
             from crux_simulation.sim.guided import Guided  # with the whole planner: slow to import
 
             guided = loop.guided = Guided(link, runtime, loop, plan, robot)
+            loop.max_cycles *= 2
+        elif options.resumes and isinstance(runtime, RuntimeHere):
+            loop.guided = Resumed(link, runtime, loop)
             loop.max_cycles *= 2
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):

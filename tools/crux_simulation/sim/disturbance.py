@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -13,7 +14,7 @@ from crux_tools.errors import UsageError
 from crux_tools.telemetry.summary import FaultNote
 
 from crux_simulation.sim import can_interface
-from crux_simulation.sim.fault_file import NODE_TWICE, NODES, OF_THE_RUNTIME, ON_SOCKETCAN, Fault
+from crux_simulation.sim.fault_file import MOTORS, NODE_TWICE, NODES, OF_THE_RUNTIME, OF_THE_SUPPLY, ON_SOCKETCAN, Fault
 from crux_simulation.sim.process_faults import ProcessFaults
 from crux_simulation.sim.recorder import Truth
 from crux_simulation.sim.rogue_hosts import SENDERS, second_node
@@ -33,6 +34,7 @@ class Injector(Protocol):
     def connect(self, limb: int, connected: bool) -> None: ...
     def intrude(self, limb: int, identifier: int, data: bytes) -> None: ...
     def reset(self, limb: int, node: int) -> None: ...
+    def power(self, limb: int, node: int, supply: int) -> None: ...
     def disturb(self, limb: int, node: int, on: bool) -> None: ...
     def drop_received(self, limb: int, node: int, count: int) -> None: ...
     def drop_sent(self, limb: int, node: int, count: int) -> None: ...
@@ -63,7 +65,7 @@ class Course:
             "kind": self.fault.kind,
             "limb": LIMB_NAMES[self.fault.limb] if self.fault.limb >= 0 else None,
             "at_s": self.fault.at_s,
-            "for_s": self.fault.for_s,
+            "for_s": self.fault.for_s if math.isfinite(self.fault.for_s) else None,
             "runtime_s": self.runtime_s,
             "held_s": self.held_s,
             "moved_on": self.moved_on,
@@ -121,7 +123,7 @@ class Disturbance:
                 self._begun.add(number)
                 self._switch(fault, True)
             if number in self._begun and number not in self._ended:
-                if cycle >= self._cycle(fault.end_s):
+                if cycle * self._dt_s > fault.end_s - 0.5 * self._dt_s:
                     self._ended.add(number)
                     self._switch(fault, False)
                 elif self._process is not None and fault.kind in OF_THE_RUNTIME:
@@ -162,7 +164,9 @@ class Disturbance:
 
     def over(self, cycle: int) -> bool:
         """All faults are over and have been watched long enough."""
-        return cycle >= self._cycle(max(course.fault.end_s for course in self.courses) + WATCHED_S)
+        faults = [course.fault for course in self.courses]
+        last_s = max(fault.end_s if math.isfinite(fault.end_s) else fault.at_s for fault in faults)
+        return cycle >= self._cycle(last_s + WATCHED_S)
 
     def _cycle(self, time_s: float) -> int:
         return round(time_s / self._dt_s)
@@ -179,6 +183,10 @@ class Disturbance:
             deaf = on and fault.for_s > 0
             self._nodes.drop_received(fault.limb, fault.node, ALL_FRAMES if deaf else 0)
             self._nodes.drop_sent(fault.limb, fault.node, ALL_FRAMES if deaf else 0)
+        elif fault.kind == OF_THE_SUPPLY:
+            for limb in range(len(LIMB_NAMES)) if fault.limb < 0 else [fault.limb]:
+                for node in [fault.node] if fault.node else range(1, NODES + 1):
+                    self._nodes.power(limb, node, 1 + MOTORS.index(fault.motors) if on else 0)
         elif fault.kind == "controller_off":
             self._nodes.disturb(fault.limb, fault.node, on)
         elif fault.kind == "crc":

@@ -164,6 +164,8 @@ def _mishaps(
     # Before the start a hand may carry the robot; one that never starts must be there at the end.
     counted = begun if begun.any() else np.arange(len(begun)) == len(begun) - 1
     body_off = counted & ~(np.min(off_path_m, axis=0) <= FALL_M)  # nowhere, in numbers, is not near either
+    hangs = (truth.climbing == 0) & ~(gone & stance).any(axis=1)  # limp, as without power, but by all that should hold
+    body_off &= ~(begun & hangs)
     reasons = []
     if body_off.any():
         at_s = time_s[np.argmax(body_off)]

@@ -41,6 +41,8 @@ class PlantSettings(ctypes.Structure):
         ("hand_rotation", c_double * 9),
         ("screw_middle", c_double),
         ("screw_width", c_double),
+        ("braking_nms_rad", c_double),
+        ("idle_friction_nm", c_double),
     ]
 
 
@@ -136,6 +138,8 @@ def library() -> Any:
         "plant_close": (None, [handle]),
         "plant_drive_joint": (None, [handle, c_int32]),
         "plant_drive_gripper": (None, [handle, c_int32]),
+        "plant_power_joint": (None, [handle, c_int32, c_int32]),
+        "plant_power_gripper": (None, [handle, c_int32, c_int32]),
         "plant_step": (None, [handle, doubles, doubles]),
         "plant_temperature": (doubles, [handle]),
         "plant_record": (None, [handle, c_int64, c_int32]),

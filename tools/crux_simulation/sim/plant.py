@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 ENCODER_NOISE_TURNS = 0.068 / 360  # rms of a sample; magnetic encoders of 14 bits hover by 3 bits of them
+IDLE_FRICTION_NM = 0.3
+"""Of a joint's gear, turned from behind without power [A]; one that is driven has the friction of robot.yaml."""
 ENCODER_NOISE_1_S = 112.0
 """Of the speed that a board observes, by the noise of a sample: sqrt(T w^3 / 4) of firmware/core/drive/encoder.h, whose
 two poles are at w = 1000 rad/s, sampled each T = 50 us."""
@@ -83,6 +85,10 @@ class Plant:
         settings.encoder_step_rad = turn_rad / robot.drive.encoder_counts
         settings.encoder_noise_rad = turn_rad * ENCODER_NOISE_TURNS
         settings.encoder_noise_rad_s = settings.encoder_noise_rad * ENCODER_NOISE_1_S
+        # A rotor's windings in short circuit take k_t^2 / (1.5 R) a speed; there are 1.5 k_e in a k_t of amplitudes.
+        rotor_nms_rad = robot.motor.torque_constant_Nm_A**2 / (1.5 * robot.motor.resistance_ohm)
+        settings.braking_nms_rad = robot.motor.gear_ratio**2 * rotor_nms_rad
+        settings.idle_friction_nm = IDLE_FRICTION_NM
         settings.screw_middle = 0.5 * (2 + (motor.screw_release_torque - 1) / motor.screw_efficiency)
         settings.screw_width = 0.5 * (1 + motor.screw_release_torque) / motor.screw_efficiency
         return settings

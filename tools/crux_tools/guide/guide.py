@@ -18,6 +18,7 @@ from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.guide.situation import Situation
 from crux_tools.operator_link import START_IT, OperatorLink
 from crux_tools.operator_status import fault_of, hanging, is_only_told
+from crux_tools.telemetry.summary import STANDS_UP
 
 REPLANNED = (
     "event_timeout",
@@ -31,8 +32,10 @@ REPLANNED = (
     "stance_misfit",
     "finger_force_implausible",
     "hold_missing",
+    "power_lost",
 )
-"""Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak."""
+"""Faults after which another plan may lead on: a hold lost, moved or slippery, the body elsewhere, a limb weak, or
+nodes that have power again."""
 SETTLED_S = 0.3  # of standing, before what is measured counts
 RETURNED_S = 7.0  # where a limb may be on its way to a hold: longer than the runtime waits for it
 PLANNING_S = 20.0  # of computing, for the way to one goal
@@ -145,6 +148,8 @@ class Guide:
     def _stands(self, status: status_t) -> bool:
         """It has stood for a while; a limb may first go back to its hold, or on to the next, by itself."""
         state = status.state
+        if state.waiting_for == STANDS_UP:
+            return False
         if self._still is None or self._still[0] != state.plan_time_s:
             self._still = (state.plan_time_s, state.time_s)
         settled_s = SETTLED_S if state.motion == robot_state_t.FORWARD else RETURNED_S
