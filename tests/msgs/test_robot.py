@@ -120,6 +120,19 @@ def test_the_motors_bear_what_climbs_ask_of_the_joints() -> None:
     assert 0.5 * screw.of_both_fingers(2.0) * (2 * np.pi * turns_a_s) ** 2 == pytest.approx(2 * 0.5 * 2.0 * 0.01**2)
 
 
+def test_the_admittance_has_fifteen_degrees_of_phase_left_against_twice_its_stiffest_environment() -> None:
+    a = load_robot("scaler").admittance
+    s = 1j * np.geomspace(0.1, 1e4, 200_000)
+    for mass, damping, spring, environment in (
+        (a.mass_kg, a.damping_Ns_m, a.stiffness_N_m, a.environment_N_m),
+        (a.inertia_kg_m2, a.rotational_damping_Nms_rad, a.rotational_stiffness_Nm_rad, a.environment_Nm_rad),
+    ):
+        loop = 2 * environment * np.exp(-s * a.delay_s) / (mass * s**2 + damping * s + spring)
+        crossing = np.flatnonzero((np.abs(loop[:-1]) >= 1) & (np.abs(loop[1:]) < 1))
+        assert len(crossing) == 1
+        assert 180 + np.degrees(np.unwrap(np.angle(loop))[crossing[0]]) >= 15
+
+
 def test_a_folder_without_a_robot_is_told(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"robot\.yaml: no such file"):
         load_robot(tmp_path)
