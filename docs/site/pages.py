@@ -19,6 +19,8 @@ from typing import Any
 import yaml
 from crux_contracts import can_codec, node_parameters
 from crux_contracts.channels import FAULT_BY_CODE
+from crux_contracts.robot import ROBOTS
+from crux_msgs.robot_keys import KEYS, MEANS, Key
 from crux_tools import cli
 from crux_tools.paths import ROOT
 
@@ -92,6 +94,52 @@ def _choices(signal: Any) -> str:
     return ", ".join(f"{number} {name}" for number, name in (signal.choices or {}).items())
 
 
+def robot_page() -> Iterator[tuple[str, str]]:
+    """Every key of robot.yaml, with what it is for scaler."""
+    file = ROBOTS / "scaler" / "robot.yaml"
+    scaler = yaml.safe_load(file.read_text(encoding="utf-8"))
+    marks = _marks(file)
+    text = "# Keys of robot.yaml\nEvery key must be there; unknown keys are refused. "
+    text += "[Your robot](docs/your-robot.md) says how to begin. The last column is what `scaler` has: "
+    text += "[S] read at a source, [C] computed, [A] assumed.\n"
+    means = {"": "At the top", "limbs": "each limb's bus and names", "limb": "names in the URDF without the prefix"}
+    for section, about in (means | MEANS).items():
+        text += f"\n## {section}\n{_sentence(about)}\n\n" if section else "\n"
+        rows = []
+        for key in (key for key in KEYS if key.section == section):
+            values = {"": scaler, "limbs": scaler["limbs"]["LF"]}.get(section) or scaler[section]
+            mark = marks.get(f"{section}.{key.name}") or marks.get(section, "")
+            rows.append((f"`{key.name}`", _holds(key), _sentence(key.means), f"{values[key.name]} {mark}".strip()))
+        text += table(("key", "holds", "means", "scaler"), rows) + "\n"
+    yield "robot-keys.md", text
+
+
+def _holds(key: Key) -> str:
+    """Type, range and unit."""
+    least = "above 0" if 0 < key.low < 1e-6 else f"from {key.low:g}"
+    bounds = f" {least}{f' to {key.high:g}' if key.high < 1e9 else ''} {key.unit}".rstrip()
+    return {
+        "per_joint": f"{key.count} numbers{bounds}",
+        "interval": f"[low, high]{bounds}",
+        "names": f"{key.count} names",
+        "nodes": "a number for each name",
+        "file": "file name",
+        "text": "text",
+    }.get(key.type, f"{key.type}{bounds}")
+
+
+def _marks(file: Path) -> dict[str, str]:
+    """Marks of a robot.yaml's comments by section.key, or by section where they are for all its keys."""
+    marks, section = {}, ""
+    for line in file.read_text(encoding="utf-8").splitlines():
+        named, mark = re.match(r"( *)(\w+):", line), re.search(r"\[([SCA])\b", line)
+        if named and not named[1]:
+            section = named[2]
+        if named and mark:
+            marks[f"{section}.{named[2]}" if named[1] else section] = f"[{mark[1]}]"
+    return marks
+
+
 def command_page() -> Iterator[tuple[str, str]]:
     """What `--help` says of every command."""
     text = "# Commands\nWhat `--help` says. Exit status 0: done; 1: the work failed; 2: the input was wrong.\n"
@@ -136,7 +184,7 @@ def main() -> None:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, folder / name)
     shutil.copy(ROOT / "docs" / "site" / "index.txt", folder / "index.md")
-    for pages in (fault_pages(), can_pages(), command_page(), header_page(), composed_pages()):
+    for pages in (fault_pages(), can_pages(), robot_page(), command_page(), header_page(), composed_pages()):
         for name, text in pages:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")

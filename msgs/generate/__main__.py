@@ -11,8 +11,21 @@ from pathlib import Path
 
 from crux_contracts import node_parameters, node_services
 
-from . import can_c, cdr_cpp, parameters_c, python_side, robot_cpp, ros2msg, services_c, tables_cpp, write_changed
+from . import (
+    can_c,
+    cdr_cpp,
+    parameters_c,
+    python_side,
+    robot_cpp,
+    robot_python,
+    robot_schema,
+    ros2msg,
+    services_c,
+    tables_cpp,
+    write_changed,
+)
 from .lcm_types import LcmSyntaxError, Struct, parse_files
+from .robot_keys import read_robot_keys
 from .tables import TableError, read_channels, read_faults, read_log_format
 
 MSGS = Path(__file__).resolve().parents[1]
@@ -44,7 +57,6 @@ def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     runtimes = [channel for channel in channels if channel.writer != "simulation"]
     write_changed(cpp / "channels.hpp", tables_cpp.channels_header(runtimes, structs, log_format))
     write_changed(cpp / "faults.hpp", tables_cpp.faults_header(faults))
-    write_changed(cpp / "robot.hpp", robot_cpp.header())
     write_changed(cpp / "ros2msg.hpp", tables_cpp.ros2msg_header(structs))
     python = out / "python/crux_msgs"
     write_changed(python / "__init__.pyi", python_side.stub(structs))
@@ -53,6 +65,13 @@ def _write_messages(structs: dict[str, Struct], out: Path) -> None:
     write_changed(python / "tables.py", python_side.tables_module(structs, channels, faults, log_format))
     for struct in structs.values():
         write_changed(out / "ros2msg" / f"{struct.ros_name}.msg", ros2msg.definition(struct, structs))
+
+
+def _write_robot(out: Path) -> None:
+    keys = read_robot_keys(MSGS / "robot_keys.yaml")
+    write_changed(out / "cpp/crux_msgs/robot.hpp", robot_cpp.header(keys))
+    write_changed(out / "python/crux_msgs/robot_keys.py", robot_python.module(keys))
+    write_changed(out / "schemas/robot.json", robot_schema.schema(keys))
 
 
 def _write_can(out: Path) -> None:
@@ -78,6 +97,7 @@ def main() -> int:
         structs = parse_files(files)
         _run_lcm_gen(files, options.out)
         _write_messages(structs, options.out)
+        _write_robot(options.out)
         _write_can(options.out)
     except (LcmSyntaxError, TableError, can_c.CanDatabaseError, node_parameters.ParameterTableError) as error:
         print(f"msgs/generate: {error}", file=sys.stderr)

@@ -1,17 +1,29 @@
-"""C++ header of what a robot description must be: keys of robot.yaml with their ranges, and bounds of the URDF."""
+"""C++ header of what a robot description must be: robot.yaml's keys as structs and as a table, bounds of the URDF."""
 
 from __future__ import annotations
 
 from crux_contracts import robot_bounds
 from crux_contracts.reading import MAX_TEXT, OTHER_UNITS
-from crux_contracts.robot_sections import key_rules
 from crux_contracts.yaml_document import MAX_BYTES, MAX_DEPTH
+
+from .robot_keys import JOINTS, NAMES, RANGES, Key, RobotKeys, Section
+
+_TYPES = {
+    "number": "double {} = 0.0;",
+    "integer": "int {} = 0;",
+    "per_joint": "PerJoint {}{{}};",
+    "interval": "Interval {};",
+    "nodes": "Nodes {};",
+}
+
+
+def _camel(name: str) -> str:
+    return f"k{''.join(part.capitalize() for part in name.split('_'))}"
 
 
 def _bounds() -> str:
     lines = [
-        f"inline constexpr {'int' if isinstance(value, int) else 'double'} "
-        f"k{''.join(part.capitalize() for part in name.split('_'))} = {value!r};"
+        f"inline constexpr {'int' if isinstance(value, int) else 'double'} {_camel(name)} = {value!r};"
         for name, value in vars(robot_bounds).items()
         if name.isupper() and isinstance(value, (int, float))
     ]
@@ -21,51 +33,89 @@ def _bounds() -> str:
     return "\n".join(lines)
 
 
-def header() -> str:
+def _struct(section: Section) -> str:
+    base = f" : {section.shared.type_name}" if section.shared else ""
+    members = "\n".join(f"  {_TYPES[key.type].format(key.name)}  ///< {key.means}" for key in section.keys)
+    return f"/// {section.means}\nstruct {section.type_name}{base} {{\n{members}\n}};\n"
+
+
+def _row(key: Key) -> str:
+    return (
+        f'    RobotKey{{"{key.section}", "{key.name}", RobotKeyType::{_camel(key.type)}, "{key.unit}", '
+        f"{float(key.low)!r}, {float(key.high)!r}, {key.count}}},"
+    )
+
+
+def header(keys: RobotKeys) -> str:
+    """crux_msgs/robot.hpp."""
     axes = ", ".join("{{" + ", ".join(map(repr, axis)) + "}}" for axis in robot_bounds.JOINT_AXES)
     units = "\n".join(
         f'    OtherUnit{{"{unit}", {factor!r}, "{name}"}},'
         for unit, others in OTHER_UNITS.items()
         for factor, name in others
     )
-    kinds = {
-        "number": "kNumber",
-        "integer": "kInteger",
-        "per_joint": "kPerJoint",
-        "interval": "kInterval",
-        "nodes": "kNodes",
-    }
-    keys = [
-        f'    RobotKey{{"{rule.section}", "{rule.key}", RobotKeyKind::{kinds[rule.kind]}, '
-        f'{float(rule.range.low)!r}, {float(rule.range.high)!r}, "{rule.unit}"}},'
-        for rule in key_rules()
-    ]
-    rows = "\n".join(keys)
-    return f"""// Generated from msgs/python/crux_contracts by msgs/generate. Do not edit.
+    structs = "\n".join(map(_struct, (*keys.shared, *keys.sections)))
+    members = "\n".join(f"  {section.type_name} {section.name};" for section in keys.sections)
+    visits = "\n".join(
+        f'  visit("{section.name}", "{key.name}", sections.{section.name}.{key.name});'
+        for section in keys.sections
+        for key in section.all_keys
+    )
+    rows = keys.rows()
+    table = "\n".join(map(_row, rows))
+    return f"""// Generated from msgs/robot_keys.yaml and msgs/python/crux_contracts by msgs/generate. Do not edit.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <string_view>
 
 namespace crux_msgs::robot {{
 
 {_bounds()}
-inline constexpr std::array<std::array<double, 3>, {len(robot_bounds.JOINT_AXES)}> kJointAxes = {{{{{axes}}}}};
+inline constexpr std::array<std::array<double, 3>, {JOINTS}> kJointAxes = {{{{{axes}}}}};
 
-enum class RobotKeyKind {{ {", ".join(kinds.values())} }};
+using PerJoint = std::array<double, {JOINTS}>;  ///< shoulder outwards
 
+struct Interval {{
+  double low = 0.0;
+  double high = 0.0;
+}};
+
+/// Numbers on the bus.
+struct Nodes {{
+  std::array<int, {JOINTS}> joints{{}};
+  int gripper = 0;
+}};
+
+{structs}
+/// The sections of robot.yaml that hold numbers.
+struct Sections {{
+{members}
+}};
+
+/// Calls visit(section, key, value) for every number of robot.yaml.
+template <class Visit>
+void each_value(Sections& sections, const Visit& visit) {{
+{visits}
+}}
+
+enum class RobotKeyType {{ {", ".join(map(_camel, (*RANGES, *NAMES)))} }};
+
+/// What a key of robot.yaml may hold.
 struct RobotKey {{
-  std::string_view section;
+  std::string_view section;  ///< empty: at the top; limbs: of each limb
   std::string_view key;
-  RobotKeyKind kind;
+  RobotKeyType type;
+  std::string_view unit;
   double low;
   double high;
-  std::string_view unit;  // m, rad or empty
+  std::size_t count;  ///< of a list
 }};
 
 /// Every section of robot.yaml has exactly these keys.
-inline constexpr std::array<RobotKey, {len(keys)}> kKeys = {{{{
-{rows}
+inline constexpr std::array<RobotKey, {len(rows)}> kKeys = {{{{
+{table}
 }}}};
 
 /// Units that a number may have been written in by mistake: value * factor is in `unit`.

@@ -46,13 +46,13 @@ class Fault:
 
 
 def read_log_format(path: Path) -> int:
-    number = _document(path).get("log_format")
+    number = document(path).get("log_format")
     if not isinstance(number, int) or number < 1:
         raise TableError(f"{path}: log_format is {number!r}, must be a whole number from 1 on")
     return number
 
 
-def _document(path: Path) -> dict[str, Any]:
+def document(path: Path) -> dict[str, Any]:
     document: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     if document.get("version") != 1:
         raise TableError(f"{path}: version must be 1")
@@ -60,7 +60,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def _load(path: Path, key: str) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = _document(path)[key]
+    entries: list[dict[str, Any]] = document(path)[key]
     return entries
 
 

@@ -58,14 +58,14 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
     : limb_(limb), command_frames_(frames), silent_cycles_(robot.supervisor.silent_cycles) {
   constexpr std::size_t kHashDigits = 8;  // of robot_hash() in Identity.ParameterHash
   parameter_hash_ = static_cast<std::uint32_t>(std::stoul(robot.sha256.substr(0, kHashDigits), nullptr, 16));
-  if (robot.can.gripper_node != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
-    throw BusError("robot '" + robot.name + "': can.nodes.gripper is " + std::to_string(robot.can.gripper_node) +
+  if (robot.can.nodes.gripper != static_cast<int>(CRUX_CAN_NODE_GRIPPER))
+    throw BusError("robot '" + robot.name + "': can.nodes.gripper is " + std::to_string(robot.can.nodes.gripper) +
                    ", the CAN database has the gripper at node " + std::to_string(CRUX_CAN_NODE_GRIPPER));
   joint_of_node_.fill(-1);
   silence_.fill(silent_cycles_ + 1);  // until they are heard
   streams_.fill(StreamWatch(silent_cycles_));
   for (std::size_t joint = 0; joint < CRUX_CAN_JOINTS; ++joint) {
-    const int node = robot.can.joint_nodes[joint];
+    const int node = robot.can.nodes.joints[joint];
     if (node < 1 || node > static_cast<int>(CRUX_CAN_JOINTS) || joint_of_node_[static_cast<std::size_t>(node)] >= 0)
       throw BusError("robot '" + robot.name + "': can.nodes gives joint " + std::to_string(joint + 1) + " node " +
                      std::to_string(node) + ", right are the nodes 1 to " + std::to_string(CRUX_CAN_JOINTS) +

@@ -18,7 +18,7 @@ EncoderWatch::EncoderWatch(const RobotDescription& robot, int limb) noexcept
       most_friction_Nm_(robot.supervisor.max_ft_residual_Nm),
       gain_Nm_rad_(robot.servo.position_gain_Nm_rad),
       joints_(robot.limbs[limb].joints),
-      nodes_(robot.can.joint_nodes) {}
+      nodes_(robot.can.nodes.joints) {}
 
 void EncoderWatch::hover(int joint, double moved_rad, double commanded_rad) noexcept {
   same_[joint] = moved_rad == 0.0 ? same_[joint] + 1 : 0;

@@ -71,12 +71,12 @@ void FaultMonitor::observe(const crux_msgs::control_input_t& in) noexcept {
   };
   for (int j = 0; j < kAllJoints; ++j) {
     if (in.joint_state[j] == static_cast<int>(NodeState::kBoot))
-      note_restart(j / kJoints, can_.joint_nodes[j % kJoints], joint_silence_[j], in.dt_s);
+      note_restart(j / kJoints, can_.nodes.joints[j % kJoints], joint_silence_[j], in.dt_s);
     count(in.joint_fresh[j], joint_silence_[j]);
   }
   for (int l = 0; l < kLimbs; ++l) {
     if (in.gripper_state[l] == static_cast<int>(NodeState::kBoot))
-      note_restart(l, can_.gripper_node, gripper_silence_[l], in.dt_s);
+      note_restart(l, can_.nodes.gripper, gripper_silence_[l], in.dt_s);
     count(in.gripper_fresh[l], gripper_silence_[l]);
     count(in.ft_fresh[l], ft_silence_[l]);
   }
@@ -177,11 +177,11 @@ FaultEvent FaultMonitor::silent_node(After after) const noexcept {
     for (int j = 0; j < kJoints; ++j) {
       const int silence = joint_silence_[l * kJoints + j];
       if (silence > limits_.silent_cycles) {
-        return {FaultCode::kNodeSilent, l, can_.joint_nodes[j], static_cast<double>(silence), limit};
+        return {FaultCode::kNodeSilent, l, can_.nodes.joints[j], static_cast<double>(silence), limit};
       }
     }
     if (gripper_silence_[l] > limits_.silent_cycles) {
-      return {FaultCode::kNodeSilent, l, can_.gripper_node, static_cast<double>(gripper_silence_[l]), limit};
+      return {FaultCode::kNodeSilent, l, can_.nodes.gripper, static_cast<double>(gripper_silence_[l]), limit};
     }
   }
   return {};
@@ -190,9 +190,9 @@ FaultEvent FaultMonitor::silent_node(After after) const noexcept {
 FaultEvent FaultMonitor::doubled_node(const crux_msgs::control_input_t& in) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     for (int j = 0; j < kJoints; ++j) {
-      if (doubled(in.joint_faults[l * kJoints + j])) return {FaultCode::kNodeTwice, l, can_.joint_nodes[j], 0.0, 0.0};
+      if (doubled(in.joint_faults[l * kJoints + j])) return {FaultCode::kNodeTwice, l, can_.nodes.joints[j], 0.0, 0.0};
     }
-    if (doubled(in.gripper_faults[l])) return {FaultCode::kNodeTwice, l, can_.gripper_node, 0.0, 0.0};
+    if (doubled(in.gripper_faults[l])) return {FaultCode::kNodeTwice, l, can_.nodes.gripper, 0.0, 0.0};
   }
   return {};
 }
@@ -205,11 +205,11 @@ FaultEvent FaultMonitor::unfit_node(const crux_msgs::control_input_t& in, bool s
     for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
       if (wrong(in.joint_state[i], in.joint_faults[i])) {
-        return {FaultCode::kNodeFault, l, can_.joint_nodes[j], static_cast<double>(in.joint_faults[i]), 0.0};
+        return {FaultCode::kNodeFault, l, can_.nodes.joints[j], static_cast<double>(in.joint_faults[i]), 0.0};
       }
     }
     if (wrong(in.gripper_state[l], in.gripper_faults[l])) {
-      return {FaultCode::kNodeFault, l, can_.gripper_node, static_cast<double>(in.gripper_faults[l]), 0.0};
+      return {FaultCode::kNodeFault, l, can_.nodes.gripper, static_cast<double>(in.gripper_faults[l]), 0.0};
     }
   }
   return {};
@@ -222,9 +222,9 @@ FaultEvent FaultMonitor::holding_node(const crux_msgs::control_input_t& in) noex
   const auto stopped_node = [&](int l) {  // the limb's first; 0: none
     for (int j = 0; j < kJoints; ++j) {
       const int i = l * kJoints + j;
-      if (stopped(in.joint_state[i], in.joint_faults[i])) return can_.joint_nodes[j];
+      if (stopped(in.joint_state[i], in.joint_faults[i])) return can_.nodes.joints[j];
     }
-    return stopped(in.gripper_state[l], in.gripper_faults[l]) ? can_.gripper_node : 0;
+    return stopped(in.gripper_state[l], in.gripper_faults[l]) ? can_.nodes.gripper : 0;
   };
   FaultEvent first;
   int limbs = 0;
@@ -242,14 +242,14 @@ FaultEvent FaultMonitor::sensor_fault(const crux_msgs::control_input_t& in, Afte
   for (int l = 0; l < kLimbs; ++l) {
     if (after == After::kOtherFaults && follows_bus(l)) continue;
     if (ft_silence_[l] > limits_.silent_cycles) {
-      return {FaultCode::kFtSilent, l, can_.gripper_node, static_cast<double>(ft_silence_[l]),
+      return {FaultCode::kFtSilent, l, can_.nodes.gripper, static_cast<double>(ft_silence_[l]),
               static_cast<double>(limits_.silent_cycles)};
     }
     if ((in.ft_status[l] & kFtNotReady) != 0) {
-      return {FaultCode::kFtNotReady, l, can_.gripper_node, static_cast<double>(in.ft_status[l]), 0.0};
+      return {FaultCode::kFtNotReady, l, can_.nodes.gripper, static_cast<double>(in.ft_status[l]), 0.0};
     }
     if ((in.ft_status[l] & kFtOverload) != 0) {
-      return {FaultCode::kFtOverload, l, can_.gripper_node, static_cast<double>(in.ft_status[l]), 0.0};
+      return {FaultCode::kFtOverload, l, can_.nodes.gripper, static_cast<double>(in.ft_status[l]), 0.0};
     }
   }
   return {};
@@ -294,7 +294,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
   for (int l = 0; l < kLimbs; ++l) {
     if (lasts(errors.tracking_error_rad[l] > p.max_tracking_error_rad, tracking_error_time_s_[l], dt_s,
               p.persistence_s)) {
-      tell({FaultCode::kTrackingError, l, can_.joint_nodes[errors.worst_joint[l]], errors.tracking_error_rad[l],
+      tell({FaultCode::kTrackingError, l, can_.nodes.joints[errors.worst_joint[l]], errors.tracking_error_rad[l],
             p.max_tracking_error_rad});
     }
     const bool lost = errors.must_grip[l] && errors.finger_force_N[l] < p.min_stance_force_N;
@@ -303,24 +303,24 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
         lasts(errors.must_grip[l] && errors.closes_on_nothing[l], hold_gone_time_s_[l], dt_s, kHoldGone_s);
     if (lasts(lost, grip_error_time_s_[l], dt_s, p.persistence_s) || gone) {
       lost_[l] = true;
-      tell({FaultCode::kGripLost, l, can_.gripper_node, errors.finger_force_N[l],
+      tell({FaultCode::kGripLost, l, can_.nodes.gripper, errors.finger_force_N[l],
             std::max(p.min_stance_force_N, errors.closes_on_nothing[l] ? errors.least_force_N[l] : 0.0)});
     }
     if (lasts(errors.finds_no_hold[l], no_hold_time_s_[l], dt_s, p.persistence_s))
-      tell({FaultCode::kHoldMissing, l, can_.gripper_node, errors.opening_m[l], errors.hold_m[l]});
+      tell({FaultCode::kHoldMissing, l, can_.nodes.gripper, errors.opening_m[l], errors.hold_m[l]});
     if (errors.grasp_failed[l])
-      tell({FaultCode::kGraspFailed, l, can_.gripper_node, errors.gave_way_m, errors.gave_way_limit_m});
+      tell({FaultCode::kGraspFailed, l, can_.nodes.gripper, errors.gave_way_m, errors.gave_way_limit_m});
     if (lasts(errors.misfit_m[l] > stance_.max_misfit_m, misfit_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kStanceMisfit, l, 0, errors.misfit_m[l], stance_.max_misfit_m});
     }
     // A hold that is gone lets its gripper slide as well; it is told as gone before this lasts.
     if (lasts(errors.slips_on[l], slip_time_s_[l], dt_s, p.persistence_s))
-      tell({FaultCode::kSlip, l, can_.gripper_node, errors.slid_m[l], stance_.max_slip_m});
+      tell({FaultCode::kSlip, l, can_.nodes.gripper, errors.slid_m[l], stance_.max_slip_m});
     // A sensor is told of once: a plan that an operator has it climb all the same goes on without it.
     if (lasts(errors.finger_residual_N[l] > p.max_finger_residual_N, finger_residual_time_s_[l], dt_s,
               kFingerResidual_s) &&
         !std::exchange(finger_distrusted_[l], true)) {
-      tell({FaultCode::kFingerForceImplausible, l, can_.gripper_node, errors.finger_residual_N[l],
+      tell({FaultCode::kFingerForceImplausible, l, can_.nodes.gripper, errors.finger_residual_N[l],
             p.max_finger_residual_N});
     }
     const bool frozen = errors.ft_frozen_Nm[l] > p.max_ft_residual_Nm;
@@ -328,7 +328,7 @@ void FaultMonitor::loop_faults(const LoopErrors& errors, double dt_s, FaultList&
     const double explained_Nm = frozen ? p.max_ft_residual_Nm : errors.ft_limit_Nm[l];
     if (lasts(unexplained_Nm > explained_Nm, ft_residual_time_s_[l], dt_s, kFtResidual_s) &&
         !std::exchange(distrusted_[l], true)) {
-      tell({FaultCode::kFtImplausible, l, can_.gripper_node, unexplained_Nm, explained_Nm});
+      tell({FaultCode::kFtImplausible, l, can_.nodes.gripper, unexplained_Nm, explained_Nm});
     }
     if (lasts(errors.ik_error_m[l] > p.max_ik_error_m, ik_error_time_s_[l], dt_s, p.persistence_s)) {
       tell({FaultCode::kIkFailed, l, 0, errors.ik_error_m[l], p.max_ik_error_m});

@@ -62,7 +62,7 @@ double limit_surface_utilisation(const Wrench& wrench_W, const Vector3& finger_a
 
 void GraspController::reset(double opening_m, double force_N) noexcept {
   // The actuator's position loop gives stiffness·(opening − command) when it stands; its least opening bounds that.
-  opening_command_m_ = std::max(opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m, gripper_.min_opening_m);
+  opening_command_m_ = std::max(opening_m - std::max(force_N, 0.0) / gripper_.stiffness_N_m, gripper_.opening_m.low);
   force_reference_N_ = std::max(force_N, 0.0);
   pace_.stand_at(opening_command_m_);
 }
@@ -81,7 +81,7 @@ void GraspController::open_to(double opening_m, double dt_s) noexcept {
 
 void GraspController::press(double wanted_force_N, double measured_force_N, double opening_m, double dt_s) noexcept {
   double speed_m_s = -(hurries_ ? gripper_.max_finger_speed_m_s : control_.closing_speed_m_s);
-  double most_m = gripper_.max_opening_m;
+  double most_m = gripper_.opening_m.high;
   if (measured_force_N >= kTouchShare * control_.contact_force_N) {
     // From the force of first touch upwards, so that the grip does not jump.
     force_reference_N_ =
@@ -94,7 +94,7 @@ void GraspController::press(double wanted_force_N, double measured_force_N, doub
     most_m = std::min(most_m, std::max(opening_m - least_N / gripper_.stiffness_N_m, opening_command_m_));
   }
   // No further than the actuator closes: against wind-up on nothing.
-  const double next_m = std::clamp(opening_command_m_ + dt_s * speed_m_s, gripper_.min_opening_m, most_m);
+  const double next_m = std::clamp(opening_command_m_ + dt_s * speed_m_s, gripper_.opening_m.low, most_m);
   opening_command_m_ = pace_.follow(next_m, seen_m_, dt_s);
 }
 

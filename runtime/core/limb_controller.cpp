@@ -137,7 +137,7 @@ void LimbController::restore(const LimbReference& reference, bool grips, const V
   found_ = in_contact_ = grips;
   contact_offset_W_m_ = grips ? Vector3(place_W_m - reference.gripper_position_W_m) : Vector3::Zero();
   gripped_opening_m_ = opening_m;
-  opened_m_ = gripper_.max_opening_m;
+  opened_m_ = gripper_.opening_m.high;
 }
 
 void LimbController::hand_over(const LimbReference& before, const LimbReference& now, double engagement) noexcept {
@@ -332,12 +332,12 @@ bool LimbController::finds_no_hold(const LimbReference& reference, bool begun) c
   return seeks && closed();
 }
 
-bool LimbController::closed() const noexcept { return finger_opening_m_ < gripper_.min_opening_m + kStop_m; }
+bool LimbController::closed() const noexcept { return finger_opening_m_ < gripper_.opening_m.low + kStop_m; }
 
 double LimbController::grip_opening_m(const LimbReference& reference) const noexcept {
   if (reference.point_foot || !(reference.gripping() || reference.closing())) return reference.finger_opening_m;
-  return std::clamp(in_contact_ ? gripped_opening_m_ : finger_opening_m_, gripper_.min_opening_m,
-                    gripper_.max_opening_m);
+  return std::clamp(in_contact_ ? gripped_opening_m_ : finger_opening_m_, gripper_.opening_m.low,
+                    gripper_.opening_m.high);
 }
 
 bool LimbController::closes_on_nothing() const noexcept {

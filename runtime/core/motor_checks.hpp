@@ -4,16 +4,16 @@
 
 #include <string>
 
-#include "core/robot_yaml.hpp"
+#include "crux_msgs/robot.hpp"
 
 namespace crux {
 
 /// `fastest_rad_s`: the highest speed limit of a limb's joint.
 /// @throws std::runtime_error naming file, key, value and what would be right
-void check_motors(const YamlSection& file, const std::string& path, double fastest_rad_s);
+void check_motors(const crux_msgs::robot::Sections& robot, const std::string& path, double fastest_rad_s);
 
 /// The admittance must be stable against what it presses on.
 /// @throws std::runtime_error as check_motors
-void check_gains(const YamlSection& file, const std::string& path);
+void check_gains(const crux_msgs::robot::Sections& robot, const std::string& path);
 
 }  // namespace crux

@@ -12,7 +12,7 @@ constexpr double kSustained = 0.8;   // of the oldest swings: shaking that dies 
 }  // namespace
 
 OscillationWatch::OscillationWatch(const RobotDescription& robot, int limb) noexcept
-    : limb_(limb), least_rad_(robot.supervisor.oscillation_rad), nodes_(robot.can.joint_nodes) {}
+    : limb_(limb), least_rad_(robot.supervisor.oscillation_rad), nodes_(robot.can.nodes.joints) {}
 
 void OscillationWatch::restart() noexcept {
   swings_.fill({});

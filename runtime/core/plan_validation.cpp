@@ -177,9 +177,9 @@ std::string limb_defect(const RobotDescription& robot, const plan_t& plan, bool 
     return Sentence() << where << "a number is not finite";
   }
   const double opening_m = 0.5 * limb.finger_separation_m;
-  if (opening_m < robot.gripper.min_opening_m || opening_m > robot.gripper.max_opening_m) {
+  if (opening_m < robot.gripper.opening_m.low || opening_m > robot.gripper.opening_m.high) {
     return Sentence() << where << "finger_separation_m is " << limb.finger_separation_m << "; the gripper has "
-                      << 2.0 * robot.gripper.min_opening_m << ".." << 2.0 * robot.gripper.max_opening_m << " m";
+                      << 2.0 * robot.gripper.opening_m.low << ".." << 2.0 * robot.gripper.opening_m.high << " m";
   }
   for (int i = 0; i < 3; ++i) {
     const double force_N = limb.finger_force_w_n[i] + limb.finger_force_w_n[3 + i];

@@ -99,9 +99,9 @@ FaultEvent ControlCore::late_joint() const noexcept {
   if (started_ || !probe_.done()) return latest;
   const std::array<double, kAllJoints> dead_s = joint_dead_time_s();
   const auto joint = static_cast<int>(std::ranges::max_element(dead_s) - dead_s.begin());
-  const double borne_s = robot_.servo.delay_margin_s / crux_msgs::robot::kDeadTimeMargin;
+  const double borne_s = robot_.delay_margin_s / crux_msgs::robot::kDeadTimeMargin;
   if (dead_s[joint] > borne_s)
-    latest = {FaultCode::kJointLate, joint / kJoints, robot_.can.joint_nodes[joint % kJoints], dead_s[joint], borne_s};
+    latest = {FaultCode::kJointLate, joint / kJoints, robot_.can.nodes.joints[joint % kJoints], dead_s[joint], borne_s};
   return latest;
 }
 

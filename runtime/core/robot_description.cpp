@@ -82,120 +82,30 @@ void read_limb(const Urdf& urdf, const LimbChain& chain, LimbDescription& limb) 
   }
 }
 
-void read_parameters(const YamlSection& file, RobotDescription& robot) {
-  const YamlSection can = file.section("can");
-  robot.can.rate_Hz = can.number("rate_Hz");
-  robot.can.watchdog_cycles = can.integer("watchdog_cycles");
-  const std::array<std::string, kJoints> joints = file.section("limb").texts<kJoints>("joints");
-  const YamlSection nodes = can.section("nodes");
-  for (int j = 0; j < kJoints; ++j) robot.can.joint_nodes[j] = nodes.integer(joints[j]);
-  robot.can.gripper_node = nodes.integer("gripper");
+/// Fills the sections of a description from a checked file.
+struct ReadValue {
+  const YamlSection& file;
 
-  const YamlSection servo = file.section("servo");
-  robot.servo.position_gain_Nm_rad = servo.numbers<kJoints>("position_gain_Nm_rad");
-  robot.servo.velocity_gain_Nms_rad = servo.numbers<kJoints>("velocity_gain_Nms_rad");
-  robot.servo.damping_Nms_rad = servo.numbers<kJoints>("damping_Nms_rad");
-  robot.servo.setpoint_time_constant_s = servo.number("setpoint_time_constant_s");
-  robot.servo.torque_time_constant_s = servo.number("torque_time_constant_s");
-  robot.servo.dead_time_s = servo.number("dead_time_s");
-
-  const YamlSection gripper = file.section("gripper");
-  const auto opening = gripper.numbers<2>("opening_m");
-  robot.gripper = {.min_opening_m = opening[0],
-                   .max_opening_m = opening[1],
-                   .max_finger_force_N = gripper.number("max_finger_force_N"),
-                   .max_finger_speed_m_s = gripper.number("max_finger_speed_m_s"),
-                   .stiffness_N_m = gripper.number("stiffness_N_m"),
-                   .damping_Ns_m = gripper.number("damping_Ns_m"),
-                   .pad_radius_m = gripper.number("pad_radius_m")};
-
-  const YamlSection ft = file.section("force_torque");
-  robot.force_torque = {.range_N = ft.number("range_N"), .range_Nm = ft.number("range_Nm")};
-
-  const YamlSection a = file.section("admittance");
-  robot.admittance = {.mass_kg = a.number("mass_kg"),
-                      .damping_Ns_m = a.number("damping_Ns_m"),
-                      .stiffness_N_m = a.number("stiffness_N_m"),
-                      .inertia_kg_m2 = a.number("inertia_kg_m2"),
-                      .rotational_damping_Nms_rad = a.number("rotational_damping_Nms_rad"),
-                      .rotational_stiffness_Nm_rad = a.number("rotational_stiffness_Nm_rad"),
-                      .max_speed_m_s = a.number("max_speed_m_s"),
-                      .max_rate_rad_s = a.number("max_rate_rad_s"),
-                      .max_offset_m = a.number("max_offset_m"),
-                      .max_rotation_rad = a.number("max_rotation_rad"),
-                      .environment_N_m = a.number("environment_N_m"),
-                      .environment_Nm_rad = a.number("environment_Nm_rad"),
-                      .delay_s = a.number("delay_s")};
-
-  const YamlSection k = file.section("calibration");
-  robot.calibration = {.window_s = k.number("window_s"),
-                       .tolerated_N = k.number("tolerated_N"),
-                       .tolerated_Nm = k.number("tolerated_Nm"),
-                       .max_change = k.number("max_change")};
-
-  const YamlSection c = file.section("control");
-  robot.control = {.force_filter_s = c.number("force_filter_s"),
-                   .tare_time_constant_s = c.number("tare_time_constant_s"),
-                   .contact_force_N = c.number("contact_force_N"),
-                   .unload_force_N = c.number("unload_force_N"),
-                   .grasp_force_factor = c.number("grasp_force_factor"),
-                   .grasp_force_reserve_N = c.number("grasp_force_reserve_N"),
-                   .trusted_friction = c.number("trusted_friction"),
-                   .min_grasp_force_N = c.number("min_grasp_force_N"),
-                   .grasp_damping_Ns_m = c.number("grasp_damping_Ns_m"),
-                   .grasp_force_time_constant_s = c.number("grasp_force_time_constant_s"),
-                   .grasp_force_lead_s = c.number("grasp_force_lead_s"),
-                   .closing_speed_m_s = c.number("closing_speed_m_s"),
-                   .body_gain_1_s = c.number("body_gain_1_s"),
-                   .max_body_correction_m = c.number("max_body_correction_m"),
-                   .max_body_rotation_rad = c.number("max_body_rotation_rad"),
-                   .twist_length_m = c.number("twist_length_m"),
-                   .moment_length_m = c.number("moment_length_m"),
-                   .swing_decay_s = c.number("swing_decay_s"),
-                   .engage_time_s = c.number("engage_time_s"),
-                   .max_contact_offset_m = c.number("max_contact_offset_m")};
-
-  const YamlSection m = file.section("localisation");
-  robot.localisation = {.hold_sigma_m = m.number("hold_sigma_m"),
-                        .grasp_sigma_m = m.number("grasp_sigma_m"),
-                        .grasp_sigma_rad = m.number("grasp_sigma_rad"),
-                        .tilt_sigma_rad = m.number("tilt_sigma_rad")};
-
-  const YamlSection f = file.section("stance");
-  robot.stance = {.shift_sigma_m = f.number("shift_sigma_m"),
-                  .turn_sigma_rad = f.number("turn_sigma_rad"),
-                  .idle_torque_Nm = f.number("idle_torque_Nm"),
-                  .most_play_rad = f.number("most_play_rad"),
-                  .play_memory_s = f.number("play_memory_s"),
-                  .slip_m = f.number("slip_m"),
-                  .max_slip_m = f.number("max_slip_m"),
-                  .still_time_s = f.number("still_time_s"),
-                  .relief_load = f.number("relief_load"),
-                  .max_misfit_m = f.number("max_misfit_m"),
-                  .balance_memory_s = f.number("balance_memory_s"),
-                  .max_unbalanced_N = f.number("max_unbalanced_N"),
-                  .unbalanced_time_s = f.number("unbalanced_time_s")};
-
-  const YamlSection s = file.section("supervisor");
-  robot.supervisor = {.start_tolerance_m = s.number("start_tolerance_m"),
-                      .start_tolerance_rad = s.number("start_tolerance_rad"),
-                      .settle_time_s = s.number("settle_time_s"),
-                      .event_timeout_s = s.number("event_timeout_s"),
-                      .arrive_tolerance_m = s.number("arrive_tolerance_m"),
-                      .open_tolerance_m = s.number("open_tolerance_m"),
-                      .silent_cycles = s.integer("silent_cycles"),
-                      .max_body_error_m = s.number("max_body_error_m"),
-                      .max_tracking_error_rad = s.number("max_tracking_error_rad"),
-                      .min_stance_force_N = s.number("min_stance_force_N"),
-                      .max_ik_error_m = s.number("max_ik_error_m"),
-                      .oscillation_rad = s.number("oscillation_rad"),
-                      .encoder_standstill_rad = s.number("encoder_standstill_rad"),
-                      .max_ft_residual_Nm = s.number("max_ft_residual_Nm"),
-                      .max_ft_residual_share = s.number("max_ft_residual_share"),
-                      .max_finger_residual_N = s.number("max_finger_residual_N"),
-                      .max_late_s = s.number("max_late_s"),
-                      .persistence_s = s.number("persistence_s")};
-}
+  void operator()(const char* section, const char* key, double& value) const {
+    value = file.section(section).number(key);
+  }
+  void operator()(const char* section, const char* key, int& value) const {
+    value = file.section(section).integer(key);
+  }
+  void operator()(const char* section, const char* key, std::array<double, kJoints>& values) const {
+    values = file.section(section).numbers<kJoints>(key);
+  }
+  void operator()(const char* section, const char* key, crux_msgs::robot::Interval& value) const {
+    const auto [low, high] = file.section(section).numbers<2>(key);
+    value = {low, high};
+  }
+  void operator()(const char* section, const char* key, crux_msgs::robot::Nodes& value) const {
+    const YamlSection nodes = file.section(section).section(key);
+    const std::array<std::string, kJoints> joints = file.section("limb").texts<kJoints>("joints");
+    for (int j = 0; j < kJoints; ++j) value.joints[j] = nodes.integer(joints[j]);
+    value.gripper = nodes.integer("gripper");
+  }
+};
 
 LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
   LimbNames names{limb.texts<kJoints>("joints"), prefix + limb.text("gripper_frame"), limb.texts<2>("finger_joints")};
@@ -204,15 +114,14 @@ LimbNames limb_names(const YamlSection& limb, const std::string& prefix) {
   return names;
 }
 
-void check_joint_loops(const YamlSection& file, const std::string& path, RobotDescription& robot) {
+double checked_joint_loops(const RobotDescription& robot, const std::string& path) {
   const auto each = [](const std::array<double, kJoints>& values) { return JointVector(values.data()); };
-  ServoDescription& servo = robot.servo;
+  const ServoDescription& servo = robot.servo;
   const JointLoops loops = {.position_gain_Nm_rad = each(servo.position_gain_Nm_rad),
                             .velocity_gain_Nms_rad = each(servo.velocity_gain_Nms_rad),
                             .damping_Nms_rad = each(servo.damping_Nms_rad),
                             .lag_s = servo.torque_time_constant_s};
-  const JointVector armature_kg_m2 = each(file.section("servo").numbers<kJoints>("armature_kg_m2"));
-  servo.delay_margin_s = checked_delay_margin_s(robot.limbs[0], loops, armature_kg_m2, servo.dead_time_s, path);
+  return checked_delay_margin_s(robot.limbs[0], loops, each(servo.armature_kg_m2), servo.dead_time_s, path);
 }
 
 RobotDescription read_robot(const std::string& yaml_path) {
@@ -226,7 +135,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
   robot.name = file.text("name");
   robot.sha256 = sha256_hex(robot_meaning(file.node(), urdf_bytes));
   robot.files = {{{"robot.yaml", yaml_bytes}, {file.text("urdf"), urdf_bytes}}};
-  read_parameters(file, robot);
+  crux_msgs::robot::each_value(robot, ReadValue{file});
   PerLimb<LimbNames> names;
   for (int l = 0; l < kLimbs; ++l) {
     const YamlSection one = file.section("limbs").section(kLimbNames[l]);
@@ -236,7 +145,7 @@ RobotDescription read_robot(const std::string& yaml_path) {
   }
   const std::string body_link = file.text("body_link");
   const PerLimb<LimbChain> chains =
-      checked_limbs(urdf, urdf_path, body_link, names, {robot.gripper.min_opening_m, robot.gripper.max_opening_m});
+      checked_limbs(urdf, urdf_path, body_link, names, {robot.gripper.opening_m.low, robot.gripper.opening_m.high});
   double fastest_rad_s = 0.0;
   for (int l = 0; l < kLimbs; ++l) {
     read_limb(urdf, chains[l], robot.limbs[l]);
@@ -249,9 +158,9 @@ RobotDescription read_robot(const std::string& yaml_path) {
   std::map<std::string, double> masses;  // summed by name, as in logs before
   for (const UrdfLink& link : urdf.links) masses[link.name] = link.mass_kg;
   for (const auto& [link, mass_kg] : masses) robot.total_mass_kg += mass_kg;
-  check_motors(file, yaml_path, fastest_rad_s);
-  check_gains(file, yaml_path);
-  check_joint_loops(file, yaml_path, robot);
+  check_motors(robot, yaml_path, fastest_rad_s);
+  check_gains(robot, yaml_path);
+  robot.delay_margin_s = checked_joint_loops(robot, yaml_path);
   return robot;
 }
 

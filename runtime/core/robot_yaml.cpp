@@ -22,7 +22,7 @@ namespace {
 
 namespace bounds = crux_msgs::robot;
 using crux_msgs::robot::RobotKey;
-using crux_msgs::robot::RobotKeyKind;
+using crux_msgs::robot::RobotKeyType;
 
 constexpr std::size_t kShownText = 60;
 
@@ -144,22 +144,19 @@ class Checker {
   explicit Checker(std::string path) : path_(std::move(path)) {}
 
   void check(const YAML::Node& root) {
-    std::vector<std::string> keys = {"version", "name", "urdf", "body_link", "limbs", "limb"};
+    std::vector<std::string> keys = keys_of("");
+    const std::size_t own = keys.size();
     for (const RobotKey& key : bounds::kKeys)
-      if (keys.back() != key.section) keys.emplace_back(key.section);
+      if (!key.section.empty() && keys.back() != key.section) keys.emplace_back(key.section);
     const YAML::Node found = members(root, "", keys);
-    if (found["version"]) check_integer(found["version"], "version", 1, 1);
-    for (const char* name : {"name", "urdf", "body_link"})
-      if (found[name]) check_text(found[name], name);
-    if (const YAML::Node urdf = found["urdf"]; urdf && kind_of(urdf) == Kind::kText) {
-      const std::string& name = urdf.Scalar();
-      if (name.find('/') != std::string::npos || name == "." || name == "..")
-        note(urdf, "urdf", "expected a file name in the same folder");
+    check_values(found, "", "");
+    for (auto section = keys.begin() + static_cast<std::ptrdiff_t>(own); section != keys.end(); ++section) {
+      if (!found[*section]) continue;
+      if (*section == "limbs")
+        check_limbs(found[*section]);
+      else
+        check_section(found[*section], *section, *section);
     }
-    if (found["limbs"]) check_limbs(found["limbs"]);
-    if (found["limb"]) check_limb(found["limb"]);
-    for (auto key = keys.begin() + 6; key != keys.end(); ++key)
-      if (found[*key]) check_section(found[*key], *key);
     const auto by_line = [](const auto& a, const auto& b) { return a.first < b.first; };
     std::ranges::stable_sort(problems_, by_line);
     if (!problems_.empty()) throw std::runtime_error(problems_.front().second);
@@ -240,79 +237,101 @@ class Checker {
     return note(node, place, expected + hint), false;
   }
 
-  bool check_numbers(const YAML::Node& node, const std::string& place, std::size_t count, const RobotKey& key) {
-    if (!node.IsSequence() || node.size() != count) {
+  bool check_numbers(const YAML::Node& node, const std::string& place, const RobotKey& key) {
+    if (!node.IsSequence() || node.size() != key.count) {
       const std::string in_unit = key.unit.empty() ? "" : " in " + std::string(key.unit);
-      note(node, place, "expected a list of " + std::to_string(count) + " numbers" + in_unit);
+      note(node, place, "expected a list of " + std::to_string(key.count) + " numbers" + in_unit);
       return false;
     }
-    for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t i = 0; i < key.count; ++i)
       if (!check_number(node[i], place + "[" + std::to_string(i) + "]", key.low, key.high, key.unit)) return false;
     return true;
   }
 
   void check_limbs(const YAML::Node& node) {
     const YAML::Node limbs = members(node, "limbs", {kLimbNames.begin(), kLimbNames.end()});
-    std::set<double> buses;
-    std::set<std::string> prefixes;
-    for (const std::string limb : kLimbNames) {
-      if (!limbs[limb]) continue;
-      const std::string place = "limbs." + limb;
-      const YAML::Node one = members(limbs[limb], place, {"bus", "prefix"});
-      if (one["bus"] && check_integer(one["bus"], place + ".bus", 0, bounds::kMaxBus) &&
-          !buses.insert(value_of(one["bus"].Scalar())).second)
-        note(one["bus"], place + ".bus", "expected a bus of its own for each limb");
-      if (!one["prefix"]) continue;
-      check_text(one["prefix"], place + ".prefix");
-      if (!prefixes.insert(one["prefix"].Scalar()).second)
-        note(one["prefix"], place + ".prefix", "expected a prefix of its own for each limb");
-    }
+    for (const std::string limb : kLimbNames)
+      if (limbs[limb]) check_section(limbs[limb], "limbs." + limb, "limbs");
   }
 
-  void check_limb(const YAML::Node& node) {
-    const YAML::Node limb = members(node, "limb", {"joints", "gripper_frame", "finger_joints"});
-    joints_ = names(limb, "joints", kJoints);
-    names(limb, "finger_joints", 2);
-    if (limb["gripper_frame"]) check_text(limb["gripper_frame"], "limb.gripper_frame");
+  /// Limbs share neither bus nor prefix.
+  void check_own(const YAML::Node& node, const std::string& place, const RobotKey& key) {
+    const std::string value = key.type == RobotKeyType::kInteger ? crux::shown(value_of(node.Scalar())) : node.Scalar();
+    if (!taken_[key.key].insert(value).second)
+      note(node, place, "expected a " + std::string(key.key) + " of its own for each limb");
   }
 
-  std::vector<std::string> names(const YAML::Node& limb, const std::string& key, std::size_t count) {
-    const YAML::Node list = limb[key];
-    std::vector<std::string> found;
-    if (!list) return found;
-    if (!list.IsSequence() || list.size() != count) {
-      note(list, "limb." + key, "expected a list of " + std::to_string(count) + " names");
-      return found;
-    }
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t before = problems_.size();
-      check_text(list[i], "limb." + key + "[" + std::to_string(i) + "]");
-      if (problems_.size() == before) found.push_back(list[i].Scalar());
-    }
-    return found.size() == count ? found : std::vector<std::string>();
-  }
-
-  void check_section(const YAML::Node& node, const std::string& section) {
+  static std::vector<std::string> keys_of(std::string_view section) {
     std::vector<std::string> keys;
     for (const RobotKey& key : bounds::kKeys)
       if (key.section == section) keys.emplace_back(key.key);
-    const YAML::Node found = members(node, section, keys);
-    for (const RobotKey& key : bounds::kKeys)
-      if (const YAML::Node value =
-              key.section == section ? found[std::string(key.key)] : YAML::Node(YAML::NodeType::Undefined))
-        check_value(value, section + "." + std::string(key.key), key);
+    return keys;
+  }
+
+  void check_section(const YAML::Node& node, const std::string& place, std::string_view section) {
+    check_values(members(node, place, keys_of(section)), place, section);
+  }
+
+  void check_values(const YAML::Node& found, const std::string& place, std::string_view section) {
+    for (const RobotKey& key : bounds::kKeys) {
+      const std::string name(key.key);
+      if (key.section != section || !found[name]) continue;
+      const std::size_t before = problems_.size();
+      check_value(found[name], path_to(place, name), key);
+      if (section == "limbs" && problems_.size() == before) check_own(found[name], path_to(place, name), key);
+    }
   }
 
   void check_value(const YAML::Node& node, const std::string& place, const RobotKey& key) {
-    if (key.kind == RobotKeyKind::kNumber) check_number(node, place, key.low, key.high, key.unit);
-    if (key.kind == RobotKeyKind::kInteger) check_integer(node, place, key.low, key.high);
-    if (key.kind == RobotKeyKind::kPerJoint) check_numbers(node, place, kJoints, key);
-    if (key.kind == RobotKeyKind::kNodes) check_nodes(node, place);
-    if (key.kind != RobotKeyKind::kInterval || !check_numbers(node, place, 2, key)) return;
+    switch (key.type) {
+      case RobotKeyType::kNumber:
+        check_number(node, place, key.low, key.high, key.unit);
+        break;
+      case RobotKeyType::kInteger:
+        check_integer(node, place, key.low, key.high);
+        break;
+      case RobotKeyType::kPerJoint:
+        check_numbers(node, place, key);
+        break;
+      case RobotKeyType::kInterval:
+        check_interval(node, place, key);
+        break;
+      case RobotKeyType::kText:
+        check_text(node, place);
+        break;
+      case RobotKeyType::kFile:
+        check_text(node, place);
+        check_file_name(node, place);
+        break;
+      case RobotKeyType::kNames:
+        check_names(node, place, key);
+        break;
+      case RobotKeyType::kNodes:
+        check_nodes(node, place);
+    }
+  }
+
+  void check_interval(const YAML::Node& node, const std::string& place, const RobotKey& key) {
+    if (!check_numbers(node, place, key)) return;
     const double low = value_of(node[0].Scalar()), high = value_of(node[1].Scalar());
     if (low >= high)
       note(node, place, "[" + crux::shown(low) + ", " + crux::shown(high) + "]",
            "expected [low, high] with low below high");
+  }
+
+  void check_file_name(const YAML::Node& node, const std::string& place) {
+    const std::string& name = node.Scalar();
+    if (kind_of(node) == Kind::kText && (name.find('/') != std::string::npos || name == "." || name == ".."))
+      note(node, place, "expected a file name in the same folder");
+  }
+
+  void check_names(const YAML::Node& node, const std::string& place, const RobotKey& key) {
+    if (!node.IsSequence() || node.size() != key.count)
+      return note(node, place, "expected a list of " + std::to_string(key.count) + " names");
+    const std::size_t before = problems_.size();
+    for (std::size_t i = 0; i < key.count; ++i) check_text(node[i], place + "[" + std::to_string(i) + "]");
+    if (key.key != "joints" || problems_.size() > before) return;
+    for (const YAML::Node& name : node) joints_.push_back(name.Scalar());
   }
 
   /// Numbers on the bus, which the CAN database fixes: from the shoulder outwards, the gripper last.
@@ -331,6 +350,7 @@ class Checker {
 
   std::string path_;
   std::vector<std::string> joints_;
+  std::map<std::string_view, std::set<std::string>> taken_;  ///< values of the limbs' keys
   std::map<std::string, int> empty_;  ///< lines of keys without a value, which yaml-cpp places at what comes next
   std::vector<std::pair<int, std::string>> problems_;  ///< by line
 };

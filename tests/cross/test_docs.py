@@ -45,6 +45,19 @@ def test_every_fault_has_its_page(pages: Path) -> None:
         assert f"[{fault['name']}]({fault['name']}.md)" in (pages / "faults" / "index.md").read_text(encoding="utf-8")
 
 
+def test_every_key_of_a_robot_is_explained(pages: Path) -> None:
+    page = (pages / "robot-keys.md").read_text(encoding="utf-8")
+    robot = yaml.safe_load((ROOT / "msgs" / "robots" / "scaler" / "robot.yaml").read_text(encoding="utf-8"))
+    robot["limbs"] = robot["limbs"]["LF"]
+    for section, values in robot.items():
+        about = page if not isinstance(values, dict) else page.partition(f"## {section}\n")[2].partition("\n## ")[0]
+        for key, value in values.items() if isinstance(values, dict) else [(section, values)]:
+            row = rf"^\| `{key}` \| .+ \| \w.+ \| {re.escape(str(value))}( \[[SCA]\])? \|$"
+            assert re.search(row, about, re.MULTILINE), key
+    assert "| `dead_time_s` | number from 0 s | " in page
+    assert "0.004 [A] |" in page
+
+
 def test_commands_and_frames_are_all_there(pages: Path) -> None:
     commands = (pages / "commands.md").read_text(encoding="utf-8")
     for name, command in cli.COMMANDS.items():

@@ -133,8 +133,8 @@ def nodes_with_a_joint_that_turns(port: int) -> Iterator[None]:
         def run() -> None:
             while not ended.is_set():
                 nodes.wait_sync(0.1)
-                torque, _ = nodes.control(robot.can.dt_s, angle, zero, opening, np.zeros(4), np.zeros(4))
-                angle[:] += torque / DAMPING_NMS_RAD * robot.can.dt_s
+                torque, _ = nodes.control(robot.dt_s, angle, zero, opening, np.zeros(4), np.zeros(4))
+                angle[:] += torque / DAMPING_NMS_RAD * robot.dt_s
                 nodes.publish(angle, zero, torque, opening, np.zeros(4), np.zeros(4), np.zeros((4, 6)))
 
         thread = threading.Thread(target=run)

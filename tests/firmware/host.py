@@ -132,4 +132,4 @@ def host(robot: Robot) -> Iterator[Host]:
             bus = can.Bus(interface="udp_multicast", channel=BUS_GROUP, port=int(url.split(":")[2]), hop_limit=0)
             stack.callback(bus.shutdown)
             buses.append(bus)
-        yield Host(nodes, buses, urls, robot.can.dt_s)
+        yield Host(nodes, buses, urls, robot.dt_s)

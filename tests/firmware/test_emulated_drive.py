@@ -11,6 +11,7 @@ from typing import Any
 import crux_emulated
 import pytest
 from crux_contracts.can_codec import Values
+from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.robot import Robot, load_robot
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.param_command import describe, write
@@ -108,7 +109,7 @@ def test_an_amplifier_that_is_stuck_never_makes_more_than_a_quarter_beyond_the_l
     if CURRENTS in bench.causes:
         assert bench.status["State"] == FAULT_STATE
         # The field stands: as strong as the winding bears for good.
-        assert abs(bench.torques_Nm[-1]) <= 1.03 * robot.motor.continuous_torque_Nm
+        assert abs(bench.torques_Nm[-1]) <= 1.03 * joint_continuous_torque_Nm(robot.motor)
     else:  # what the phase carries here differs too little from what its amplifier says
         assert bench.torques_Nm[-1] == pytest.approx(5.0, abs=0.3 * limit_Nm)
 

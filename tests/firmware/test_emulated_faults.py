@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.robot import Robot, load_robot
 from emulated import board, image
 from host import TRACK, Host, host
@@ -57,8 +58,8 @@ def assert_field_stands(robot: Robot, bus: Host, electrical_rad: float | None) -
         found.append(torques(bus, 10)[-1])
     phase = math.atan2(-found[2], found[0]) if electrical_rad is None else electrical_rad
     for eighth, torque in enumerate(found):
-        expected = motor.continuous_torque_Nm * math.cos(phase + eighth / 8 * 2 * math.pi)
-        assert torque == pytest.approx(expected, abs=0.03 * motor.continuous_torque_Nm)
+        expected = joint_continuous_torque_Nm(motor) * math.cos(phase + eighth / 8 * 2 * math.pi)
+        assert torque == pytest.approx(expected, abs=0.03 * joint_continuous_torque_Nm(motor))
 
 
 def broken_image(folder: Path, function: str, code: bytes) -> Path:

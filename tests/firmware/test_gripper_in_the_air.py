@@ -36,7 +36,7 @@ def test_fingers_move_smoothly() -> None:
                 can_codec.encode("Sync", {"Cycle": cycle}, counter),
             ):
                 emulated.hear(frame.identifier, frame.data)
-            for _ in range(round(robot.can.dt_s / STEP_S)):
+            for _ in range(round(robot.dt_s / STEP_S)):
                 force_N = emulated.control(STEP_S, opening_m)  # of a finger, positive closes
                 drag = 1 + STEP_S * gripper.screw_damping_Ns_m / gripper.moving_mass_kg
                 speed_m_s = (speed_m_s - STEP_S * force_N / gripper.moving_mass_kg) / drag
@@ -45,8 +45,8 @@ def test_fingers_move_smoothly() -> None:
         assert emulated.fault == ""
     path = np.array(path_m)
     moved_m = path[-1] - path[0]
-    passed_s = (CYCLES - MOVES_FROM) * robot.can.dt_s
+    passed_s = (CYCLES - MOVES_FROM) * robot.dt_s
     assert abs(moved_m - gripper.max_finger_speed_m_s * passed_s) < 0.1 * moved_m
     away = path - np.convolve(path, np.ones(SMOOTH + 1) / (SMOOTH + 1), "same")
-    judged = away[round(JUDGED_FROM * robot.can.dt_s / STEP_S) : -SMOOTH]
+    judged = away[round(JUDGED_FROM * robot.dt_s / STEP_S) : -SMOOTH]
     assert np.abs(judged).max() < QUIVER_M

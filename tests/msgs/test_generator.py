@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from crux_contracts import channels
 from crux_contracts.can_codec import DBC
-from generate import can_c, lcm_types, tables
+from generate import can_c, lcm_types, robot_keys, tables
 from generate.can_c import CanDatabaseError
 from generate.lcm_types import LcmSyntaxError, parse_files
 from generate.ros2msg import definition
@@ -108,6 +108,27 @@ def test_fault_tables_that_contradict_themselves_are_refused(tmp_path: Path) -> 
     (tmp_path / "f.yaml").write_text(text.replace("to: HOLDING", "to: PANIC", 1))
     with pytest.raises(tables.TableError, match="unknown state PANIC"):
         tables.read_faults(tmp_path / "f.yaml", supervisor)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "says"),
+    [
+        ("unit: kg, means: virtual mass", "unit: N, means: virtual mass", "mass_kg does not end with its unit, N"),
+        ("type: per_joint", "type: per_finger", "per_finger is no type"),
+        ("range: fraction", "range: percent", "percent"),
+        ("key: noise_Nm, unit: Nm", "key: noise_N, unit: N", "there twice.*noise_N"),
+        ("key: max_change", "name: max_change", "unexpected keyword argument 'name'"),
+        ("includes: machine", "includes: engine", "engine"),
+    ],
+)
+def test_a_table_of_the_robots_keys_that_contradicts_itself_is_refused(
+    tmp_path: Path, right: str, wrong: str, says: str
+) -> None:
+    text = (MSGS / "robot_keys.yaml").read_text()
+    assert right in text
+    (tmp_path / "keys.yaml").write_text(text.replace(right, wrong, 1))
+    with pytest.raises(tables.TableError, match=says):
+        robot_keys.read_robot_keys(tmp_path / "keys.yaml")
 
 
 def test_python_sees_the_tables() -> None:

@@ -8,6 +8,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from crux_contracts.motors import (
+    finger_current_A,
+    flux_Wb,
+    joint_continuous_torque_Nm,
+    joint_current_A,
+    of_both_fingers,
+)
 from crux_contracts.robot import ROBOTS, RobotError, load_robot, robot_hash, robot_names
 from crux_contracts.robot_meaning import robot_meaning
 from crux_contracts.urdf import parse_xml
@@ -95,7 +102,7 @@ def test_the_hand_is_what_hangs_behind_the_sensor() -> None:
 
 def test_sections_are_typed() -> None:
     robot = load_robot("scaler")
-    assert robot.can.dt_s == pytest.approx(0.002)
+    assert robot.dt_s == pytest.approx(0.002)
     assert robot.can.nodes["gripper"] == 7
     assert len(robot.servo.position_gain_Nm_rad) == 6
     low, high = robot.gripper.opening_m
@@ -107,17 +114,17 @@ def test_sections_are_typed() -> None:
 def test_the_motors_bear_what_climbs_ask_of_the_joints() -> None:
     robot = load_robot("scaler")
     motor = robot.motor
-    assert motor.continuous_torque_Nm > 5.2  # rms of the hardest joint in a climb
+    assert joint_continuous_torque_Nm(motor) > 5.2  # rms of the hardest joint in a climb
     # Power at the rotor less the gear's loss is power at the joint.
-    current_A, speed_rad_s = motor.current_A(3.0), 2.0
-    rotor_W = 1.5 * motor.pole_pairs * motor.flux_Wb * current_A * speed_rad_s * motor.gear_ratio
+    current_A, speed_rad_s = joint_current_A(motor, 3.0), 2.0
+    rotor_W = 1.5 * motor.pole_pairs * flux_Wb(motor) * current_A * speed_rad_s * motor.gear_ratio
     assert rotor_W * motor.gear_efficiency == pytest.approx(3.0 * speed_rad_s)
     screw = robot.gripper_motor
     turns_a_s = 0.01 / screw.screw_lead_m
-    rotor_W = screw.torque_constant_Nm_A * screw.current_A(40.0) * 2 * np.pi * turns_a_s
+    rotor_W = screw.torque_constant_Nm_A * finger_current_A(screw, 40.0) * 2 * np.pi * turns_a_s
     assert rotor_W * screw.screw_efficiency == pytest.approx(2 * 40.0 * 0.01)
     # One energy, seen at the fingers and at the rotor.
-    assert 0.5 * screw.of_both_fingers(2.0) * (2 * np.pi * turns_a_s) ** 2 == pytest.approx(2 * 0.5 * 2.0 * 0.01**2)
+    assert 0.5 * of_both_fingers(screw, 2.0) * (2 * np.pi * turns_a_s) ** 2 == pytest.approx(2 * 0.5 * 2.0 * 0.01**2)
 
 
 def test_the_admittance_has_fifteen_degrees_of_phase_left_against_twice_its_stiffest_environment() -> None:

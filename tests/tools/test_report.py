@@ -13,6 +13,7 @@ import made_up_climb
 import numpy as np
 import pytest
 from crux_contracts import cdr
+from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.plan_file import write_plan
 from crux_contracts.robot import load_robot
 from crux_msgs import truth_verdict_t
@@ -210,7 +211,7 @@ def test_joint_torques_stand_against_their_limits(tmp_path: Path) -> None:
     log = tmp_path / "climb.mcap"
     write_log(log, Story(joint_torque_nm=tuple(torque)))
     page, _ = _report(log, tmp_path)
-    limit = robot.motor.continuous_torque_Nm
+    limit = joint_continuous_torque_Nm(robot.motor)
     assert _told(page, "LF joint1peak").startswith(f" 4.1 of 12.0 Nm, RMS 4.1 of {limit:.1f} Nm, heat at most ")
     assert "LF joint1 4.1 of 2.4 Nm" in _told(page, "the mean load that makers of such servos advise")
     assert _told(page, "Peak torque beyond the joint's effort").startswith(": RF joint2 12.5 of 12.0 Nm.")
@@ -228,7 +229,7 @@ def test_limits_are_those_of_the_description_in_the_log(tmp_path: Path, monkeypa
     log = tmp_path / "climb.mcap"
     write_log(log, Story())
     page, _ = _report(log, tmp_path)
-    limit = 4.0 / 5.0 * load_robot("scaler").motor.continuous_torque_Nm
+    limit = 4.0 / 5.0 * joint_continuous_torque_Nm(load_robot("scaler").motor)
     assert _told(page, "LF joint1peak").startswith(f" 0.0 of 12.0 Nm, RMS 0.0 of {limit:.1f} Nm")
 
 

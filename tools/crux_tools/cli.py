@@ -15,7 +15,7 @@ from crux_contracts.terminal import say
 
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.output import note, print_json
-from crux_tools.paths import CHECKOUT, SCENARIOS, how_to_add, version_and_requirements
+from crux_tools.paths import CHECKOUT, SCENARIOS, SCHEMAS, how_to_add, version_and_requirements
 
 DONE, FAILED, USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -72,6 +72,9 @@ EPILOG = f"""a first climb, and the same step by step:
   crux check out/plan.mcap
   crux climb out/plan.mcap -o out/climb.mcap
   crux report out/climb.mcap -o out/climb.html
+
+completion and checks in an editor, by the first line of robot.yaml:
+  # yaml-language-server: $schema={SCHEMAS}/robot.json
 
 exit status: 0 done, 1 the work failed (infeasible, unsafe, fell, differs), 2 the input or the usage is wrong"""
 

@@ -26,6 +26,7 @@ PROGRAMS = Path(__file__).resolve().parent / "programs"  # of the wheel: packagi
 CHECKOUT = (ROOT / "pyproject.toml").is_file()
 BUILD_DIR = ROOT / "build" / "cmake"
 SCENARIOS = MSGS / "scenarios"
+SCHEMAS = ROOT / "build" / "gen" / "schemas" if CHECKOUT else MSGS / "schemas"
 WORLDS = ROOT / "tools" / "worlds" if CHECKOUT else MSGS / "worlds"
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
+from crux_contracts.motors import flux_Wb
 from crux_contracts.robot import Robot
 
 LIMBS = 4
@@ -91,7 +92,7 @@ def world(robot: Robot, node: int) -> World:
         "pole_pairs": motor.pole_pairs,
         "resistance_ohm": motor.resistance_ohm,
         "inductance_H": motor.inductance_H,
-        "flux_Wb": motor.flux_Wb,
+        "flux_Wb": flux_Wb(motor),
         "supply_V": robot.drive.supply_V,
     }
     if node == GRIPPER:

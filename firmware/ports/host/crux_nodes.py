@@ -68,7 +68,7 @@ def joint_parameters(robot: Robot) -> list[JointParameters]:
             setpoint_time_constant_s=servo.setpoint_time_constant_s,
             max_deceleration_rad_s2=servo.max_deceleration_rad_s2,
             temperature_limit_degC=servo.temperature_limit_degC,
-            period_us=round(robot.can.dt_s * 1e6),
+            period_us=round(robot.dt_s * 1e6),
             watchdog_cycles=robot.can.watchdog_cycles,
         )
         for limb in robot.limbs
@@ -90,7 +90,7 @@ def gripper_parameters(robot: Robot) -> list[GripperParameters]:
             force_range_N=robot.force_torque.range_N,
             moment_range_Nm=robot.force_torque.range_Nm,
             temperature_limit_degC=gripper.temperature_limit_degC,
-            period_us=round(robot.can.dt_s * 1e6),
+            period_us=round(robot.dt_s * 1e6),
             watchdog_cycles=robot.can.watchdog_cycles,
         )
         for _ in robot.limbs

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 import math
 
+from crux_contracts.motors import finger_current_A, flux_Wb, joint_current_A, of_both_fingers
 from crux_contracts.robot import Robot
-from crux_contracts.robot_sections import Motor
+from crux_msgs.robot_keys import Machine
 
 BANDWIDTH_OF_SWING = 25.0  # of a gripper's current loop, against the frequency its fingers swing with
 
@@ -61,13 +62,13 @@ class GripperDriveParameters(ctypes.Structure):
 
 
 def _motor(
-    robot: Robot, motor: Motor, peak_current_A: float, bandwidth_rad_s: float, temperature_limit_degC: float
+    robot: Robot, motor: Machine, peak_current_A: float, bandwidth_rad_s: float, temperature_limit_degC: float
 ) -> MotorParameters:
     return MotorParameters(
         pole_pairs=motor.pole_pairs,
         resistance_ohm=motor.resistance_ohm,
         inductance_H=motor.inductance_H,
-        flux_Wb=motor.flux_Wb,
+        flux_Wb=flux_Wb(motor),
         peak_current_A=peak_current_A,
         continuous_current_A=min(motor.continuous_current_A, peak_current_A),
         heating_time_s=motor.heating_time_s,
@@ -85,7 +86,9 @@ def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
     bandwidth_rad_s = 1 / servo.torque_time_constant_s
     return [
         JointDriveParameters(
-            motor=_motor(robot, motor, motor.current_A(joint.effort), bandwidth_rad_s, servo.temperature_limit_degC),
+            motor=_motor(
+                robot, motor, joint_current_A(motor, joint.effort), bandwidth_rad_s, servo.temperature_limit_degC
+            ),
             gear=GearParameters(ratio=motor.gear_ratio, efficiency=motor.gear_efficiency),
         )
         for limb in robot.limbs
@@ -96,7 +99,7 @@ def joint_drive_parameters(robot: Robot) -> list[JointDriveParameters]:
 def gripper_drive_parameters(robot: Robot) -> list[GripperDriveParameters]:
     """Of the four grippers: the peak current builds the greatest finger force."""
     gripper, motor = robot.gripper, robot.gripper_motor
-    peak_current_A = motor.current_A(gripper.max_finger_force_N)
+    peak_current_A = finger_current_A(motor, gripper.max_finger_force_N)
     # The fingers' mass swings on the stiffness of the loop above, and each millisecond of delay undamps it.
     bandwidth_rad_s = BANDWIDTH_OF_SWING * math.sqrt(gripper.stiffness_N_m / gripper.moving_mass_kg)
     return [
@@ -106,8 +109,8 @@ def gripper_drive_parameters(robot: Robot) -> list[GripperDriveParameters]:
                 lead_m=motor.screw_lead_m,
                 efficiency=motor.screw_efficiency,
                 release_torque=motor.screw_release_torque,
-                inertia_kg_m2=motor.of_both_fingers(gripper.moving_mass_kg),
-                drag_Nms_rad=motor.of_both_fingers(gripper.screw_damping_Ns_m),
+                inertia_kg_m2=of_both_fingers(motor, gripper.moving_mass_kg),
+                drag_Nms_rad=of_both_fingers(motor, gripper.screw_damping_Ns_m),
             ),
             coarse_travel_m=motor.coarse_travel_m,
         )

@@ -6,7 +6,9 @@ import math
 import typing
 from collections.abc import Iterator
 
-from .robot_sections import GripperMotor, JointMotor, Motor
+from crux_msgs.robot_keys import GripperMotor, Machine, Motor
+
+from .motors import flux_Wb, joint_continuous_torque_Nm, joint_current_A
 from .yaml_document import Problem
 
 if typing.TYPE_CHECKING:
@@ -19,10 +21,11 @@ def motor_problems(robot: Robot) -> Iterator[Problem]:
     yield from _gripper(robot, robot.gripper_motor)
 
 
-def _joints(robot: Robot, motor: JointMotor) -> Iterator[Problem]:
+def _joints(robot: Robot, motor: Motor) -> Iterator[Problem]:
     asked_Nm = max(robot.servo.continuous_torque_Nm)
-    if motor.continuous_torque_Nm < asked_Nm:
-        expected = f"expected at least {motor.current_A(asked_Nm):.3g}, for the {asked_Nm:g} Nm of continuous_torque_Nm"
+    if joint_continuous_torque_Nm(motor) < asked_Nm:
+        least_A = joint_current_A(motor, asked_Nm)
+        expected = f"expected at least {least_A:.3g}, for the {asked_Nm:g} Nm of continuous_torque_Nm"
         yield Problem("motor.continuous_current_A", f"{motor.continuous_current_A:g}", expected)
     fastest = max(joint.velocity for limb in robot.limbs for joint in limb.joints) * motor.gear_ratio
     yield from _speed("motor", motor, fastest)
@@ -45,16 +48,16 @@ def _gripper(robot: Robot, motor: GripperMotor) -> Iterator[Problem]:
     yield from _voltage(robot, "gripper_motor", motor, fastest)
 
 
-def _speed(section: str, motor: Motor, fastest_rad_s: float) -> Iterator[Problem]:
+def _speed(section: str, motor: Machine, fastest_rad_s: float) -> Iterator[Problem]:
     if motor.max_speed_rad_s <= fastest_rad_s:
         expected = f"expected more than the {fastest_rad_s:.4g} that the speed limit asks of the rotor"
         yield Problem(f"{section}.max_speed_rad_s", f"{motor.max_speed_rad_s:g}", expected)
 
 
-def _voltage(robot: Robot, section: str, motor: Motor, fastest_rad_s: float) -> Iterator[Problem]:
+def _voltage(robot: Robot, section: str, motor: Machine, fastest_rad_s: float) -> Iterator[Problem]:
     """Continuous current at full speed must be within what the supply makes: the circle of radius supply / sqrt 3."""
     electrical_rad_s = motor.pole_pairs * fastest_rad_s
-    along_V = motor.resistance_ohm * motor.continuous_current_A + electrical_rad_s * motor.flux_Wb
+    along_V = motor.resistance_ohm * motor.continuous_current_A + electrical_rad_s * flux_Wb(motor)
     across_V = electrical_rad_s * motor.inductance_H * motor.continuous_current_A
     needed_V = math.sqrt(3) * math.hypot(along_V, across_V)
     if needed_V > robot.drive.supply_V:

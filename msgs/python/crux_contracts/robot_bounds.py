@@ -9,7 +9,6 @@ JOINT_AXES = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0
 ALIKE = 1e-9  # components of axes, lengths [m] and angles [rad] that count as equal
 SAME_DIRECTION_RAD = 1e-4  # of mirrored limbs: URDFs round a quarter of a turn
 
-MAX_BUS = 15
 MAX_LENGTH_M = 3.0
 MIN_LINK_M = 0.01
 MAX_ANGLE_RAD = 4 * math.pi

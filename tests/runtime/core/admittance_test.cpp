@@ -236,8 +236,8 @@ TEST(GraspController, ClosesUntilContactThenReachesTheForceWithoutOvershoot) {
 
 TEST(GraspController, FingersAtTheirStopAreNotCommandedBeyondIt) {
   GraspController grasp(robot().gripper, robot().control);
-  grasp.reset(robot().gripper.min_opening_m, 20.0);
-  EXPECT_GE(grasp.opening_command_m(), robot().gripper.min_opening_m);
+  grasp.reset(robot().gripper.opening_m.low, 20.0);
+  EXPECT_GE(grasp.opening_command_m(), robot().gripper.opening_m.low);
 }
 
 TEST(GraspController, ClosesAsFastAsItCanWhereItHurries) {
@@ -344,7 +344,7 @@ TEST(GraspController, OpensAtItsSpeedAndDoesNotWindUpOnNothing) {
   for (int i = 0; i < 100; ++i) grasp.open_to(0.048, kDt_s);
   EXPECT_NEAR(grasp.opening_command_m(), start + 0.2 * robot().gripper.max_finger_speed_m_s, 1e-9);
   for (int i = 0; i < 5000; ++i) grasp.press(20.0, 0.0, 0.0, kDt_s);  // nothing there to press
-  EXPECT_GE(grasp.opening_command_m(), robot().gripper.min_opening_m);
+  EXPECT_GE(grasp.opening_command_m(), robot().gripper.opening_m.low);
 }
 
 }  // namespace

@@ -93,7 +93,7 @@ TEST_F(LateRobot, OneWhoseGainsDoNotBearItIsRefused) {
   for (int i = 0; i < 1000 && !run_.result.has_fault; ++i) step();
   ASSERT_TRUE(run_.result.has_fault);
   EXPECT_EQ(run_.result.fault.code, static_cast<int>(FaultCode::kJointLate));
-  EXPECT_NEAR(run_.result.fault.limit, robot().servo.delay_margin_s / 2.0, 1e-12);
+  EXPECT_NEAR(run_.result.fault.limit, robot().delay_margin_s / 2.0, 1e-12);
   EXPECT_GT(run_.result.fault.value, robot().servo.dead_time_s);
   EXPECT_EQ(run_.core.state(), SupervisorState::kFault) << "the nodes hold by themselves";
   step(command_t::START);
@@ -111,7 +111,7 @@ bool told(double width_rad, double frequency_Hz, double decay_1_s, double second
     if (!watch.fault()) continue;
     EXPECT_EQ(watch.fault().code, FaultCode::kJointOscillates);
     EXPECT_EQ(watch.fault().limb, 1);
-    EXPECT_EQ(watch.fault().node, robot().can.joint_nodes[3]);
+    EXPECT_EQ(watch.fault().node, robot().can.nodes.joints[3]);
     if (drift_rad_s == 0.0) {
       EXPECT_NEAR(watch.fault().value, width_rad, 0.1 * width_rad);
     }
@@ -154,7 +154,7 @@ TEST(Oscillation, InHoldingItIsAnsweredByTheNodesOwnHold) {
   EXPECT_LE(cycles * kDt_s, 0.3);
   EXPECT_EQ(run.result.fault.code, static_cast<int>(FaultCode::kJointOscillates));
   EXPECT_EQ(run.result.fault.limb, 1);
-  EXPECT_EQ(run.result.fault.node, robot().can.joint_nodes[3]);
+  EXPECT_EQ(run.result.fault.node, robot().can.nodes.joints[3]);
   EXPECT_EQ(run.core.state(), SupervisorState::kFault);
 }
 

@@ -68,6 +68,41 @@ TEST(RobotDescription, HandCarriesTheFingers) {
   EXPECT_NEAR(robot().limbs[0].hand_com_G_m.z(), (0.25 * 0.06 + 0.1 * 0.02) / 0.35, 1e-12);
 }
 
+/// Compares what was read with the file as yaml-cpp reads it.
+struct AsInTheFile {
+  YAML::Node file = YAML::LoadFile(CRUX_ROBOT);
+  int* seen;
+
+  YAML::Node at(const char* section, const char* key) const { return ++*seen, file[section][key]; }
+  void operator()(const char* section, const char* key, double value) const {
+    EXPECT_EQ(value, at(section, key).as<double>()) << section << '.' << key;
+  }
+  void operator()(const char* section, const char* key, int value) const {
+    EXPECT_EQ(value, at(section, key).as<int>()) << section << '.' << key;
+  }
+  void operator()(const char* section, const char* key, const std::array<double, kJoints>& values) const {
+    EXPECT_EQ(values, (at(section, key).as<std::array<double, kJoints>>())) << section << '.' << key;
+  }
+  void operator()(const char* section, const char* key, const crux_msgs::robot::Interval& value) const {
+    EXPECT_EQ((std::array{value.low, value.high}), (at(section, key).as<std::array<double, 2>>())) << key;
+  }
+  void operator()(const char* section, const char* key, const crux_msgs::robot::Nodes& value) const {
+    const YAML::Node nodes = at(section, key);
+    EXPECT_EQ(value.joints[2], nodes["joint3"].as<int>());
+    EXPECT_EQ(value.gripper, nodes["gripper"].as<int>());
+  }
+};
+
+TEST(RobotDescription, HasEveryNumberOfTheFile) {
+  int seen = 0, there = 0;
+  RobotDescription read = robot();
+  crux_msgs::robot::each_value(read, AsInTheFile{.seen = &seen});
+  for (const auto& section : YAML::LoadFile(CRUX_ROBOT))
+    if (section.second.IsMap() && section.first.Scalar().find("limb") != 0)
+      there += static_cast<int>(section.second.size());
+  EXPECT_EQ(seen, there);
+}
+
 TEST(RobotDescription, AMissingFileIsNamed) {
   EXPECT_NE(load_robot("/nonexistent/robot.yaml").reason().find("/nonexistent/robot.yaml"), std::string::npos);
 }

@@ -314,7 +314,7 @@ TEST_F(Sensors, FingersThatJamInTheAirGripNothingHoweverHardTheyPress) {
 
 TEST_F(Sensors, AHoldThatIsNotThereIsMissingAndNoSensorIsBlamed) {
   run_.steps(kIntoSwing);
-  const double stop_m = robot().gripper.min_opening_m;
+  const double stop_m = robot().gripper.opening_m.low;
   const auto miss = [&](crux_msgs::control_input_t& in) {
     in.finger_opening_m[0] = std::max(run_.result.output.finger_opening_m[0], stop_m);
     in.finger_force_n[0] = 0.0;
@@ -331,7 +331,7 @@ TEST(Start, AHoldThatIsNotThereIsMissingBeforeTheClimbBegins) {
   run.step(command_t::START);
   for (int i = 0; i < 3000 && !run.result.has_fault; ++i) {
     crux_msgs::control_input_t& in = run.plant.input();
-    in.finger_opening_m[1] = std::max(run.result.output.finger_opening_m[1], robot().gripper.min_opening_m);
+    in.finger_opening_m[1] = std::max(run.result.output.finger_opening_m[1], robot().gripper.opening_m.low);
     in.finger_force_n[1] = 0.0;
     run.step();
   }

@@ -83,8 +83,8 @@ int main(int argc, char** argv) {
   const std::string first = argc > 2 ? argv[2] : "udp:239.74.163.9:46113";
   RobotDescription robot;
   robot.sha256 = std::string(64, '0');
-  for (int joint = 0; joint < kJoints; ++joint) robot.can.joint_nodes[static_cast<std::size_t>(joint)] = joint + 1;
-  robot.can.gripper_node = CRUX_CAN_NODE_GRIPPER;
+  for (int joint = 0; joint < kJoints; ++joint) robot.can.nodes.joints[static_cast<std::size_t>(joint)] = joint + 1;
+  robot.can.nodes.gripper = CRUX_CAN_NODE_GRIPPER;
   Buses buses = open_all(first), node_buses = open_all(first);
   std::atomic<bool> ended{false};
   std::thread nodes([&] { serve(node_buses, ended); });

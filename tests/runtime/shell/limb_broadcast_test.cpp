@@ -17,11 +17,11 @@ RobotDescription test_robot(double kp = 100.0, double kd = 4.0) {
   robot.name = "test";
   robot.sha256 = std::string(64, '0');
   for (std::size_t joint = 0; joint < kJoints; ++joint) {
-    robot.can.joint_nodes[joint] = static_cast<int>(kJoints - joint);  // backwards: joint 1 is node 6
+    robot.can.nodes.joints[joint] = static_cast<int>(kJoints - joint);  // backwards: joint 1 is node 6
     robot.servo.position_gain_Nm_rad[joint] = kp;
     robot.servo.velocity_gain_Nms_rad[joint] = kd;
   }
-  robot.can.gripper_node = 7;
+  robot.can.nodes.gripper = 7;
   robot.supervisor.silent_cycles = 10;
   return robot;
 }

@@ -20,11 +20,11 @@ RobotDescription test_robot() {
   robot.name = "test";
   robot.sha256 = "89abcdef" + std::string(56, '0');
   for (int joint = 0; joint < kJoints; ++joint) {
-    robot.can.joint_nodes[static_cast<std::size_t>(joint)] = joint + 1;
+    robot.can.nodes.joints[static_cast<std::size_t>(joint)] = joint + 1;
     robot.servo.position_gain_Nm_rad[static_cast<std::size_t>(joint)] = 100.0 + joint;
     robot.servo.velocity_gain_Nms_rad[static_cast<std::size_t>(joint)] = 4.0;
   }
-  robot.can.gripper_node = 7;
+  robot.can.nodes.gripper = 7;
   robot.supervisor.silent_cycles = 5;
   return robot;
 }
@@ -502,11 +502,11 @@ TEST_F(LimbBusTest, EmergenciesAreForwarded) {
 TEST_F(LimbBusTest, NodeNumbersOutsideTheDatabaseAreRefused) {
   for (const int wrong : {0, 7, -1, 2}) {
     RobotDescription robot = test_robot();
-    robot.can.joint_nodes[0] = wrong;
+    robot.can.nodes.joints[0] = wrong;
     EXPECT_THROW(LimbBus(0, robot), BusError) << wrong;
   }
   RobotDescription robot = test_robot();
-  robot.can.gripper_node = 8;
+  robot.can.nodes.gripper = 8;
   EXPECT_THROW(LimbBus(0, robot), BusError);
 }
 

@@ -44,8 +44,8 @@ class Taker : public PlanTaker {
 RobotDescription some_robot() {
   RobotDescription robot;
   robot.sha256 = std::string(64, '0');
-  for (std::size_t joint = 0; joint < kJoints; ++joint) robot.can.joint_nodes[joint] = static_cast<int>(joint) + 1;
-  robot.can.gripper_node = 7;
+  for (std::size_t joint = 0; joint < kJoints; ++joint) robot.can.nodes.joints[joint] = static_cast<int>(joint) + 1;
+  robot.can.nodes.gripper = 7;
   return robot;
 }
 

@@ -97,7 +97,7 @@ def _path(case: str, place: Place, robot: Robot, time_s: float) -> float:
 
 def _live(board: Any, place: Place, robot: Robot, case: str) -> None:
     """One case after power-on."""
-    dt_s = robot.can.dt_s
+    dt_s = robot.dt_s
     for cycle in range(CYCLES):
         calm = cycle < CALM_CYCLES
         position = _path(case, place, robot, 0.0 if calm else (cycle - CALM_CYCLES) * dt_s)

@@ -308,7 +308,7 @@ def _power_on(
     ports = stack.enter_context(run_ports())
     buses = ports.bus_urls() if options.bus == "udp" else [f"socketcan:{interface}" for interface in INTERFACES]
     on_buses = [fault for fault in options.faults if fault.kind not in OF_THE_RUNTIME]
-    guard_s = guard_time_s(sum(fault.for_s / robot.can.dt_s + RETURN_CYCLES for fault in on_buses))
+    guard_s = guard_time_s(sum(fault.for_s / robot.dt_s + RETURN_CYCLES for fault in on_buses))
     runtime = stack.enter_context(RuntimeProcess(buses, PACES[options.pace], ports.lcm_url, guard_s, arguments))
     link = stack.enter_context(OperatorLink(ports.lcm_url))
     _start(runtime, link, plan)  # before there are nodes: they would make it begin

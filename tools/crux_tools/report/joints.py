@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES, can_codec
+from crux_contracts.motors import joint_continuous_torque_Nm
 from crux_contracts.robot import Robot
 
 from crux_tools.telemetry import Telemetry
@@ -94,7 +95,7 @@ def joint_loads(log: Telemetry, robot: Robot) -> JointLoads:
     climbing = log.state["supervisor_state"] == CLIMBING
     loaded = torque[climbing] if climbing.any() else torque
     effort = np.array([limb.effort_Nm for limb in robot.limbs])
-    continuous = np.minimum(robot.motor.continuous_torque_Nm, effort)
+    continuous = np.minimum(joint_continuous_torque_Nm(robot.motor), effort)
     heat = heat_share(torque, continuous, robot.motor.heating_time_s, float(log.inputs["dt_s"][0]))
     return JointLoads(
         peak=np.abs(loaded).max(axis=0),

@@ -179,7 +179,7 @@ def build_model(robot: Robot, plan: Any, scenery: Callable[[mujoco.MjSpec], None
     """
     spec = urdf_spec(robot)
     spec.modelname = robot.name
-    set_solver_options(spec, robot.can.dt_s)
+    set_solver_options(spec, robot.dt_s)
     spec.option.gravity = plan.gravity_w_m_s2
     _let_shapes_collide(spec)
     spec.body(robot.body_link).add_freejoint(name="root")

@@ -224,7 +224,7 @@ class Live:
             # Where nothing reaches, the search ends soon: anybody may have said that a gripper is there.
             solve_limb(robot, data, limb, limbs["gripper_position_w_m"][limb], yaw_rad, near=True, starts=1)
         row = blank("/control_input", 1)
-        row["cycle"], row["dt_s"] = state["cycle"], robot.robot.can.dt_s
+        row["cycle"], row["dt_s"] = state["cycle"], robot.robot.dt_s
         row["joint_position_rad"] = data.qpos[robot.joint_qpos]
         row["finger_opening_m"] = self._newest["/limb_reference"]["finger_opening_m"]
         row["finger_force_n"] = limbs["grasp_force_n"]
