@@ -56,7 +56,7 @@ def fault_pages() -> Iterator[tuple[str, str]]:
             after += " When all is well again it goes back by itself: to READY, or to HOLDING, never to CLIMBING."
         body = f"# {code}: {name}\n\n> {fault['text']}\n\n## What happens\n{after}\n\n## What usually is behind it\n"
         body += f"{_sentence(fault['cause'])}\n\n## What to do\n{_sentence(fault['do'])}\n\n"
-        body += "`crux status` shows which limb and node it is, since when, and `value` and `limit`.\n"
+        body += "`crux status` shows which limb and node it is, since when, and {value} and {limit}.\n"
         yield f"faults/{name}.md", body
         rows.append((code, f"[{name}]({name}.md)", fault["to"], fault["text"]))
     listed = "\n".join(f"{fault['name']}" for fault in faults)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,8 @@ def read_faults(path: Path, supervisor: Struct) -> list[Fault]:
     ]
     states = {constant.name for constant in supervisor.constants}
     for fault in faults:
+        if strange := set(re.findall(r"{(.*?)}", fault.text)) - {"value", "limit"}:
+            raise TableError(f"{path}: the text of {fault.name} has {strange}, must have {{value}} and {{limit}} alone")
         if fault.to not in states:
             raise TableError(f"{path}: fault {fault.name} leads to the unknown state {fault.to}")
     if [fault.code for fault in faults] != list(range(1, len(faults) + 1)):

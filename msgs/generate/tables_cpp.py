@@ -85,7 +85,7 @@ struct FaultInfo {{
   std::string_view name;
   std::int8_t to;         // supervisor state that follows, as in robot_state_t
   bool recovers;          // ends by itself when the link to the nodes is well again
-  std::string_view text;  // the words `value` and `limit` stand for fault_t's numbers
+  std::string_view text;  // {{value}} and {{limit}} stand for fault_t's numbers
 }};
 
 inline constexpr std::array<FaultInfo, {len(faults)}> kFaults = {{{{

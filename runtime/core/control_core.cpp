@@ -131,10 +131,10 @@ Reason ControlCore::off_stance(const PlanReference& start) const noexcept {
   for (int l = 0; l < kLimbs; ++l) {
     const bool grips = reference_.limbs[l].gripping() && !faults_.lost(l);
     if (start.limbs[l].gripping() && !grips)
-      return {"the plan starts with this gripper on a hold, but it is in the air: its fingers press with value N", l, 0,
-              limbs_[l].finger_force_N()};
+      return {"the plan starts with this gripper on a hold, but it is in the air: its fingers press with {value} N", l,
+              0, limbs_[l].finger_force_N()};
     if (!start.limbs[l].gripping() && grips)
-      return {"the plan starts with this gripper in the air, but it is on its hold and bears value N", l, 0,
+      return {"the plan starts with this gripper in the air, but it is on its hold and bears {value} N", l, 0,
               limbs_[l].wrench_W().force_N.norm()};
   }
   return {};
@@ -144,21 +144,21 @@ Reason ControlCore::off_start(const PlanReference& start) const noexcept {
   const SupervisorParameters& p = robot_.supervisor;
   const double body_m = (body_.body_W().position_m - start.body_W.position_m).norm();
   if (!(body_m <= robot_.control.max_body_correction_m))
-    return {"the body is value m from the plan's start pose (limit: limit m)", -1, 0, body_m,
+    return {"the body is {value} m from the plan's start pose (limit: {limit} m)", -1, 0, body_m,
             robot_.control.max_body_correction_m};
   for (int l = 0; l < kLimbs; ++l) {
     double distance_m = 0.0, angle_rad = 0.0;
     limbs_[l].pose_error(start.limbs[l], body_.body_W(), distance_m, angle_rad);
     if (!(distance_m <= p.start_tolerance_m))
-      return {"the gripper is value m from the plan's start pose (limit: limit m)", l, 0, distance_m,
+      return {"the gripper is {value} m from the plan's start pose (limit: {limit} m)", l, 0, distance_m,
               p.start_tolerance_m};
     if (!(angle_rad <= p.start_tolerance_rad))
-      return {"the gripper is rotated by value rad from the plan's start pose (limit: limit rad)", l, 0, angle_rad,
+      return {"the gripper is rotated by {value} rad from the plan's start pose (limit: {limit} rad)", l, 0, angle_rad,
               p.start_tolerance_rad};
     const double force_N = limbs_[l].finger_force_N();
     if (supervisor_.state() != SupervisorState::kIdle && !start.limbs[l].point_foot && start.limbs[l].gripping() &&
         !(force_N >= p.min_stance_force_N))
-      return {"the plan starts with this gripper closed, but its fingers press with value N (least: limit N)", l, 0,
+      return {"the plan starts with this gripper closed, but its fingers press with {value} N (least: {limit} N)", l, 0,
               force_N, p.min_stance_force_N};
   }
   return {};
@@ -184,7 +184,7 @@ void ControlCore::supervise(const crux_msgs::control_input_t& in) noexcept {
   const bool idle = plan_ && supervisor_.state() == SupervisorState::kIdle && !looks_around_;
   Reason off = idle ? off_start(reference_) : Reason{};
   if (idle && oscillation)
-    off = {"the joint oscillates while its node holds it, by value rad", oscillation.limb, oscillation.node,
+    off = {"the joint oscillates while its node holds it, by {value} rad", oscillation.limb, oscillation.node,
            oscillation.value};
   const bool reverses = in.operator_command == crux_msgs::command_t::REVERSE;
   supervisor_.update({.command = in.operator_command,

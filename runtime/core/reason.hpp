@@ -1,5 +1,5 @@
-// Why something was refused or went wrong, in a form that the real-time thread can fill: a literal in which the words
-// `value` and `limit` stand for numbers (as in msgs/faults.yaml), the place and the numbers.
+// Why something was refused or went wrong, in a form that the real-time thread can fill: a literal in which {value} and
+// {limit} stand for numbers (as in msgs/faults.yaml), the place and the numbers.
 #pragma once
 
 #include <string>

@@ -86,13 +86,13 @@ Reason ControlCore::off_grips(const PlanTime& at) const noexcept {
     if (lost || opens_or_closes(limb)) continue;
     const double force_N = limbs_[l].finger_force_N(), opening_m = limbs_[l].finger_opening_m();
     if (limb.gripping() && !limbs_[l].presses())
-      return {"it was on a hold, now its fingers press with value N (least: limit)", l, 0, force_N,
+      return {"it was on a hold, now its fingers press with {value} N (least: {limit} N)", l, 0, force_N,
               robot_.control.contact_force_N};
     if (left_.grips[l] != 0 && limb.gripping() && std::abs(opening_m - left_.finger_opening_m[l]) > kSameOpening_m)
-      return {"its fingers stand at value m, on its hold they stood at limit", l, 0, opening_m,
+      return {"its fingers stand at {value} m, on its hold they stood at {limit} m", l, 0, opening_m,
               left_.finger_opening_m[l]};
     if (!limb.gripping() && limbs_[l].presses())
-      return {"it was in the air, now its fingers press with value N (most: limit)", l, 0, force_N,
+      return {"it was in the air, now its fingers press with {value} N (most: {limit} N)", l, 0, force_N,
               robot_.control.contact_force_N};
   }
   return {};
@@ -103,18 +103,18 @@ Reason ControlCore::off_restart() noexcept {
   const double unbalanced_N = balance_.unbalanced_W().force_N.norm();
   const double tolerated_N = std::max(kWeightTolerance * weight_N, robot_.stance.max_unbalanced_N);
   if (!(unbalanced_N <= tolerated_N))
-    return {"the force/torque sensors feel value N beside the robot's weight (limit: limit)", -1, 0, unbalanced_N,
+    return {"the force/torque sensors feel {value} N beside the robot's weight (limit: {limit} N)", -1, 0, unbalanced_N,
             tolerated_N};
   for (int l = 0; l < kLimbs; ++l) {
     if (left_.grips[l] == 0) continue;
     const LimbController& limb = limbs_[l];
     const double off_m = (limb.gripper_W_m(body_.body_W()) - limb.anchor_W_m(reference_.limbs[l])).norm();
     if (!(off_m <= robot_.stance.max_misfit_m))
-      return {"the gripper is value m from its hold, as the other limbs stand (limit: limit)", l, 0, off_m,
+      return {"the gripper is {value} m from its hold, as the other limbs stand (limit: {limit} m)", l, 0, off_m,
               robot_.stance.max_misfit_m};
     const double limit_Nm = limb.ft_limit_Nm({}, body_.body_W().rotation);
     if (!(limb.ft_residual_Nm() <= limit_Nm))
-      return {"its joints' torques do not fit its force/torque sensor by value Nm (limit: limit)", l, 0,
+      return {"its joints' torques do not fit its force/torque sensor by {value} Nm (limit: {limit} Nm)", l, 0,
               limb.ft_residual_Nm(), limit_Nm};
   }
   const Reason off = off_grips(clock_.now());

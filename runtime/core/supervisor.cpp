@@ -128,8 +128,8 @@ void Supervisor::reverse(const Observation& seen) noexcept {
 
 void Supervisor::set_speed(const Observation& seen) noexcept {
   if (!(seen.command_value >= 0.0 && seen.command_value <= 1.0))
-    return refuse(
-        {"the speed scale would be value, right is 0 (stand still) to 1 (as planned)", -1, 0, seen.command_value, 0.0});
+    return refuse({"the speed scale would be {value}, right is 0 (stand still) to 1 (as planned)", -1, 0,
+                   seen.command_value, 0.0});
   if (seen.walks && seen.command_value != 1.0) return refuse(kWalkSpeed);
   speed_scale_ = seen.command_value;
   accept();

@@ -108,6 +108,9 @@ def test_fault_tables_that_contradict_themselves_are_refused(tmp_path: Path) -> 
     (tmp_path / "f.yaml").write_text(text.replace("to: HOLDING", "to: PANIC", 1))
     with pytest.raises(tables.TableError, match="unknown state PANIC"):
         tables.read_faults(tmp_path / "f.yaml", supervisor)
+    (tmp_path / "f.yaml").write_text(text.replace("(limit: {limit}", "(limit: {most}", 1))
+    with pytest.raises(tables.TableError, match=r"the text of node_silent has \{'most'\}"):
+        tables.read_faults(tmp_path / "f.yaml", supervisor)
 
 
 @pytest.mark.parametrize(
@@ -146,6 +149,6 @@ def test_python_sees_the_tables() -> None:
 @pytest.mark.parametrize("fault", channels.FAULTS, ids=lambda fault: fault.name)
 def test_a_fault_is_told_with_its_numbers(fault: channels.FaultKind) -> None:
     words = fault.describe(0.123, 0.456)
-    assert ("0.123" in words) == ("value" in fault.text)
-    assert ("0.456" in words) == ("limit" in fault.text)
-    assert not re.search(r"\bvalue\b|\blimit\b(?!: 0.456)", words)
+    assert ("0.123" in words) == ("{value}" in fault.text)
+    assert ("0.456" in words) == ("{limit}" in fault.text)
+    assert not re.search(r"[{}]|\bvalue\b|\blimit\b(?!: 0.456)", words)

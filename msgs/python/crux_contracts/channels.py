@@ -36,7 +36,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class FaultKind:
-    """`to` is the supervisor state that follows; `text` has the words value and limit for fault_t's numbers."""
+    """`to` is the supervisor state that follows; `text` has {value} and {limit} for fault_t's numbers."""
 
     code: int
     name: str
@@ -45,10 +45,7 @@ class FaultKind:
 
     def describe(self, value: float, limit: float) -> str:
         """The text with its numbers."""
-        text = self.text
-        for word, number in (("limit", limit), ("value", value)):  # "(limit: limit)": the last one is the number
-            text = f"{number:g}".join(text.rsplit(word, 1))
-        return text
+        return self.text.format(value=f"{value + 0.0:g}", limit=f"{limit + 0.0:g}")  # -0 is 0
 
 
 CHANNELS = tuple(Channel(*row) for row in tables.CHANNELS)
