@@ -13,9 +13,8 @@ from pathlib import Path
 import cantools
 from cantools.database.can import Database, Message, Signal
 from cantools.database.can.c_source import camel_to_snake_case, generate
+from crux_contracts.can_codec import GRIPPER_NODE, JOINTS
 
-JOINTS = 6
-GRIPPER_NODE = JOINTS + 1
 PREFIX = "crux_can"
 BROADCAST = "Broadcast"
 _JOINT_MESSAGE = re.compile(r"Joint([1-9])(\w+)")

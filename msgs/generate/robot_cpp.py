@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from crux_contracts import robot_bounds
+from crux_contracts import LIMB_NAMES, robot_bounds
 from crux_contracts.reading import MAX_TEXT, OTHER_UNITS
+from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.yaml_document import MAX_BYTES, MAX_DEPTH
 
-from .robot_keys import JOINTS, NAMES, RANGES, Key, RobotKeys, Section
+from .robot_keys import NAMES, RANGES, Key, RobotKeys, Section
 
 _TYPES = {
     "number": "double {} = 0.0;",
@@ -27,6 +28,9 @@ def _bounds() -> str:
         for name, value in vars(robot_bounds).items()
         if name.isupper() and isinstance(value, (int, float))
     ]
+    names = ", ".join(f'"{name}"' for name in LIMB_NAMES)
+    lines.append(f"inline constexpr int kLimbs = {len(LIMB_NAMES)};")
+    lines.append(f"inline constexpr std::array<const char*, kLimbs> kLimbNames = {{{{{names}}}}};")
     lines.append(f"inline constexpr int kMaxText = {MAX_TEXT};  // characters")
     lines.append(f"inline constexpr int kMaxBytes = {MAX_BYTES};  // of a file")
     lines.append(f"inline constexpr int kMaxDepth = {MAX_DEPTH};  // of YAML")

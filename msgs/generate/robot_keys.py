@@ -8,11 +8,10 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from crux_contracts.robot_bounds import JOINT_AXES, MAX_ANGLE_RAD, MAX_LENGTH_M
+from crux_contracts.robot_bounds import JOINTS, MAX_ANGLE_RAD, MAX_LENGTH_M
 
 from .tables import TableError, document
 
-JOINTS = len(JOINT_AXES)
 # The range where a key names none.
 RANGES = {"number": "positive", "integer": "count", "per_joint": "not_negative", "interval": "not_negative"}
 NAMES = ("text", "file", "names", "nodes")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from .robot_keys import JOINTS, Key, RobotKeys, Section
+from crux_contracts.robot_bounds import JOINTS
+
+from .robot_keys import Key, RobotKeys, Section
 
 _TYPES = {
     "number": "float",

@@ -7,8 +7,9 @@ from typing import Any
 
 from crux_contracts import LIMB_NAMES
 from crux_contracts.reading import MAX_TEXT
+from crux_contracts.robot_bounds import JOINTS
 
-from .robot_keys import JOINTS, Key, RobotKeys
+from .robot_keys import Key, RobotKeys
 
 
 def schema(keys: RobotKeys) -> str:

@@ -8,10 +8,12 @@
 
 #include <array>
 
+#include "crux_msgs/robot.hpp"
+
 namespace crux {
 
-inline constexpr int kLimbs = 4;
-inline constexpr int kJoints = 6;  // of one limb
+inline constexpr int kLimbs = crux_msgs::robot::kLimbs;
+inline constexpr int kJoints = crux_msgs::robot::kJoints;  // of one limb
 inline constexpr int kAllJoints = kLimbs * kJoints;
 
 using Vector3 = Eigen::Vector3d;

@@ -8,7 +8,7 @@
 
 namespace crux {
 
-inline constexpr PerLimb<const char*> kLimbNames = {"LF", "RF", "LR", "RR"};
+inline constexpr PerLimb<const char*> kLimbNames = crux_msgs::robot::kLimbNames;
 
 struct Reason {
   const char* text = "";  ///< empty: not refused

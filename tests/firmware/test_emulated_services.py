@@ -10,6 +10,7 @@ import pytest
 from crux_contracts.node_parameters import table
 from crux_contracts.node_services import number
 from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_tools.can.node_link import NodeLink, Refused, limb_bus, node_name
 from crux_tools.can.param_command import describe, run_routine, write
 from emulated import GRIPPER, board
@@ -18,7 +19,6 @@ from service_host import Desk
 
 LF = 0
 JOINT = 2
-JOINTS = crux_emulated.JOINTS
 PAGE_BYTES = 2048
 ANSWER_S = 20.0  # an emulated board is slower than a real one, on a busy machine too
 TRACKED = {"Mode": TRACK, "Kp_Nm_rad": 100.0, "Kd_Nms_rad": 4.0}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from crux_contracts import can_codec
 from crux_contracts.robot import Robot, load_robot
+from crux_contracts.robot_bounds import JOINTS
 from crux_tools.paths import built
 from host import HOLD, LIBRARY, REARM, TRACK, Host, host
 from hypothesis import HealthCheck, given, settings
@@ -43,7 +44,7 @@ def test_nodes_introduce_themselves(bench: Host, robot: Robot) -> None:
     for limb in range(crux_nodes.LIMBS):
         heard = bench.heard(limb)
         for node in range(1, crux_nodes.NODES_PER_LIMB + 1):
-            kind = "Joint" if node <= crux_nodes.JOINTS_PER_LIMB else "Gripper"
+            kind = "Joint" if node <= JOINTS else "Gripper"
             (identity,) = heard[f"{kind}Identity", node]
             assert identity["Protocol"] == can_codec.database().dbc.attributes["ProtocolVersion"].value  # type: ignore[union-attr]
             assert (identity["NodeKind"], identity["NodeId"], identity["Limb"]) == (

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
+from crux_contracts import LIMB_NAMES
 from crux_contracts.motors import flux_Wb
 from crux_contracts.robot import Robot
 
-LIMBS = 4
-JOINTS = 6
+LIMBS = len(LIMB_NAMES)
 GRIPPER = 7
 MAIN_LOOP, SYSTICK = 0, 15
 ADC = 16 + 18

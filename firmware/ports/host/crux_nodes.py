@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from crux_contracts import node_parameters
+from crux_contracts import LIMB_NAMES, node_parameters
 from crux_contracts.robot import Robot
+from crux_contracts.robot_bounds import JOINTS as JOINTS_PER_LIMB
 
-LIMBS = 4
-JOINTS = 24
-JOINTS_PER_LIMB = 6
-NODES_PER_LIMB = 7
+LIMBS = len(LIMB_NAMES)
+JOINTS = LIMBS * JOINTS_PER_LIMB
+NODES_PER_LIMB = JOINTS_PER_LIMB + 1
 NO_HOST_STATE = 0xFF
 
 Array = npt.NDArray[np.float64]

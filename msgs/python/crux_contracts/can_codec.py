@@ -10,11 +10,12 @@ from typing import Any, cast
 import cantools
 from cantools.database.can import Database, Message
 
+from . import robot_bounds
 from .places import MSGS
 
 DBC = MSGS / "can" / "crux.dbc"
-JOINTS = 6
-GRIPPER_NODE = 7
+JOINTS = robot_bounds.JOINTS
+GRIPPER_NODE = JOINTS + 1
 HEADER_LENGTH = 3
 
 Values = dict[str, float | int]

@@ -6,6 +6,7 @@ import math
 
 # Joint axes the closed-form kinematics stand on: yaw, pitch, pitch, then a spherical wrist pitch, roll, yaw.
 JOINT_AXES = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+JOINTS = len(JOINT_AXES)  # of a limb
 ALIKE = 1e-9  # components of axes, lengths [m] and angles [rad] that count as equal
 SAME_DIRECTION_RAD = 1e-4  # of mirrored limbs: URDFs round a quarter of a turn
 

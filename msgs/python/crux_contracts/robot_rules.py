@@ -14,7 +14,6 @@ from . import robot_bounds as bounds
 from .urdf import Joint, Urdf, UrdfError, Vector, shown
 from .yaml_document import Problem
 
-JOINTS = len(bounds.JOINT_AXES)
 MIRRORED_JOINTS = (0, 4, 5)  # yaw, roll, yaw: a mirror turns their sense around
 FINGER_AXES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
@@ -56,8 +55,10 @@ class RobotRules:
         if [joint.name for joint in moving] != list(names):
             found = ", ".join(joint.name for joint in moving)
             raise self.fail(f"limb {limb}", found, f"expected the joints {', '.join(names)} from the body outwards")
-        if len(chain) != JOINTS + 1 or chain[-1].kind != "fixed":
-            raise self.fail(f"limb {limb}", "", f"expected {JOINTS} joints and then the fixed mount of the gripper")
+        if len(chain) != bounds.JOINTS + 1 or chain[-1].kind != "fixed":
+            raise self.fail(
+                f"limb {limb}", "", f"expected {bounds.JOINTS} joints and then the fixed mount of the gripper"
+            )
         for joint, axis in zip(moving, bounds.JOINT_AXES, strict=True):
             if joint.kind != "revolute" or not _same(joint.axis, axis):
                 found = f"{joint.kind} about {shown(joint.axis)}"
@@ -70,10 +71,10 @@ class RobotRules:
         for index, joint in enumerate(chain):
             key, xyz, rpy = f"joint {joint.name}", f"xyz {shown(joint.xyz_m)}", f"rpy {shown(joint.rpy_rad)}"
             x, y, z = joint.xyz_m
-            if index in (0, JOINTS):
+            if index in (0, bounds.JOINTS):
                 if not _same(joint.rpy_rad[:2], (0.0, 0.0)):
                     raise self.fail(key, rpy, "expected a turn about z only")
-                if index == JOINTS and not (_same((x, y), (0.0, 0.0)) and z <= -bounds.MIN_LINK_M):
+                if index == bounds.JOINTS and not (_same((x, y), (0.0, 0.0)) and z <= -bounds.MIN_LINK_M):
                     expected = f"expected the gripper on the last axis: 0 0 z, z at most -{bounds.MIN_LINK_M:g}"
                     raise self.fail(key, xyz, expected)
                 continue
@@ -129,7 +130,7 @@ class RobotRules:
             for index, (one, other) in enumerate(zip(first, chain, strict=True)):
                 x, y, z = one.xyz_m
                 self._check_place(one, other, (along * x, aside * y, z) if index == 0 else one.xyz_m)
-                if index < JOINTS:
+                if index < bounds.JOINTS:
                     self._check_limits(one, other, along * aside < 0 and index in MIRRORED_JOINTS)
             self._check_yaw(first[0], chain[0], along, aside)
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.can_codec import Frame
+from crux_msgs import robot_state_t
 from crux_tools.errors import UsageError
 from crux_tools.telemetry.summary import FaultNote
 
@@ -20,7 +21,7 @@ from crux_simulation.sim.recorder import Truth
 from crux_simulation.sim.rogue_hosts import SENDERS, second_node
 
 WATCHED_S = 4.0  # after a fault is over: time to settle, to recover, and to fall
-CLIMBING, HOLDING, FAULT = 2, 3, 4  # robot_state_t
+CLIMBING, HOLDING, FAULT = robot_state_t.CLIMBING, robot_state_t.HOLDING, robot_state_t.FAULT
 SILENT = -1
 STATE_MASK = 0x07
 TRACK, DECELERATE = 2, 3  # DBC: JointStatus.State

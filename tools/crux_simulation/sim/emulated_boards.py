@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from crux_contracts import LIMB_NAMES
+from crux_contracts.can_codec import GRIPPER_NODE
 from crux_contracts.robot import Robot
 from crux_tools.errors import UsageError, WorkFailed
 from crux_tools.paths import built
@@ -19,7 +20,7 @@ from crux_simulation.sim.plant import Plant
 
 LIBRARY = "firmware/libcrux_emulated.so"
 IMAGES = "firmware/ports/stm32g474"
-NODES = range(1, 8)
+NODES = range(1, GRIPPER_NODE + 1)
 GRIPPER = 7
 
 

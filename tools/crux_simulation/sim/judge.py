@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from crux_contracts import LIMB_NAMES
 from crux_contracts.interpolation import PlanReference
-from crux_msgs import limb_knot_t
+from crux_msgs import limb_knot_t, robot_state_t
 from crux_tools.robot3d.robot_model import RobotModel
 from crux_tools.telemetry.rotations import angle_between, goal_pose, rotations_from_quaternions
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ LOST_HOLD_S = 0.1  # without contact in stance; shorter is chatter of one pad
 UNLOADED_SHARE = 0.4  # of the contact force: below it a loaded pad counts as unloaded again
 FULL_LOAD = 0.98  # share of the planned wrench from which on the wrench error counts
 STANCE = 0  # LimbPhase
-CLIMBING = 2  # robot_state_t
+CLIMBING = robot_state_t.CLIMBING
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

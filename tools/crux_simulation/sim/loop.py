@@ -13,6 +13,7 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
+from crux_msgs import robot_state_t
 
 from crux_simulation.sim.disturbance import STATE_MASK, Disturbance
 from crux_simulation.sim.plant import Plant
@@ -27,7 +28,8 @@ FREE_RUN_S = 3.0  # of physics after the runtime died: do the nodes hold?
 STAYED_M = 0.02  # of the body in that time
 REPORT_CYCLES = 250
 IN_REVERSE, PLAN_COMPLETE = 0x08, 0x10  # flags in HostState, above the supervisor state
-READY, CLIMBING, HOLDING, FAULT = 1, 2, 3, 4
+READY, CLIMBING = robot_state_t.READY, robot_state_t.CLIMBING
+HOLDING, FAULT = robot_state_t.HOLDING, robot_state_t.FAULT
 UNKNOWN = 0xFF
 
 

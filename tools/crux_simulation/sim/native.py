@@ -7,10 +7,13 @@ from ctypes import POINTER, c_char_p, c_double, c_int32, c_int64, c_ubyte, c_uin
 from functools import cache
 from typing import Any
 
+from crux_contracts import LIMB_NAMES
+from crux_contracts.robot_bounds import JOINTS as JOINTS_PER_LIMB
 from crux_tools.paths import built
 
 LIBRARY = "tools/sim/libcrux_sim.so"
-LIMBS, JOINTS, PADS = 4, 24, 8
+LIMBS = len(LIMB_NAMES)
+JOINTS, PADS = JOINTS_PER_LIMB * LIMBS, 2 * LIMBS
 
 
 class PlantMap(ctypes.Structure):

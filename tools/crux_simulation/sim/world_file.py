@@ -14,14 +14,14 @@ from typing import Any
 
 import yaml
 from crux_contracts import LIMB_NAMES
+from crux_contracts.robot_bounds import JOINTS
 from crux_contracts.scenario_reader import MAX_FRICTION
 from crux_contracts.yaml_document import DocumentError, Node, read_bytes
 from crux_msgs import plan_t
 
 VERSION = 1
 ALL = "all"
-JOINTS_PER_LIMB = 6
-JOINT_NAMES = tuple(f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, JOINTS_PER_LIMB + 1))
+JOINT_NAMES = tuple(f"{limb}.{joint}" for limb in LIMB_NAMES for joint in range(1, JOINTS + 1))
 MAX_ENTRIES = 1000
 MAX_TIME_S = 3600.0
 AMBIENT_DEGC = 25.0
