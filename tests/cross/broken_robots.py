@@ -107,7 +107,7 @@ OF_THE_FILES = [
 ]
 OF_ROBOT_YAML = [
     _yaml("unknown key", "rate_Hz: 500", "rate_hz: 500", "can.rate_hz", "unknown key"),
-    _yaml("missing key", "  unload_force_N: 4 ", "  #", "control.unload_force_N", "is missing"),
+    _yaml("missing key", "  unload_force_N: 4\n", "\n", "control.unload_force_N", "is missing"),
     _yaml("a key of no value", "version: 1", "version:", "robot.yaml:3: version: nothing", "in 1..1"),
     _yaml("missing section", "drive:", "driver:", "driver", "unknown key"),
     _yaml("a text for a number", "rate_Hz: 500", "rate_Hz: fast", 'can.rate_Hz: "fast"', "expected a number"),
