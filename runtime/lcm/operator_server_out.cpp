@@ -139,6 +139,8 @@ void OperatorServer::add_standing(crux_msgs::status_t& status, Clock::time_point
 
 crux_msgs::status_t OperatorServer::status() {
   drain_faults();  // what the control cycle has told must not come after
+  const bool logs = !exchange_.log_broken.load(std::memory_order_relaxed);
+  if (logs && static_cast<FaultCode>(fault_.code) == FaultCode::kLogEnded) fault_ = {};
   if (const NodeStates* states = exchange_.nodes.take()) nodes_ = *states;
   crux_msgs::status_t status{};
   std::ranges::copy(nodes_, std::begin(status.node_state));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import resource
 import time
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 from crux_msgs import robot_state_t
 from crux_simulation.sim.ports import run_ports
+from crux_tools.cli import main
 from crux_tools.errors import UsageError
 from crux_tools.replay.recompute import recompute
 from crux_tools.telemetry.reader import read_channels
@@ -40,7 +42,12 @@ def test_it_starts_without_a_log_and_begins_one_as_soon_as_it_can(start: Starter
     assert read_channels(log, {STATE}).end is not None
 
 
-def test_a_log_that_ended_goes_on_in_another_file(start: Starter) -> None:
+def test_a_log_that_ended_goes_on_in_another_file(start: Starter, capsys: pytest.CaptureFixture[str]) -> None:
+    def told() -> object:
+        capsys.readouterr()
+        assert main(["status", "--lcm", runtime.ports.lcm_url, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)["fault"]
+
     plan = standing_plan()
     with run_ports() as ports, RobotOnWall(ports, plan) as robot:
         runtime = start(ports=ports, pace="clock")
@@ -50,6 +57,7 @@ def test_a_log_that_ended_goes_on_in_another_file(start: Starter) -> None:
         resource.prlimit(runtime.process.pid, resource.RLIMIT_FSIZE, (full, full))
         second = runtime.log.with_stem(f"{runtime.log.stem}-2")
         await_true(lambda: second.exists() and second.stat().st_size >= full)
+        await_true(lambda: told() is None)  # the log that ended is of the past
         runtime.process.terminate()
         status, said = runtime.end()
     assert status == 1
