@@ -38,7 +38,7 @@ goal:
   body: {position_m: [0.2, 0.0, 0.185], rpy_deg: [0, 0, 5], tolerance_m: 0.02, tolerance_deg: 2}
   grasps: {LF: {hold: c, faces: x}}
 horizon: {steps: 40, dt_s: 2.0}
-planner: {method: multi_block, rho: 10, iterations: 5, seed: 3, limit_surface: inner,
+planner: {method: multi_block, rho: 10, iterations: 5, limit_surface: inner,
   weights: {lift: 2}, margins: {friction: 0.1}}
 """
 POINT_TEXT = """\
@@ -69,7 +69,7 @@ def test_every_value_is_read() -> None:
     assert s.goal.body.rpy_rad[2] == pytest.approx(0.0872664626)
     assert (s.goal.tolerance_m, s.goal.tolerance_deg) == (0.02, 2)
     assert (s.horizon.steps, s.horizon.duration_s) == (40, 80)
-    assert (s.planner.method, s.planner.rho, s.planner.iterations, s.planner.seed) == ("multi_block", 10, 5, 3)
+    assert (s.planner.method, s.planner.rho, s.planner.iterations) == ("multi_block", 10, 5)
     assert (s.planner.weights, s.planner.margins) == ({"lift": 2}, {"friction": 0.1})
     assert s.planner.limit_surface == "inner"
     assert s.hold_index("d") == 3
@@ -84,7 +84,7 @@ def test_defaults_are_the_documented_ones() -> None:
     assert (s.holds, s.obstacles, s.goal.grasps) == ((), (), {})
     assert s.start.body.rpy_deg == (0, 0, 0)
     assert (s.goal.tolerance_m, s.goal.tolerance_deg) == (0.01, 3)
-    assert (s.planner.method, s.planner.rho, s.planner.seed) == ("auto", None, None)
+    assert (s.planner.method, s.planner.rho) == ("auto", None)
     assert s.planner.limit_surface == "cone"
     assert s.start.feet["RR"] == (-0.1, -0.3)
 

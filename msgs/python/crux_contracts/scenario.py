@@ -179,7 +179,6 @@ class PlannerOptions:
     rho: float | None = None
     iterations: int | None = None
     time_limit_s: float | None = None
-    seed: int | None = None
     limit_surface: str = "cone"
     idle: str = "cut"
     weights: dict[str, float] = field(default_factory=dict)

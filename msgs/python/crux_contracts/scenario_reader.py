@@ -287,14 +287,13 @@ class _Reader:
 
     def _planner(self, node: Node) -> PlannerOptions:
         check = self.check
-        simple = ["method", "rho", "iterations", "time_limit_s", "seed", "limit_surface", "idle"]
+        simple = ["method", "rho", "iterations", "time_limit_s", "limit_surface", "idle"]
         keys = check.members(node, [], [*simple, "weights", "margins"])
         return PlannerOptions(
             method=self._of(keys, "method", lambda n: check.choice(n, METHODS)) or "auto",
             rho=self._of(keys, "rho", lambda n: check.number(n, 0.0, 1e6, above=True)),
             iterations=self._of(keys, "iterations", lambda n: check.integer(n, 1, 1000)),
             time_limit_s=self._of(keys, "time_limit_s", lambda n: check.number(n, 0.1, 86400.0, "s")),
-            seed=self._of(keys, "seed", lambda n: check.integer(n, 0, 2**31 - 1)),
             limit_surface=self._of(keys, "limit_surface", lambda n: check.choice(n, LIMIT_SURFACES)) or "cone",
             idle=self._of(keys, "idle", lambda n: check.choice(n, IDLE)) or "cut",
             weights=self._of(keys, "weights", lambda n: self._named_numbers(n, WEIGHTS, 1e9)) or {},
