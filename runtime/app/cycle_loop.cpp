@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "bus/bus_health.hpp"
 #include "crux_msgs/channels.hpp"
 
 namespace crux {
@@ -253,17 +254,9 @@ void CycleLoop::tell(const crux_msgs::fault_t& fault) noexcept {
 /// A log that is not whole is told; the robot climbs on.
 void CycleLoop::report_log(CycleResult& result) noexcept {
   const bool broken = exchange_.log_broken.load(std::memory_order_relaxed);
-  log_end_told_ = log_end_told_ && broken;  // one that goes on may end again
-  const bool ended = broken && !log_end_told_;
-  const bool gap = report_.dropped_records > gaps_told_ && records_.back() != nullptr;
-  if (!ended && !gap) return;
-  log_end_told_ = log_end_told_ || ended;
-  gaps_told_ = report_.dropped_records;
-  crux_msgs::fault_t fault{};
-  fault.cycle = cycle_;
-  fault.code = static_cast<std::int16_t>(ended ? FaultCode::kLogEnded : FaultCode::kLogGap);
-  fault.limb = -1;
-  fault.value = static_cast<double>(ended ? cycle_ : gaps_told_);
+  const std::int64_t gaps = records_.back() != nullptr ? report_.dropped_records : 0;
+  const crux_msgs::fault_t fault = log_watch_.look(cycle_, broken, gaps);
+  if (fault.code == 0) return;
   tell(fault);
   if (result.has_fault) return;
   result.has_fault = true;
@@ -273,30 +266,8 @@ void CycleLoop::report_log(CycleResult& result) noexcept {
 /// The state of each bus is an input of the core; the counts behind it go out and into the log.
 void CycleLoop::report_health(CycleRecord& record) const noexcept {
   for (std::size_t l = 0; l < limbs_.size(); ++l) {
-    const BusStatistics& bus = buses_[l]->statistics();
-    const LimbStatistics& limb = limbs_[l].statistics();
-    const BusState state =
-        std::max(buses_[l]->state(), limbs_[l].foreign_host() ? BusState::kForeign : BusState::kActive);
-    record.input.bus_state[l] = static_cast<std::int8_t>(state);
-    crux_msgs::bus_health_t& health = record.health[l];
-    health.cycle = cycle_;
-    health.limb = static_cast<std::int8_t>(l);
-    health.state = static_cast<std::int8_t>(state);
-    const auto count = [](std::uint64_t n) { return static_cast<std::int64_t>(n); };
-    health.error_frames = count(bus.error_frames);
-    health.error_passive = count(bus.error_passive);
-    health.bus_off = count(bus.bus_off);
-    health.restarts = count(bus.restarts);
-    health.unacknowledged = count(bus.unacknowledged);
-    health.interface_down = count(bus.interface_down);
-    health.queue_full = count(bus.queue_full);
-    health.send_failed = count(bus.send_failed);
-    health.receive_lost = count(bus.receive_lost);
-    health.malformed = count(bus.malformed);
-    health.crc_errors = count(limb.crc_errors);
-    health.repeated = count(limb.repeated);
-    health.lost = count(limb.lost);
-    health.foreign = count(limb.foreign);
+    record.health[l] = bus_health(cycle_, static_cast<int>(l), *buses_[l], limbs_[l]);
+    record.input.bus_state[l] = record.health[l].state;
   }
 }
 

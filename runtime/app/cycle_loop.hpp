@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "app/log_watch.hpp"
 #include "app/operator_desk.hpp"
 #include "bus/bus.hpp"
 #include "bus/limb_bus.hpp"
@@ -121,8 +122,7 @@ class CycleLoop : private PlanTaker {
   std::int64_t late_ns_ = 0;
   std::int16_t host_state_ = -1;  ///< last one sent
   int hold_cycles_;               ///< left once a stop is asked for
-  bool log_end_told_ = false;
-  std::int64_t gaps_told_ = 0;  ///< records dropped when a gap in the log was told last
+  LogWatch log_watch_;
   CycleReport report_;
 };
 

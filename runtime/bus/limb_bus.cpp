@@ -1,7 +1,6 @@
 #include "bus/limb_bus.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <string>
 
 #include "bus/bus.hpp"
@@ -11,40 +10,7 @@
 
 namespace crux {
 
-LimbStatistics& LimbStatistics::operator+=(const LimbStatistics& other) noexcept {
-  crc_errors += other.crc_errors;
-  repeated += other.repeated;
-  lost += other.lost;
-  late += other.late;
-  wrong_size += other.wrong_size;
-  unknown += other.unknown;
-  distrusted += other.distrusted;
-  rivals += other.rivals;
-  foreign += other.foreign;
-  heartbeats += other.heartbeats;
-  identities += other.identities;
-  emergencies += other.emergencies;
-  return *this;
-}
-
 namespace {
-
-/// A broadcast has 8 bits for a gain: none may be cut off, and none that holds the joint may become zero.
-void check_gains(const RobotDescription& robot, std::size_t joint) {
-  const double kp = robot.servo.position_gain_Nm_rad[joint], kd = robot.servo.velocity_gain_Nms_rad[joint];
-  constexpr std::uint8_t kLargest = std::numeric_limits<std::uint8_t>::max();
-  const double least_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(1));
-  const double most_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(kLargest));
-  const double most_kd = static_cast<double>(crux_can_broadcast_joint_kd_nms_rad_decode(kLargest));
-  const auto refuse = [&](const char* key, double value, double low, double high) {
-    if (value < low || value > high)
-      throw BusError("robot '" + robot.name + "': servo." + key + " of joint " + std::to_string(joint + 1) + " is " +
-                     std::to_string(value) + ", a broadcast carries " + std::to_string(low) + " to " +
-                     std::to_string(high));
-  };
-  refuse("position_gain_Nm_rad", kp, least_kp, most_kp);
-  refuse("velocity_gain_Nms_rad", kd, 0.0, most_kd);
-}
 
 /// Frames of which a node sends one for each Sync.
 bool answers_sync(FrameKind kind) {
@@ -74,7 +40,7 @@ LimbBus::LimbBus(int limb, const RobotDescription& robot, CommandFrames frames)
     joint_of_node_[static_cast<std::size_t>(node)] = static_cast<int>(joint);
     kp_Nm_rad_[joint] = static_cast<float>(robot.servo.position_gain_Nm_rad[joint]);
     kd_Nms_rad_[joint] = static_cast<float>(robot.servo.velocity_gain_Nms_rad[joint]);
-    if (frames == CommandFrames::kBroadcast) check_gains(robot, joint);
+    if (frames == CommandFrames::kBroadcast) check_broadcast_gains(robot, joint);
   }
 }
 

@@ -9,6 +9,7 @@
 
 #include "bus/frame.hpp"
 #include "bus/frame_kind.hpp"
+#include "bus/limb_statistics.hpp"
 #include "bus/stream_watch.hpp"
 #include "core/robot_description.hpp"
 #include "crux_msgs/control_input_t.hpp"
@@ -16,24 +17,6 @@
 #include "e2e.h"
 
 namespace crux {
-
-/// Counts of received frames that were not simply good.
-struct LimbStatistics {
-  std::uint64_t crc_errors = 0;
-  std::uint64_t repeated = 0;    ///< the same E2E counter again: dropped
-  std::uint64_t lost = 0;        ///< gaps in an E2E counter; the frame after the gap is used
-  std::uint64_t late = 0;        ///< statuses that echo another cycle than the awaited one
-  std::uint64_t wrong_size = 0;  ///< payload length or frame type other than the CAN database says
-  std::uint64_t unknown = 0;     ///< identifiers outside the CAN database
-  std::uint64_t distrusted = 0;  ///< frames of a node that is not what it should be
-  std::uint64_t rivals = 0;      ///< frames that show a second sender under a node's identifier
-  std::uint64_t foreign = 0;     ///< frames that only a runtime sends, and that this one did not send
-  std::uint64_t heartbeats = 0;
-  std::uint64_t identities = 0;
-  std::uint64_t emergencies = 0;
-
-  LimbStatistics& operator+=(const LimbStatistics& other) noexcept;
-};
 
 /// Something a node said that an operator should read.
 struct NodeNotice {
@@ -56,6 +39,9 @@ enum class CommandFrames : std::uint8_t {
   kEachNode,   ///< a frame a node, then Sync
   kBroadcast,  ///< one frame for all, which is the Sync as well
 };
+
+/// @throws BusError where a broadcast cannot carry the joint's gains
+void check_broadcast_gains(const RobotDescription& robot, std::size_t joint);
 
 class LimbBus {
  public:

@@ -1,8 +1,29 @@
 // What a limb's nodes are told: the sending half of LimbBus.
+#include <limits>
+#include <string>
+
+#include "bus/bus.hpp"
 #include "bus/limb_bus.hpp"
 #include "crux_can.h"
 
 namespace crux {
+
+/// A broadcast has 8 bits for a gain: none may be cut off, and none that holds the joint may become zero.
+void check_broadcast_gains(const RobotDescription& robot, std::size_t joint) {
+  const double kp = robot.servo.position_gain_Nm_rad[joint], kd = robot.servo.velocity_gain_Nms_rad[joint];
+  constexpr std::uint8_t kLargest = std::numeric_limits<std::uint8_t>::max();
+  const double least_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(1));
+  const double most_kp = static_cast<double>(crux_can_broadcast_joint_kp_nm_rad_decode(kLargest));
+  const double most_kd = static_cast<double>(crux_can_broadcast_joint_kd_nms_rad_decode(kLargest));
+  const auto refuse = [&](const char* key, double value, double low, double high) {
+    if (value < low || value > high)
+      throw BusError("robot '" + robot.name + "': servo." + key + " of joint " + std::to_string(joint + 1) + " is " +
+                     std::to_string(value) + ", a broadcast carries " + std::to_string(low) + " to " +
+                     std::to_string(high));
+  };
+  refuse("position_gain_Nm_rad", kp, least_kp, most_kp);
+  refuse("velocity_gain_Nms_rad", kd, 0.0, most_kd);
+}
 
 void LimbBus::add_sync(std::uint32_t cycle) noexcept {
   Frame& frame = next(CRUX_CAN_ID_SYNC, CRUX_CAN_LENGTH_SYNC);
