@@ -157,7 +157,7 @@ class OperatorServer {
   NodeStates nodes_{};
   Standing standing_{};
   std::vector<std::pair<crux_msgs::fault_t, Clock::time_point>> told_;  ///< of the standing ones, as they were told
-  crux_msgs::fault_t fault_{};                                          ///< the last one raised
+  crux_msgs::fault_t fault_{};                                          ///< the last one that is only told
   Clock::time_point fault_at_;
   std::uint64_t malformed_ = 0;  ///< messages so far that could not be read
   std::uint64_t refused_ = 0;    ///< that the gate has not let through

@@ -75,8 +75,7 @@ void OperatorServer::end_restart(FaultCode code) {
 
 void OperatorServer::drain_faults() {
   for (const crux_msgs::fault_t* fault; (fault = exchange_.faults.front()) != nullptr; exchange_.faults.pop()) {
-    if (!only_told(fault->code) || exchange_.fault_code.load(std::memory_order_relaxed) != fault_.code ||
-        fault_.code == 0) {
+    if (only_told(fault->code)) {
       fault_ = *fault;
       fault_at_ = Clock::now();
     }
@@ -145,8 +144,12 @@ crux_msgs::status_t OperatorServer::status() {
   crux_msgs::status_t status{};
   std::ranges::copy(nodes_, std::begin(status.node_state));
   // What is only told is no fault of the control; it is said while none of these stands.
-  const std::int16_t standing = exchange_.fault_code.load(std::memory_order_relaxed);
-  if (fault_.code != 0 && (standing == fault_.code || (standing == 0 && only_told(fault_.code)))) {
+  const std::int16_t leading = exchange_.fault_code.load(std::memory_order_relaxed);
+  const auto leads = std::ranges::find_if(told_, [leading](const auto& each) { return each.first.code == leading; });
+  if (leading != 0 && leads != told_.end()) {
+    status.fault = leads->first;
+    status.fault_age_s = std::chrono::duration<double>(Clock::now() - leads->second).count();
+  } else if (leading == 0 && fault_.code != 0) {
     status.fault = fault_;
     status.fault_age_s = std::chrono::duration<double>(Clock::now() - fault_at_).count();
   }

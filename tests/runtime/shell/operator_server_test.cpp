@@ -64,6 +64,50 @@ TEST_F(OperatorServerTest, AnAnswerNamesTheMessageThatItAnswers) {
   EXPECT_EQ(answer.status[0].session, 77);
 }
 
+TEST_F(OperatorServerTest, StatusLeadsWithTheFaultThatStandsWhateverIsToldAfterIt) {
+  const FaultEvent leading{FaultCode::kAllNodesSilent, -1, 0, 11.0, 10.0},
+      later{FaultCode::kNodeSilent, 2, 5, 12.0, 10.0};
+  const auto tell = [this](const FaultEvent& event) {
+    crux_msgs::fault_t fault{};
+    fault.code = static_cast<std::int16_t>(event.code);
+    fault.limb = static_cast<std::int8_t>(event.limb);
+    fault.node = static_cast<std::int8_t>(event.node);
+    *exchange_.faults.back() = fault;
+    exchange_.faults.push();
+  };
+  const auto status = [this] {
+    answers_.clear();
+    send(Channel::kCommand, command_bytes(command_t::STATUS, 5));
+    crux_msgs::answer_t answer{};
+    EXPECT_TRUE(answers_.size() == 1 && crux_msgs::decode_lcm(answers_[0], answer) && answer.n_status == 1);
+    return answer.status.empty() ? crux_msgs::status_t{} : answer.status[0];
+  };
+  exchange_.fault_code = static_cast<std::int16_t>(leading.code);
+  tell(leading);
+  tell(later);
+  Standing& standing = exchange_.standing.slot();
+  standing.faults = FaultList(leading);
+  standing.faults.add(later);
+  exchange_.standing.publish();
+  crux_msgs::status_t told = status();
+  EXPECT_EQ(told.fault.code, static_cast<int>(leading.code));
+  ASSERT_EQ(told.n_beside, 1);
+  EXPECT_EQ(told.beside[0].code, static_cast<int>(later.code));
+
+  exchange_.fault_code = 0;
+  exchange_.standing.slot() = {};
+  exchange_.standing.publish();
+  told = status();
+  EXPECT_EQ(told.fault.code, 0);
+  EXPECT_EQ(told.n_beside, 0);
+
+  exchange_.log_broken = true;
+  tell({FaultCode::kLogEnded, -1, 0, 7.0, 0.0});
+  EXPECT_EQ(status().fault.code, static_cast<int>(FaultCode::kLogEnded));
+  exchange_.log_broken = false;
+  EXPECT_EQ(status().fault.code, 0);
+}
+
 TEST_F(OperatorServerTest, OneHoldIsOnItsWayHoweverManyAreSentAndAllAreAnswered) {
   std::vector<MessageBytes> sent;
   for (std::int64_t i = 0; i < 20; ++i) {
