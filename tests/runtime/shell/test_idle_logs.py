@@ -40,6 +40,7 @@ def metadata(log: Path) -> dict[str, str]:
     return read_channels(log, {"/robot_state"}).metadata
 
 
+@pytest.mark.alone  # its nodes have to answer by the clock
 def test_idle_logs_are_bounded_and_a_climb_is_kept_and_can_be_computed_again(start: Starter, tmp_path: Path) -> None:
     plan = standing_plan()
     other, older = tmp_path / "log1x.idle.mcap", tmp_path / "log1.idle.mcap"
