@@ -301,7 +301,7 @@ PerLimb<Wrench> ControlCore::balanced_on_feet(const PlanReference& reference) co
 PerLimb<Wrench> ControlCore::wrench_errors(const PlanReference& reference, double engagement) const noexcept {
   PerLimb<Wrench> errors;
   PerLimb<Vector3> positions_W_m;
-  PerLimb<double> loads;
+  PerLimb<double> loads{};  // none of a limb whose sensors are not believed
   for (int l = 0; l < kLimbs; ++l) {
     const LimbReference& limb = reference.limbs[l];
     positions_W_m[l] = limbs_[l].anchor_W_m(limb);
