@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from crux_contracts import LIMB_NAMES
@@ -44,6 +44,9 @@ from crux_simulation.sim.runtime_process import STOP_TIMEOUT_S, RuntimeProcess, 
 from crux_simulation.sim.truth_log import log_truth
 from crux_simulation.sim.world_file import World
 from crux_simulation.sim.world_model import change_robot, cut_corners, loosen_holds, plant_world, true_wall
+
+if TYPE_CHECKING:
+    from crux_simulation.sim.guided import Guided
 
 PACES = {"lockstep": "bus", "realtime": "clock"}  # the bench's words and the runtime's
 EXTRA_TIME_S = 30.0  # events may stop the plan's clock
@@ -222,6 +225,27 @@ def _shut_down(runtime: RuntimeProcess | RuntimeHere, link: OperatorLink, realti
             note("crux climb: the runtime does not answer; ending it")
 
 
+def _operator(
+    loop: Loop,
+    link: OperatorLink,
+    runtime: RuntimeProcess | RuntimeHere,
+    plan: plan_t,
+    robot: Robot,
+    options: ClimbOptions,
+) -> Guided | None:
+    """Puts beside `loop` who goes on after a fault; the guide, where that is one."""
+    if not isinstance(runtime, RuntimeHere) or not (options.guide or options.resumes):
+        return None
+    loop.max_cycles *= 2
+    if not options.guide:
+        loop.guided = Resumed(link, runtime, loop)
+        return None
+    from crux_simulation.sim.guided import Guided  # with the whole planner: slow to import
+
+    guided = loop.guided = Guided(link, runtime, loop, plan, robot)
+    return guided
+
+
 def climb(
     plan: plan_t,
     robot: Robot,
@@ -252,15 +276,7 @@ def climb(
         watched_s = WATCHED_S if options.world is not None else 0.0
         clock = WorldClock(plant.dt_s) if options.pace == "realtime" else None
         loop = Loop(nodes, plant, runtime.is_alive, progress, int(limit_s / plant.dt_s), disturbance, watched_s, clock)
-        guided = None
-        if options.guide and isinstance(runtime, RuntimeHere):
-            from crux_simulation.sim.guided import Guided  # with the whole planner: slow to import
-
-            guided = loop.guided = Guided(link, runtime, loop, plan, robot)
-            loop.max_cycles *= 2
-        elif options.resumes and isinstance(runtime, RuntimeHere):
-            loop.guided = Resumed(link, runtime, loop)
-            loop.max_cycles *= 2
+        guided = _operator(loop, link, runtime, plan, robot, options)
         stack.enter_context(no_garbage_collection())
         if options.pace == "realtime" and not stack.enter_context(realtime_priority()):
             note("crux climb: no permission for SCHED_FIFO; other programs may delay the simulation")
