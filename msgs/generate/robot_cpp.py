@@ -50,14 +50,48 @@ def _row(key: Key) -> str:
     )
 
 
-def header(keys: RobotKeys) -> str:
-    """crux_msgs/robot.hpp."""
-    axes = ", ".join("{{" + ", ".join(map(repr, axis)) + "}}" for axis in robot_bounds.JOINT_AXES)
+def _key_table(keys: RobotKeys) -> str:
+    """What each key may hold, and the units that a number may be in by mistake."""
     units = "\n".join(
         f'    OtherUnit{{"{unit}", {factor!r}, "{name}"}},'
         for unit, others in OTHER_UNITS.items()
         for factor, name in others
     )
+    rows = keys.rows()
+    table = "\n".join(map(_row, rows))
+    return f"""enum class RobotKeyType {{ {", ".join(map(_camel, (*RANGES, *NAMES)))} }};
+
+/// What a key of robot.yaml may hold.
+struct RobotKey {{
+  std::string_view section;  ///< empty: at the top; limbs: of each limb
+  std::string_view key;
+  RobotKeyType type;
+  std::string_view unit;
+  double low;
+  double high;
+  std::size_t count;  ///< of a list
+}};
+
+/// Every section of robot.yaml has exactly these keys.
+inline constexpr std::array<RobotKey, {len(rows)}> kKeys = {{{{
+{table}
+}}}};
+
+/// Units that a number may have been written in by mistake: value * factor is in `unit`.
+struct OtherUnit {{
+  std::string_view unit;
+  double factor;
+  const char* name;
+}};
+
+inline constexpr std::array<OtherUnit, {sum(map(len, OTHER_UNITS.values()))}> kOtherUnits = {{{{
+{units}
+}}}};"""
+
+
+def header(keys: RobotKeys) -> str:
+    """crux_msgs/robot.hpp."""
+    axes = ", ".join("{{" + ", ".join(map(repr, axis)) + "}}" for axis in robot_bounds.JOINT_AXES)
     structs = "\n".join(map(_struct, (*keys.shared, *keys.sections)))
     members = "\n".join(f"  {section.type_name} {section.name};" for section in keys.sections)
     visits = "\n".join(
@@ -65,8 +99,6 @@ def header(keys: RobotKeys) -> str:
         for section in keys.sections
         for key in section.all_keys
     )
-    rows = keys.rows()
-    table = "\n".join(map(_row, rows))
     return f"""// Generated from msgs/robot_keys.yaml and msgs/python/crux_contracts by msgs/generate. Do not edit.
 #pragma once
 
@@ -104,34 +136,7 @@ void each_value(Sections& sections, const Visit& visit) {{
 {visits}
 }}
 
-enum class RobotKeyType {{ {", ".join(map(_camel, (*RANGES, *NAMES)))} }};
-
-/// What a key of robot.yaml may hold.
-struct RobotKey {{
-  std::string_view section;  ///< empty: at the top; limbs: of each limb
-  std::string_view key;
-  RobotKeyType type;
-  std::string_view unit;
-  double low;
-  double high;
-  std::size_t count;  ///< of a list
-}};
-
-/// Every section of robot.yaml has exactly these keys.
-inline constexpr std::array<RobotKey, {len(rows)}> kKeys = {{{{
-{table}
-}}}};
-
-/// Units that a number may have been written in by mistake: value * factor is in `unit`.
-struct OtherUnit {{
-  std::string_view unit;
-  double factor;
-  const char* name;
-}};
-
-inline constexpr std::array<OtherUnit, {sum(map(len, OTHER_UNITS.values()))}> kOtherUnits = {{{{
-{units}
-}}}};
+{_key_table(keys)}
 
 }}  // namespace crux_msgs::robot
 """
